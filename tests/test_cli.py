@@ -184,6 +184,11 @@ class TestMatch:
         assert [row["source"] for row in rows_of(output)] == [f"[led {k}]" for k in range(1, 9)]
         assert "[led 3]" in result.stdout  # and is not taken for markup
 
+    def test_names_of_problems_are_of_either_case(self, scene: Path) -> None:
+        plain, capital = (run(*of(scene, "--json", problem=name)) for name in ("p3p", "P3P"))
+        assert plain.exit_code == capital.exit_code == 0
+        assert json.loads(plain.stdout)["assignment"] == json.loads(capital.stdout)["assignment"]
+
     def test_the_paper_s_preset_and_its_parts(self, scene: Path) -> None:
         result = run(*of(scene, "--preset", "paper", "--samples", 20_000, "--seed", 5, "--json"))
         assert result.exit_code in (0, 1)
@@ -420,6 +425,7 @@ class TestBadInput:
             (["--backend", "abacus"], ["--backend", "cpu"]),
             (["--candidates", "missing.csv"], ["missing.csv", "no such file"]),
             (["--preset", "magic"], ["--preset", "paper"]),
+            (["--problem", "P4P"], ["for '--problem': 'P4P' is not one of 'p3p', 'up2p'"]),
             (
                 ["--max-evaluations", "100"],
                 ["or minimal sets, above the limit of 100", "--sampler random", "--samples", "--max-evaluations"],

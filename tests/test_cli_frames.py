@@ -380,12 +380,25 @@ def test_frames_without_detections_and_where_frames_end(tmp_path: Path) -> None:
         ("time,x,y", [["soon", 1, 2]], "row 2: time is 'soon'"),
         ("frame,x,y", [[1, 1, 2], [], [1, 3, 4]], "row 4: frame 1 continues after an empty line"),
         ("frame,x,y,sigma", [[1, 1, 2, -1]], "row 2: sigma is '-1'; give a number of 0 or more"),
+        ("frame,x,y", [[1, 1, 2], ["", "", ""], [1, 3, 4]], "row 3: commas without a value"),
         ("x,y", [[1, 2]], "the column 'frame' is missing"),
     ],
 )
 def test_times_and_ends_that_cannot_be_read(tmp_path: Path, header: str, rows: list[list[Any]], text: str) -> None:
     with pytest.raises(InputError, match=re.escape(text)):
         list(read_frames(write(tmp_path / "bad.csv", header, rows)))
+
+
+def test_nothing_is_printed_of_a_file_without_frames(folder: Path, tmp_path: Path) -> None:
+    for header, rows, words in [
+        ("x,y", [[1, 2]], "the column 'frame' is missing"),
+        ("frame,x,y", [], "no row follows the header"),
+        ("frame,x,y", [[0, 1, "a"]], "y is 'a'"),
+    ]:
+        result = run("track", folder / "model.csv", write(tmp_path / "bad.csv", header, rows), *OPTIONS)
+        assert result.exit_code == 2
+        assert words in result.stderr
+        assert result.stdout == ""
 
 
 def test_a_column_sigma_says_how_noisy_each_detection_is(folder: Path, tmp_path: Path) -> None:

@@ -130,8 +130,9 @@ def match(
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.
     view_angle : float or (n,) array, optional
-        Largest angle from its normal at which a point is visible, in radians, in (0, π]; by default π/2, less likely
-        beyond π/3. Needs normals.
+        Angle from its normal up to which a point is visible, in radians, in (0, π]; by default π/2, less likely beyond
+        π/3. The edge is soft: visibility fades within a few degrees on either side, is half at the angle itself, and is
+        nil from a cosine of 0.15 beyond it (9° at an angle of 70°). Needs normals.
     detection_rate : float, optional
         Probability that a visible point is detected: each point that a pose predicts and that is not detected counts
         against the pose. Estimated by default.
@@ -208,7 +209,9 @@ def match(
     Raises
     ------
     InputError
-        If the input cannot be used or is larger than the limits; the text says what to do.
+        If the input cannot be used or is larger than the limits; the text says what to do. So is a target with fewer
+        points than one hyper-edge, 4 for `P3P` (with ``prior``, without any), where `Matcher` and `Tracker` answer
+        with an untrusted match.
     """
     started = time.perf_counter()
     options = MatchOptions(

@@ -114,7 +114,8 @@ def _usage(error: Any) -> str:
     """Text of a usage error, with the command whose help says more."""
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "rootmatch"
-    return f"{error.format_message().rstrip('.')}; see {command} --help"
+    text = error.format_message().replace(": Value error, ", ": ").rstrip(".")  # the parser's own way to say it
+    return f"{text}; see {command} --help"
 
 
 def _fail(text: str, code: int) -> int:

@@ -19,7 +19,9 @@ def options_of(panel: str) -> Callable[..., Any]:
 
     def option(*flags_and_help: str, metavar: str | None = None, default: str | bool = True) -> Any:
         *flags, text = flags_and_help
-        return typer.Option(*flags, help=text, metavar=metavar, show_default=default, rich_help_panel=panel)
+        return typer.Option(
+            *flags, help=text, metavar=metavar, show_default=default, rich_help_panel=panel, case_sensitive=False
+        )
 
     return option
 
@@ -116,7 +118,11 @@ Dimension = Annotated[
 Normals = Annotated[bool, points("Use the columns nx,ny,nz if the model has them.")]
 ViewAngle = Annotated[
     float | None,
-    points("A point is visible up to this angle from its normal, in degrees.", metavar="DEG", default="90"),
+    points(
+        "A point is visible up to about this angle from its normal, in degrees; it fades over a few.",
+        metavar="DEG",
+        default="90",
+    ),
 ]
 MinProbability = Annotated[
     float | None, points("Lowest posterior probability of a match that is trusted.", metavar="P", default="0.95")

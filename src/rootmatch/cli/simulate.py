@@ -30,7 +30,7 @@ NOISE_OF_EXACT_SCENES = 0.1
 
 
 def simulate(
-    problem: Annotated[SceneName, typer.Argument(help="Which scene of the paper.")],
+    problem: Annotated[SceneName, typer.Argument(help="Which scene of the paper.", case_sensitive=False)],
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write.")],
     points: Annotated[int, typer.Option(metavar="N", help="Source points with an image.")] = 10,
     outliers: Annotated[int, typer.Option(metavar="N", help="Image points without a source point.")] = 0,

@@ -148,8 +148,7 @@ def track(
         matches = files.enter_context(closing(AppendedTable(output, MATCH_COLUMNS))) if output else None
         table = files.enter_context(closing(AppendedTable(poses, header))) if poses else None
         printed = csv.writer(sys.stdout, lineterminator="\n")
-        if table is None and not as_json:
-            printed.writerow(header)
+        headed = table is not None or as_json
         for frame in read_frames(frames, posed.target_dimension, of_rig=rig_of(posed) is not None):
             timed = frame.time is not None
             if timed and rate is not None:
@@ -164,6 +163,9 @@ def track(
             if table is not None:
                 table.write(rows)
             elif not as_json:
+                if not headed:  # only now is it known that there are frames
+                    printed.writerow(header)
+                    headed = True
                 printed.writerows(rows)
                 sys.stdout.flush()
             if matches is not None:

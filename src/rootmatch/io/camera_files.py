@@ -46,7 +46,7 @@ def read_camera(path: Path, name: str | None = None) -> Calibration:
     path : path
         See `rootmatch.io.calibrations.reading.read_cameras`. Our JSON object has ``fx, fy, cx, cy`` or ``K``, and a
         lens as ``dist`` (OpenCV's coefficients) or ``fisheye`` (four of them); or ``"bearings": true``. Other keys
-        are ignored, but for one so close to a known one that it is probably a typo.
+        are ignored, but for one so close to a known one that it is probably a typo, and one that may be a lens.
     name : str, optional
         Which of several cameras.
 

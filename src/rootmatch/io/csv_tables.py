@@ -1,7 +1,8 @@
 """CSV tables whose first row names the columns, with errors that name the file, the row and the remedy.
 
 Rows are counted as an editor counts lines: the header is row 1. The text is UTF-8, with or without a byte-order mark
-and with any line endings; blank lines are ignored.
+and with any line endings; blank lines are ignored. A row of separators alone is refused: a lost detection that were
+ignored would move the numbers of all that follow.
 """
 
 from __future__ import annotations
@@ -50,6 +51,10 @@ def table_rows(
         for raw in reader:
             cells = [cell.strip() for cell in raw]
             if not any(cells):
+                if len(cells) > 1:
+                    raise InputError(
+                        f"{path}, row {reader.line_num}: commas without a value; fill the row, or remove it"
+                    )
                 yield reader.line_num, {}
                 continue
             if not header:

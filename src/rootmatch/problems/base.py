@@ -117,7 +117,7 @@ class Problem(ABC):
         normals : (n, 3) array, optional
             Outward normals of source points in space, which are visible only from their front; zero where unknown.
         view_angle : float or (n,) array, optional
-            Radians from its normal within which a point is visible. Default: π/2.
+            Radians from its normal within which a point is visible; the edge is soft. Default: π/2.
         source_noise : float, (n,), (n, k) or (n, k, k) array, optional
             Of the source alone, see `rootmatch.problems.noise.check_source_noise`.
         least_target : int, optional

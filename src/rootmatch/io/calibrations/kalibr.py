@@ -11,6 +11,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, quoted
+from rootmatch.io.calibrations.distortion import refuse_unread
 from rootmatch.io.calibrations.values import numbers, said_of
 
 COUNTS = {"radtan": 4, "equidistant": 4, "fov": 1, "none": 0}
@@ -42,6 +43,7 @@ def read_kalibr(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
             raise InputError(f"{where}: distortion_model is {quoted(model)}; give one of {', '.join(COUNTS)}")
         intrinsics = numbers(path, f"{name}: intrinsics", entry.get("intrinsics"))
         values = numbers(path, f"{name}: distortion_coeffs", entry.get("distortion_coeffs", []))
+        refuse_unread(where, entry, ("distortioncoeffs",))
         if len(intrinsics) != 4:
             raise InputError(f"{where}: {len(intrinsics)} intrinsics given; give fx, fy, cx and cy")
         if len(values) != COUNTS[model]:

@@ -17,14 +17,13 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError, quoted
+from rootmatch.io.calibrations.distortion import COEFFICIENTS, coefficients, is_fisheye, refuse_unread, spelled
 from rootmatch.io.calibrations.values import matrix, numbers, said_of
 from rootmatch.problems.derived.measurements import Bearings
 
 NUMBERS = ("fx", "fy", "cx", "cy")
-DISTORTION = ("dist", "distortion", "distortion_coefficients", "distcoeffs")
-LOOSE = ("K", "fx", "fy", "cx", "cy", *DISTORTION[1:])
-"""Keys that others may look like: too short, or with companions such as ``distortion_model``."""
-ONE_BY_ONE = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+LOOSE = ("K", "fx", "fy", "cx", "cy")
+"""Keys that others may look like, so short are they."""
 DIRECTIONS = ("vertical_camera", "vertical_world", "axis", "axis2")
 SIZE = ("width", "height")
 EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
@@ -57,13 +56,12 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
         return Bearings()
     if "rig" in content:
         return _rig(path, content["rig"])
-    known = (*NUMBERS, "K", "fisheye", "colmap", "bearings", "rig", *DISTORTION, *more)
+    known = (*NUMBERS, "K", "fisheye", "colmap", "bearings", "rig", "dist", *more)
     for key in content:
-        if key.lower() in ONE_BY_ONE and content[key] != 0:
-            raise InputError(f'{path}: {key} alone; give all coefficients as a list, "dist": [k1, k2, p1, p2, k3]')
         near = difflib.get_close_matches(key[:40], [name for name in known if name not in LOOSE], n=1, cutoff=0.7)
-        if near and key.lower() not in known and key not in known:
+        if near and key.lower() not in known and key not in known and spelled(key) not in COEFFICIENTS:
             raise InputError(f"{path}: {quoted(key)} is unknown; did you mean {near[0]!r}? Rename it, or leave it out")
+    refuse_unread(path, content, {*COEFFICIENTS, *known})
     with said_of(path):
         if "K" in content:
             pinhole = Camera.from_matrix(_square(path, content["K"]))
@@ -107,16 +105,17 @@ def _square(path: Path, value: Any) -> list[list[float]]:
 
 def _with_lens(path: Path, pinhole: Camera, content: dict[str, Any]) -> Camera:
     """The camera with the lens that a JSON object describes."""
-    given = [key for key in content if key.lower() in DISTORTION and content[key] is not None]
-    values = numbers(path, given[0], content[given[0]]) if given else []
+    name, values = coefficients(path, content)
     if content.get("colmap") is not None:
         return Camera(*pinhole.numbers, Colmap(str(content["colmap"])[:40], tuple(values)))
     if content.get("fisheye") is not None:
         if values:
-            raise InputError(f"fisheye and {given[0]} given; a camera has one lens, leave one of them out")
+            raise InputError(f"fisheye and {name} given; a camera has one lens, leave one of them out")
         return Camera(*pinhole.numbers, KannalaBrandt(tuple(numbers(path, "fisheye", content["fisheye"]))))
     if len(values) == 0:
         return pinhole
+    if is_fisheye(path, content):
+        return Camera(*pinhole.numbers, KannalaBrandt(tuple(values)))
     lens = Brown(tuple(values))
     return Camera(*pinhole.numbers, lens) if any(lens.values) else pinhole
 

@@ -8,12 +8,10 @@ from xml.etree import ElementTree
 
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.io.calibrations.values import matrix, numbers, parsed
+from rootmatch.io.calibrations.distortion import COEFFICIENTS, coefficients, is_fisheye, refuse_unread
+from rootmatch.io.calibrations.values import matrix, parsed
 
 MATRICES = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic_matrix", "K", "M", "mtx")
-DISTORTIONS = (
-    "distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "dist_coeff", "dist", "D",
-)  # fmt: skip
 FISHEYE_FLAG = "fisheye_model"
 """Nonzero in what OpenCV's calibration sample writes for `cv2.fisheye`."""
 
@@ -22,7 +20,7 @@ def is_opencv(content: dict[str, Any]) -> bool:
     """Whether some entry is a camera matrix as OpenCV writes it, or has its name."""
     return any(
         name not in ("K", "M") or (isinstance(content[name], dict) and "data" in content[name])
-        for name, _, _ in _pairs(content)
+        for name, _ in _matrices(content)
     )
 
 
@@ -35,11 +33,13 @@ def read_opencv(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
         If there is none, or one of them is not valid.
     """
     found: dict[str, Camera] = {}
-    flag = content.get(FISHEYE_FLAG, content.get("distortion_model", ""))
-    fisheye = str(flag).strip().lower() in ("1", "1.0", "true", "fisheye", "equidistant")
-    for name, dist, index in _pairs(content):
+    flag = str(content.get(FISHEYE_FLAG, "")).strip().lower() in ("1", "1.0", "true", "fisheye", "equidistant")
+    fisheye = flag or is_fisheye(path, content)
+    known = {FISHEYE_FLAG}
+    for name, index in _matrices(content):
         K = matrix(path, name, content[name])
-        values = [] if dist is None else numbers(path, dist, content[dist])
+        dist, values = coefficients(path, content, index)
+        known |= {coefficient + index for coefficient in COEFFICIENTS}
         try:
             camera = Camera.from_opencv_fisheye(K, values) if fisheye else Camera.from_opencv(K, values)
         except InputError as error:
@@ -47,6 +47,7 @@ def read_opencv(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
         found[f"camera{index}"] = camera
     if not found:
         raise InputError(f"{path}: no camera matrix; give one as camera_matrix, with distortion_coefficients")
+    refuse_unread(path, content, known)
     return found
 
 
@@ -73,19 +74,19 @@ def xml_content(path: Path, text: str) -> dict[str, Any]:
     content: dict[str, Any] = {}
     for entry in root:
         data = entry.find("data")
-        content[entry.tag] = (entry.text or "").strip() if data is None else {"data": (data.text or "").split()}
+        if data is None:
+            content[entry.tag] = (entry.text or "").strip()
+        else:
+            sides = {side: entry.findtext(side, "1") for side in ("rows", "cols")}
+            content[entry.tag] = {**sides, "data": (data.text or "").split()}
     return content
 
 
-def _pairs(content: dict[str, Any]) -> list[tuple[str, str | None, str]]:
-    """Names of the matrices and of their coefficients, with the camera's number: cameraMatrix1 goes with distCoeffs1.
-
-    The names of pairs need not be of one style.
-    """
-    pairs = []
+def _matrices(content: dict[str, Any]) -> list[tuple[str, str]]:
+    """Names of the camera matrices, and each camera's number: cameraMatrix1 goes with distCoeffs1."""
+    found = []
     for index in ("", "1", "2"):
         name = next((name + index for name in MATRICES if name + index in content), None)
-        dist = next((name + index for name in DISTORTIONS if name + index in content), None)
         if name is not None:
-            pairs.append((name, dist, index))
-    return pairs
+            found.append((name, index))
+    return found

@@ -42,7 +42,8 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
     Raises
     ------
     InputError
-        If the file cannot be read, is none of these, or holds a camera that is not valid.
+        If the file cannot be read, is none of these, or holds a camera that is not valid or an entry that may be a lens
+        and is not read.
     RootmatchError
         If a model of COLMAP needs pycolmap (the extra ``colmap``) and it is not installed.
     """

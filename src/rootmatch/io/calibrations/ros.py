@@ -7,7 +7,8 @@ from typing import Any
 
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.values import matrix, numbers, said_of
+from rootmatch.io.calibrations.distortion import coefficients, refuse_unread
+from rootmatch.io.calibrations.values import matrix, said_of
 
 COUNTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
 """Coefficients of each distortion model."""
@@ -30,9 +31,9 @@ def read_ros(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
     if model not in ("", "none", *COUNTS):
         raise InputError(f"{path}: distortion_model is {quoted(model)}; give one of {', '.join(COUNTS)}")
     name = next(name for name in ("camera_matrix", "K", "k") if name in content)
-    dist = next((name for name in ("distortion_coefficients", "D", "d") if name in content), None)
     K = matrix(path, name, content[name])
-    values = [] if dist is None else numbers(path, dist, content[dist])
+    dist, values = coefficients(path, content)
+    refuse_unread(path, content)
     if model in COUNTS and values and len(values) != COUNTS[model]:
         raise InputError(f"{path}: {dist} has {len(values)} numbers, and {model} has {COUNTS[model]}; give that many")
     with said_of(path):

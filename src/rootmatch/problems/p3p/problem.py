@@ -47,9 +47,11 @@ class P3P(Problem):
     The source is points (n, 3) in any frame and unit, the target pixels (n', 2). The pose takes the points into the
     camera frame (x right, y down, z forward), in their unit.
 
-    Degenerate: all points on one line (refused by `prepare`); a triple on one line, or a camera on the cylinder
-    through a triple (a double root: the residual's variance grows, so its weight decreases); D(x) = 0, where two
-    solutions share x. A mirrored ("inside-out") twin is a solution of the same polynomials: see `Match.alternatives`.
+    Degenerate: all points of the model on one line (refused by `prepare`); a triple on one line, or a camera on the
+    cylinder through a triple (a double root: the residual's variance grows, so its weight decreases); D(x) = 0, where
+    two solutions share x. Those in view may lie on one line although the model does not: a match is then right only up
+    to a reversed reading, and the pose is not determined about that line. A mirrored ("inside-out") twin is a solution
+    of the same polynomials: see `Match.alternatives`.
     """
 
     camera: CameraModel
