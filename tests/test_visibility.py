@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 import rootmatch as rm
 from rootmatch.samplers.guided.detection_grid import local_density
+from rootmatch.samplers.guided.model_views import model_views
 from rootmatch.samplers.guided.visibility import (
     LOST,
     LOST_OF_ALL,
     MISSED,
     TriedSets,
     covering_waves,
+    detected_views,
     facing_points,
     missed_at_random,
     sphere,
@@ -78,7 +80,7 @@ def test_all_sets_come_once() -> None:
 
 def test_missed_falls_with_sets_and_with_points() -> None:
     points, normals = ball(3)
-    tried = TriedSets(facing_points(normals))
+    tried = TriedSets(normals)
     assert tried.missed(8) == 1.0
     before = 1.0
     for wave in itertools.islice(covering_waves(points, normals, 3), 6):
@@ -87,6 +89,23 @@ def test_missed_falls_with_sets_and_with_points() -> None:
         before = tried.missed(8)
     assert before < 0.5
     assert tried.missed(12) < tried.missed(8) < tried.missed(5)
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.3])
+def test_a_plate_is_not_missed_from_behind(bend: float) -> None:
+    """From there it shows less than the pose matches, and no set of points could have met it."""
+    rng = np.random.default_rng(5)
+    points = np.column_stack([rng.uniform(-0.5, 0.5, (30, 2)), np.zeros(30)])
+    normals = np.column_stack([bend * points[:, :2], np.ones(30)])
+    views = model_views(points, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    tried = TriedSets(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    enough = next(k for k in range(len(views.edges) + 1) if views.missed(12, k) <= MISSED)
+    assert views.edges[enough - 1][1] < 0.2 * len(views.ordered)
+    tried.add(views.ordered[: views.edges[enough - 1][1]])
+    assert tried.missed(12) < 0.05
+    seen = detected_views(12, views.normals)
+    assert (seen.sum(axis=1) == 12).all()
+    assert (detected_views(40, views.normals).sum(axis=1) == 30).all()  # at most what is shown
 
 
 def test_directions_are_even() -> None:

@@ -93,7 +93,7 @@ def test_missed_is_that_of_the_sets_tried(monkeypatch: pytest.MonkeyPatch) -> No
     points, normals = ball(6)
     views = views_of(points, normals)
     monkeypatch.setattr(visibility, "FAILURE", LOST)
-    tried = TriedSets(views.visible)
+    tried = TriedSets(normals)
     assert views.missed(7, 0) == 1.0
     for number in range(4):
         first, last = views.edges[number]

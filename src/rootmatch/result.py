@@ -19,7 +19,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import confidence_of_motions, other_poses
 from rootmatch.explain.poses import Pose, poses_of
 from rootmatch.explain.predicted_poses import poses_of_finding
-from rootmatch.explain.status_advice import advice
+from rootmatch.explain.status_advice import advice, is_undetermined
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -244,11 +244,18 @@ class Match:
         Between point sets in space it names the usual mistake that explains them, such as a left-handed set.
         """
         confidence = None if self.finding.confidence is None else self.confidence
-        told = advice(self.shown, confidence, self.stopped_early)
+        told = advice(self.shown, confidence, self.stopped_early, self._is_undetermined)
         asked = isinstance(self.problem, Similarity) and self.status is Status.UNTRUSTED and self.bodies is None
-        if asked and self.finding.reason is None and (fits := self.diagnose(ADVISED).fits):
+        fits = self.diagnose(ADVISED).fits if asked and self.finding.reason is None else ()
+        if fits and (fits[0].probability or 0.0) > 0.5:
             return f"no trustworthy match: {fits[0].mistake}; {fits[0].remedy}"
         return told
+
+    @property
+    def _is_undetermined(self) -> bool:
+        """Whether a trusted match leaves a direction of its pose open; that of several bodies is not asked for."""
+        posed = self.status is Status.MATCHED and self.problem.least_for_pose > 0 and self.bodies is None
+        return posed and is_undetermined(self.poses)
 
     @cached_property
     def poses(self) -> list[Pose | None]:

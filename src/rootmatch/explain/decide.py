@@ -94,7 +94,7 @@ class Facts:
     min_probability: float = MIN_PROBABILITY
     """Least probability of a match that is trusted."""
     missed: float = 0.0
-    """Probability that a pose which explains as much was never met."""
+    """Probability that a pose which explains as much was never met; 1 of so few matches that no search meets all."""
     confirmed: bool = True
     """False for an assignment about a predicted pose that is not beyond chance."""
     was_ambiguous: bool = False

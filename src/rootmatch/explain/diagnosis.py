@@ -17,15 +17,21 @@ from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
-from rootmatch.explain.decide import Status
+from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Rigid, Similarity
 
 FACTORS = (3.0, 10.0)
 """Factors by which σ may have been stated too small. Round values."""
+NOISIER = {f"the noise is {factor:g} times as large": factor for factor in FACTORS}
+"""The factor of each mistake of that kind."""
+FEWEST_FREEDOM = 6
+"""Degrees of freedom of a match that tell a factor on σ, those of four points in space: three stray points look like
+noise as easily."""
 COARSEST = 0.1
 """Noise of a set of points, over its size, from which it may be in another unit. A round value."""
 
@@ -48,6 +54,8 @@ class Trial:
     probability : float or None
         Probability that this is the mistake, among all that were tried, the input as given, and the absence of the
         object. All mistakes have the same prior probability, and together that of the input as given.
+    borne_out : bool
+        False if the noise is said to be larger, and the residuals of the match do not show it.
     """
 
     mistake: str
@@ -56,6 +64,7 @@ class Trial:
     matched: int
     log_odds: float | None
     probability: float | None = None
+    borne_out: bool = True
 
     def __str__(self) -> str:
         odds = "" if self.log_odds is None else f", log-odds {self.log_odds:.1f}"
@@ -85,11 +94,8 @@ class Diagnosis:
     def fits(self) -> tuple[Trial, ...]:
         """Mistakes that would explain the points: their match is trusted and more probable than the input as given."""
         before = -math.inf if self.given.log_odds is None else self.given.log_odds
-        return tuple(
-            one
-            for one in self.trials
-            if one.status is Status.MATCHED and (one.log_odds is None or one.log_odds > max(before, 0.0))
-        )
+        trusted = [one for one in self.trials if one.status is Status.MATCHED and one.borne_out]
+        return tuple(one for one in trusted if one.log_odds is None or one.log_odds > max(before, 0.0))
 
     def __str__(self) -> str:
         late = f"; no time for {self.left_out} more" if self.left_out else ""
@@ -134,7 +140,21 @@ def _trial(mistake: str, remedy: str, match: Any) -> Trial:
     matched = int((match.assignment >= 0).sum())
     # for an untrusted match, they may take longer to compute than the match did
     known = match.finding.log_odds if match.status is Status.UNTRUSTED else match.log_odds
-    return Trial(mistake, remedy, match.status, matched, known if matched else None)
+    borne_out = _is_borne_out(NOISIER[mistake], match.finding) if mistake in NOISIER else True
+    return Trial(mistake, remedy, match.status, matched, known if matched else None, borne_out=borne_out)
+
+
+def _is_borne_out(factor: float, found: Finding) -> bool:
+    """Whether the residuals of a match with a larger σ would be rare with the σ that was given.
+
+    With few matches, or points on a line, a larger σ may let a match be found that the given one fits as well.
+    """
+    if found.noise_factor is None:
+        return True  # nothing tells
+    if found.noise_dof < FEWEST_FREEDOM:
+        return False
+    sigma = factor * found.noise_factor
+    return Misfit(sigma**2, sigma, found.noise_dof).chance < TRUST.noise_chance
 
 
 def _weighed(given: Trial, trials: list[Trial]) -> list[Trial]:
@@ -190,9 +210,9 @@ def _mistakes(task: MatchingTask) -> Iterator[Mistake]:
             unit = math.radians(1.0)
             remedy = "give the noise of rays in radians: np.radians(...)"
             yield "the noise is in degrees", remedy, pointed(target_noise=unit * points.target_noise)
-        for factor in FACTORS:
+        for mistake, factor in NOISIER.items():
             noisier = pointed(source_noise=factor * points.source_noise, target_noise=factor * points.target_noise)
-            yield f"the noise is {factor:g} times as large", f"give noise= {factor:g} times as large", noisier
+            yield mistake, f"give noise= {factor:g} times as large", noisier
 
 
 def _of_point_sets(

@@ -127,6 +127,7 @@ def told_by(
         min_probability=least,
         confirmed=points >= LEAST,
         false_alarms=math.inf if does_not_fit(fault) else -math.inf,
+        missed=missed if sure is None or met else 1.0,
     )
     if (status := facts.status) is Status.MATCHED and sure is not None and kept < matched:
         pose, each = float(told.probabilities[0]), confidence[sure >= 0]

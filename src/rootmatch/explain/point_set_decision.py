@@ -13,6 +13,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, empty_tensor
+from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import lead_by_odds
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.near_symmetries import symmetries_of
@@ -200,6 +201,8 @@ def assessed(
         (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
     prior_holds, pose = _with_prior(task, model, assignment)
     different = ((others >= 0) & (others != assignment)).any(axis=1)
+    fit = model.fit(assignment[None])
+    fault = Misfit.of(float(fit.chi2[0]), int(fit.dof[0]))
     return Finding(
         task=task,
         assignment=assignment,
@@ -215,8 +218,9 @@ def assessed(
         soft=soft,
         evaluated=sampled.evaluated,
         confidence=confidence,
-        log_odds=log_odds_of(model, assignment),
-        noise_factor=found.noise_factor,
+        log_odds=float(model.log_odds(fit)[0]),
+        noise_factor=fault.sigma,
+        noise_dof=fault.dof,
         prior_holds=prior_holds,
         pose=pose,
     )

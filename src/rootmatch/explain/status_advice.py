@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.problems.base import Problem
+from rootmatch.problems.p3p import P3P
+from rootmatch.problems.pose_fit.pose import Pose
 
 ADVICE = {
     Status.MATCHED: "matched: the assignment is well supported and no other explains the points nearly as well",
@@ -24,12 +30,24 @@ ADVICE = {
 """Sentences with gaps for what the problem suggests to check and to add."""
 
 
-def advice_on(status: Status, problem: Problem) -> str:
-    """What a status means, and what can be done about it for a problem."""
-    return ADVICE[status].format(to_tell=problem.to_tell, to_check=problem.to_check)
+PRIOR = "a `prior`"
+NOTED = 0.1
+"""Probability from which a match that is not trusted is told to be possible. A round value."""
+UNDETERMINED = 1.0
+"""Standard deviation of a rotation, radians, from which a pose does not tell it. A round value."""
 
 
-def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stopped_early: bool = False) -> str:
+def advice_on(status: Status, problem: Problem, to_tell: str | None = None) -> str:
+    """What a status means, and what can be done about it for a problem, or to tell poses of one task apart."""
+    return ADVICE[status].format(to_tell=to_tell or problem.to_tell, to_check=problem.to_check)
+
+
+def advice(
+    finding: Finding,
+    confidence: NDArray[np.float64] | None = None,
+    stopped_early: bool = False,
+    undetermined: bool = False,
+) -> str:
     """The status of a finding as a sentence, with what can be done about it.
 
     Parameters
@@ -39,41 +57,144 @@ def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stop
         Confidence in each match, if the status needed it.
     stopped_early : bool
         Whether the time limit ended the search.
+    undetermined : bool
+        Whether the matches leave a direction of the pose open; see `is_undetermined`.
     """
     if finding.reason is not None:
         return f"no trustworthy match: {finding.reason}"
-    problem, noise, factor = finding.task.problem, finding.task.noise, finding.noise_factor
-    text = advice_on(finding.status, problem)
-    blamed = factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named
-    if blamed and finding.status is Status.UNTRUSTED:
-        assert factor is not None
-        told = f"noise={factor * noise:.2g}" if isinstance(noise, int | float) else "a larger noise="
-        text = (
-            f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given; "
-            f'give {told}, or noise="auto", and check {problem.to_check}'
-        )
     unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
-    if finding.status is Status.AMBIGUOUS and unsure and _is_pose_certain(finding):
-        text = (
-            f"ambiguous: the pose is certain, but for {unsure} of the points it is not which image they have, if any; "
-            f"see `confidence`, or {problem.to_tell}"
-        )
-    if finding.status is Status.AMBIGUOUS and _is_assignment_certain(finding):
-        text = (
-            "ambiguous: the matches are certain, but several poses fit them, as where the points are nearly flat; "
-            f"see `other_poses`, {problem.to_tell}, or give a `prior`"
-        )
-    if finding.status is Status.AMBIGUOUS and _is_elsewhere(finding):
-        text = (
-            "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
-            "see `alternatives`, or give a `prior`"
-        )
-    if finding.status is Status.MATCHED and unsure:
-        text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
+    if finding.status is Status.UNTRUSTED:
+        text = _of_untrusted(finding, stopped_early)
+    elif finding.status is Status.AMBIGUOUS:
+        text = _of_ambiguous(finding, unsure, stopped_early)
+    else:
+        text = advice_on(finding.status, finding.task.problem)
+        if unsure:
+            text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
+        if undetermined:
+            text += "; these points do not determine the pose in every direction: see its covariance"
     if finding.prior_holds is False:
         known = "what was known of the pose" if finding.task.known is not None else "the predicted pose"
         text += f"; {known} was wrong, this one was found without it"
-    return f"{text}; max_seconds ended it before it was finished" if stopped_early else text
+    told = "max_seconds" in text or not stopped_early
+    return text if told else f"{text}; max_seconds ended it before it was finished"
+
+
+def is_undetermined(poses: Sequence[Pose | None]) -> bool:
+    """Whether the covariance of any pose leaves a rotation open, as points on a line leave the turn about it."""
+    for pose in poses:
+        if pose is not None and pose.covariance is not None:
+            size = 3 if len(pose.t) == 3 else 1
+            if float(np.linalg.eigvalsh(pose.covariance[:size, :size])[-1]) > UNDETERMINED**2:
+                return True
+    return False
+
+
+def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
+    """Why a finding is not trusted: the noise, chance, or that nothing was found."""
+    task, facts, factor = finding.task, finding.facts, finding.noise_factor
+    problem, noise = task.problem, task.noise
+    if factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named and _is_noise_larger(finding):
+        told = f"noise={factor * noise:.2g}" if isinstance(noise, int | float) else "a larger noise="
+        return (
+            f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given; "
+            f'give {told}, or noise="auto", and check {problem.to_check}'
+        )
+    doubted = facts.present is not None and facts.present < facts.min_probability
+    if doubted and facts.probability is not None and facts.probability >= NOTED:
+        return (
+            f"no trustworthy match: what was found could be chance (probability {facts.probability:.3g}, "
+            f"`min_probability` {facts.min_probability:.3g}); {_given([*_to_give(task), 'fewer stray detections'])}"
+        )
+    if stopped_early:
+        return (
+            "no trustworthy match: max_seconds ended it before anything was found that is beyond chance; "
+            f"give more time, or check {problem.to_check}"
+        )
+    return advice_on(Status.UNTRUSTED, problem)
+
+
+def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
+    """Why a finding is ambiguous: what the search left out, doubtful points, several poses, or copies."""
+    task = finding.task
+    to_give, to_tell = _to_give(task), _to_tell(task)
+    if _is_unexcluded(finding):
+        missed = "another pose that explains as much"
+        if stopped_early:
+            return (
+                f"ambiguous: max_seconds ended the search before it could exclude {missed}; "
+                f"{_given(['more time', *to_give])}"
+            )
+        if np.count_nonzero(finding.assignment >= 0) <= task.minimal:
+            return (
+                "ambiguous: nothing better was found, but no search meets every pose that explains so few points; "
+                f"{_given([*to_give, 'more detections'])}"
+            )
+        return (
+            f"ambiguous: nothing better was found, but the search ended before it could exclude {missed}; "
+            f"{_given([*to_give, 'fewer stray detections'])}, or evaluate more hyper-edges"
+        )
+    prior = ", or give a `prior`" if PRIOR in to_give and to_tell != _given([PRIOR]) else ""
+    if unsure and _is_pose_certain(finding):
+        return (
+            f"ambiguous: the pose is certain, but for {unsure} of the points it is not which image they have, if any; "
+            f"see `confidence`, or {to_tell}"
+        )
+    if _is_elsewhere(finding):
+        return (
+            "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
+            f"see `alternatives`{prior or (', or ' + to_tell)}"
+        )
+    if _is_assignment_certain(finding):
+        return (
+            "ambiguous: the matches are certain, but several poses fit them, as where the points are nearly flat; "
+            f"see `other_poses`, {'' if prior else 'or '}{to_tell}{prior}"
+        )
+    return advice_on(Status.AMBIGUOUS, task.problem, to_tell)
+
+
+def _to_tell(task: MatchingTask) -> str:
+    """What may tell apart what the status calls ambiguous, of what the task lacks."""
+    if not task.problem.takes_normals:
+        return task.problem.to_tell
+    lacking = _to_give(task)
+    return _given([one for one in lacking if one != PRIOR] or lacking or ["more detections"])
+
+
+def _to_give(task: MatchingTask) -> list[str]:
+    """What would tell poses apart and was not given."""
+    problem, lacking = task.problem, []
+    if problem.takes_normals and task.points.normals is None:
+        lacking.append("normals")
+    upright = task.prior_pose is not None or (task.known is not None and task.known.vertical is not None)
+    if isinstance(problem, P3P) and not upright:
+        lacking.append("the vertical to `UP2P`")
+    if (problem.takes_prior or problem.takes_motion_prior) and not task.has_prior:
+        lacking.append(PRIOR)
+    return lacking
+
+
+def _given(things: list[str]) -> str:
+    """An enumeration of what to give."""
+    return "give " + ", or ".join([", ".join(things[:-1]), things[-1]] if len(things) > 1 else things)
+
+
+def _is_noise_larger(finding: Finding) -> bool:
+    """Whether residuals as large as a finding's are rare where σ is right: those of few matches are not."""
+    factor, dof = finding.noise_factor, finding.noise_dof
+    return factor is not None and Misfit(factor**2, factor, dof).chance < TRUST.noise_chance
+
+
+def _is_unexcluded(finding: Finding) -> bool:
+    """Whether an ambiguous finding would be trusted, had its search looked for other poses long enough."""
+    facts = finding.facts
+    if facts.missed <= TRUST.missed:
+        return False
+    if finding.posterior is not None:
+        return _is_pose_certain(finding)
+    if facts.probability is not None:
+        return facts.probability >= facts.min_probability
+    return facts.lead is None or facts.lead >= TRUST.margin
 
 
 def _is_elsewhere(finding: Finding) -> bool:

@@ -82,7 +82,7 @@ def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, so
 def told_by(base: Finding, told: TwoViewPosterior, missed: float) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior tells them."""
     least = base.task.options.least_probability(MIN_PROBABILITY)
-    facts = Facts(present=told.present, contested=True, min_probability=least)
+    facts = Facts(present=told.present, contested=True, min_probability=least, missed=missed)
     if not len(told.proposals):
         nothing = np.full(base.task.shape[0], -1, np.int64)
         return replace(
@@ -119,4 +119,5 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float) -> Finding:
         confidence=confidence,
         log_odds=told.log_odds_of(first),
         noise_factor=fault.sigma,
+        noise_dof=fault.dof,
     )

@@ -58,26 +58,15 @@ class PointSetPosterior:
     assignments : (K, n) int64 array
     probabilities : (K,) array
         Probability of each hypothesis; the remainder to 1 is clutter alone or a mirror image.
-    chi2, dof : (K,) arrays
-        Of each hypothesis about its motion.
     """
 
     assignments: Integers
     probabilities: Floats
-    chi2: Floats
-    dof: Integers
 
     @property
     def present(self) -> float:
         """Probability that the object is among the targets."""
         return min(float(self.probabilities.sum()), 1.0 - WRONG_MODEL)
-
-    @property
-    def noise_factor(self) -> float:
-        """How many times larger than given the noise looks about the first hypothesis; NaN where nothing tells."""
-        if not len(self.chi2) or not self.dof[0]:
-            return math.nan
-        return math.sqrt(float(self.chi2[0]) / int(self.dof[0]))
 
     def confidence(self) -> tuple[Floats, Floats]:
         """Probability (n,) that each point's match, or its lack of one, is right; and that it has none."""
@@ -146,7 +135,7 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
     n = len(model.clouds.source)
     proposals = proposals[(proposals >= 0).sum(axis=1) >= 3]
     if not len(proposals):
-        return PointSetPosterior(np.empty((0, n), np.int64), np.empty(0), np.empty(0), np.empty(0, np.int64))
+        return PointSetPosterior(np.empty((0, n), np.int64), np.empty(0))
     checkpoint()
     fit = model.fit(proposals)
     odds = model.log_odds(fit)
@@ -182,7 +171,7 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
     weights = weights * _with_copies(model, assignments, odds - known)
     probabilities = weights / (weights.sum() + math.exp(absent - top) + _mirrored(model, mirrored, assignments, odds))
     order = np.argsort(-probabilities, kind="stable")
-    return PointSetPosterior(assignments[order], probabilities[order], fit.chi2[order], fit.dof[order])
+    return PointSetPosterior(assignments[order], probabilities[order])
 
 
 def _with_copies(model: PointSetModel, assignments: Integers, odds: Floats) -> Floats:

@@ -36,7 +36,10 @@ class NoiseScale:
         """Take in the residuals of a frame's finding, which was made with σ times a factor.
 
         They count if the pose is certain, whether or not it fits: that no pose fits as well says that σ is too small.
+        Those of points in space do not: they are weighed with σ as it was stated.
         """
+        if not found.task.problem.takes_prior:
+            return
         facts, dof, ratio = found.facts, found.noise_dof, found.noise_factor
         sure = facts.sure_of_the_rest and facts.present is not None and facts.present >= facts.min_probability
         most = MOST if found.task.rig is None else MOST_OF_RIG

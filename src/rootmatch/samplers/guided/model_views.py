@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE
 from rootmatch.samplers.guided.sequential_test import PreparedSets, prepare_sets
 from rootmatch.samplers.guided.triangle_shapes import add_near_shapes, shape_tables
-from rootmatch.samplers.guided.visibility import LOST, covering_order, facing_points, some_of, sphere, within
+from rootmatch.samplers.guided.visibility import LOST, covering_order, detected_views, facing_points, sphere, within
 from rootmatch.samplers.guided.visible_triples import VisibleSets
 
 Integers = NDArray[np.int64]
@@ -51,7 +51,7 @@ class ModelViews:
         self.edges = list(pairwise(sizes))
         self.visible = facing_points(normals, view_cosine)
         self.cameras, self.seen = _cameras(positions, normals, view_cosine)
-        self.normals, self.directions = normals, sphere(DIRECTIONS)
+        self.normals, self.view_cosine, self.directions = normals, view_cosine, sphere(DIRECTIONS)
         least = np.zeros(len(normals)) if view_cosine is None else view_cosine
         self.least_cosine = np.where(normals.any(axis=1), least, -1.0)
         self._waves: dict[int, VisibleSets] = {}
@@ -92,10 +92,8 @@ class ModelViews:
     def missed(self, matched: int, waves: int) -> float:
         """Probability that no set of the first waves met a pose with ``matched`` detected points."""
         if matched not in self._met:
-            self._views[matched] = some_of(
-                self.visible, matched, np.random.default_rng([matched, self.visible.shape[1]])
-            )
-            self._met[matched] = [np.zeros(len(self.visible), np.int64)]
+            self._views[matched] = detected_views(matched, self.normals, self.view_cosine)
+            self._met[matched] = [np.zeros(len(self._views[matched]), np.int64)]
         views, met = self._views[matched], self._met[matched]
         while len(met) <= waves:
             first, last = self.edges[len(met) - 1]

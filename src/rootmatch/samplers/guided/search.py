@@ -41,7 +41,7 @@ from rootmatch.samplers.guided.sequential_test import (
 from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.verification import CANDIDATES, verify
-from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, facing_points, missed_at_random
+from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, missed_at_random
 
 Integers = NDArray[np.int64]
 
@@ -88,7 +88,6 @@ class Search:
         self.clutter = float(self.density.sum()) / self.n_target * math.pi * self.grid.gate2
         """Mean number of clutter detections within a gate."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
-        self.visible = facing_points(self.facing, self.view_cosine) if self.normals else None
         self.positions = np.ascontiguousarray(tables.points.T)
         self.solved = self.tested = self.evaluated = 0
         self.refined_at, self.refined_clusters = -1, 0
@@ -156,9 +155,9 @@ class Search:
 
     def _tried(self) -> TriedSets | None:
         """Record of the sets tried, which tells when nothing was missed; None without normals or for motions."""
-        if self.visible is None or not self.single:
+        if not self.normals or not self.single:
             return None
-        return TriedSets(self.visible)
+        return TriedSets(self.facing, self.view_cosine)
 
     def _none_missed(self, tried: TriedSets | None, sets_done: int) -> bool:
         """Whether a pose that explains as many points as the best one would have been met by the sets tried."""

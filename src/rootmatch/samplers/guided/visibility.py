@@ -60,15 +60,30 @@ def facing_points(normals: Floats, view_cosine: Floats | None = None) -> Bools:
 
     ``view_cosine`` (n,): cosines of the view angles, where they are given.
     """
+    return np.asarray(_cosines(normals) > (FACING if view_cosine is None else view_cosine))
+
+
+def _cosines(normals: Floats) -> Floats:
+    """Cosines (VIEWS, n) between normals (n, 3) and the directions to the camera; those of no normal are beyond 1."""
     length = np.linalg.norm(normals, axis=1)
     cosine = sphere(VIEWS) @ (normals / np.where(length > 0.0, length, 1.0)[:, None]).T
-    return np.asarray((cosine > (FACING if view_cosine is None else view_cosine)) | (length == 0.0))
+    return np.where(length > 0.0, cosine, 2.0)
 
 
-def some_of(visible: Bools, most: int, rng: np.random.Generator) -> Bools:
-    """At most ``most`` of the visible points (V, n) of each view, chosen at random."""
-    rank = np.argsort(np.argsort(np.where(visible, rng.random(visible.shape), 2.0), axis=1), axis=1)
-    return np.asarray(visible & (rank < most))
+def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = None) -> Bools:
+    """Points (V, n) that may be detected together where ``matched`` are, in each view that can show so many.
+
+    They are taken at random from those that face the camera and, where these do not suffice, from those that are seen
+    edge-on. What shows fewer points from behind than a pose matches, such as a plate, is not seen from there.
+    """
+    cosine, rng = _cosines(normals), np.random.default_rng([matched, len(normals)])
+    facing = facing_points(normals, view_cosine)
+    shown = cosine > (0.0 if view_cosine is None else view_cosine)
+    order = np.where(facing, rng.random(facing.shape), np.where(shown, 3.0 - cosine, 4.0))
+    rank = np.argsort(np.argsort(order, axis=1), axis=1)
+    count = shown.sum(axis=1)
+    possible = count >= min(matched, int(count.max()))
+    return np.asarray((shown & (rank < matched))[possible])
 
 
 def within(sets: Integers, views: Bools) -> Bools:
@@ -156,12 +171,13 @@ class TriedSets:
 
     Parameters
     ----------
-    visible : (V, n) bool array
-        Of `facing_points`.
+    normals : (n, 3) array
+    view_cosine : (n,) array, optional
+        Cosines of the view angles, where they are given.
     """
 
-    def __init__(self, visible: Bools) -> None:
-        self.visible = visible
+    def __init__(self, normals: Floats, view_cosine: Floats | None = None) -> None:
+        self.normals, self.view_cosine = normals, view_cosine
         self.sets: list[Integers] = []
 
     def add(self, sets: Integers) -> None:
@@ -172,6 +188,6 @@ class TriedSets:
         """Probability that a pose with so many detected points was met by none of the sets."""
         if not self.sets:
             return 1.0
-        views = some_of(self.visible, matched, np.random.default_rng([matched, self.visible.shape[1]]))
+        views = detected_views(matched, self.normals, self.view_cosine)
         met = within(np.concatenate(self.sets), views).sum(axis=1)
         return float((FAILURE**met).mean())

@@ -1,0 +1,132 @@
+"""What the advice says of a match is its true cause, and it asks for nothing that was given."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rig_scenes import frame
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.status_advice import advice
+from rootmatch.samplers.guided.sampler import Guided
+from test_rig_triples import KNOWN, LEDS, POINTS, RIG
+
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
+NOISE = 0.3
+Floats = NDArray[np.float64]
+
+
+def scene(seed: int, points: int, shown: int, clutter: int) -> tuple[Floats, Floats]:
+    """Points of a body, and the detections of the first of them among stray ones."""
+    rng = np.random.default_rng(seed)
+    source = rng.uniform(-0.3, 0.3, (points, 3))
+    moved = source @ Rotation.random(random_state=seed).as_matrix().T + (0.05, -0.08, 1.2)
+    seen = CAMERA.project(moved)[:shown] + rng.normal(0, NOISE, (shown, 2))
+    return source, np.vstack([seen, rng.uniform((300, 150), (980, 810), (clutter, 2))])
+
+
+def unexcluded() -> Finding:
+    """A right match whose search ended before it looked for other poses."""
+    source, target = scene(0, 24, 10, 20)
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE, sampler=Guided(budget=300_000))
+    np.testing.assert_array_equal(match.assignment[:10], np.arange(10))
+    assert match.status is rm.Status.AMBIGUOUS
+    assert not match.alternatives
+    return match.finding
+
+
+def test_a_search_that_ended_too_soon_is_named_as_the_cause() -> None:
+    found = unexcluded()
+    text = advice(found, found.confidence)
+    assert text.startswith("ambiguous: nothing better was found, but the search ended before it could exclude")
+    assert "alternatives" not in text
+    assert "give normals, the vertical to `UP2P`, a `prior`" in text
+    late = advice(found, found.confidence, stopped_early=True)
+    assert late.startswith("ambiguous: max_seconds ended the search before it could exclude")
+    assert "give more time" in late
+    assert late.count("max_seconds") == 1
+
+
+def test_what_was_given_is_not_asked_for() -> None:
+    found = unexcluded()
+    points = replace(found.task.points, normals=np.ones((24, 3)))
+    told = replace(found, task=replace(found.task, points=points))
+    assert "normals" not in advice(told, found.confidence)
+    assert "vertical" in advice(told, found.confidence)
+    pose = rm.Pose(np.eye(3), np.zeros(3), np.eye(6))
+    told = replace(found, task=replace(found.task, prior_pose=pose))
+    assert "prior" not in advice(told, found.confidence)
+
+
+@pytest.mark.parametrize("normals", [False, True])
+def test_a_symmetric_object_asks_for_no_normals_twice(normals: bool) -> None:
+    square = np.array([[1.0, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0], [0.4, 0, 0], [-0.4, 0, 0]])
+    seen = square @ np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]).T + [0.1, 0.2, 12]
+    facing = np.tile([0.0, 0.0, -1.0], (6, 1)) if normals else None
+    match = rm.match(square, CAMERA.project(seen), rm.P3P(CAMERA), noise=0.5, normals=facing)
+    assert match.status is rm.Status.AMBIGUOUS
+    assert ("give normals" in match.advice) is not normals
+    assert "the vertical to `UP2P`" in match.advice
+
+
+@pytest.mark.parametrize("seed", [0, 4, 13])
+def test_a_rig_whose_cameras_show_the_same_three_points(seed: int) -> None:
+    shown = frame(seed, 0, RIG, clutter=0)
+    points = np.argsort(-(shown.truth >= 0).sum(axis=0)[:LEDS], kind="stable")[:3]
+    rows = np.unique(shown.truth[:, points])
+    match = rm.match(POINTS[:LEDS], shown.rows[rows[rows >= 0]], rm.P3P(RIG), **KNOWN)
+    assert match.status is rm.Status.AMBIGUOUS
+    assert "no search meets every pose that explains so few points" in match.advice
+    assert "give the vertical to `UP2P`, a `prior`, or more detections" in match.advice  # normals were given
+
+
+@pytest.mark.parametrize("seed", [8, 10, 22])
+def test_what_could_be_chance_is_told_with_its_probability(seed: int) -> None:
+    source, target = scene(seed, 5, 4, 1)
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE)
+    assert match.status is rm.Status.UNTRUSTED
+    assert f"could be chance (probability {match.probability:.3g}, `min_probability` 0.95)" in match.advice
+    assert "give normals, the vertical to `UP2P`, a `prior`, or fewer stray detections" in match.advice
+    assert "raise the noise" not in match.advice
+
+
+@pytest.mark.parametrize("seed", [32, 38])
+def test_few_points_do_not_say_that_the_noise_is_larger(seed: int) -> None:
+    tool = np.array([[0.0, 0, 0], [50, 0, 0], [0, 72, 0], [0, -45, 0]])
+    rng, R = np.random.default_rng(seed), Rotation.random(random_state=seed).as_matrix()
+    seen = tool[[0, 2, 3]] @ R.T + rng.normal(0, 0.5, (3, 3))  # these are on a line
+    match = rm.match(tool, np.vstack([seen, rng.uniform(-150, 150, (8, 3))]), rm.Rigid(), noise=(0.0, 0.5))
+    assert match.status is rm.Status.UNTRUSTED
+    assert "times as large" not in match.advice
+
+
+def test_many_points_say_so() -> None:
+    rng = np.random.default_rng(1)
+    body = rng.uniform(-80, 80, (8, 3))
+    seen = body @ Rotation.random(random_state=1).as_matrix().T + rng.normal(0, 1.0, (8, 3))
+    match = rm.match(body, seen, rm.Rigid(), noise=(0.0, 0.1))
+    assert match.status is rm.Status.UNTRUSTED
+    assert "the noise is 10 times as large" in match.advice
+
+
+@pytest.mark.parametrize("of_image", [False, True])
+def test_points_on_a_line_do_not_tell_the_turn_about_it(of_image: bool) -> None:
+    rng, R = np.random.default_rng(1), Rotation.random(random_state=1).as_matrix()
+    line = np.zeros((6, 3))
+    line[:, 0] = (-100, -53, -29, 23, 72, 100)
+    line[:, 1] = [1e-3, 0, 0, -1e-3, 0, 1e-3]
+    if of_image:
+        source = line / 300.0
+        target = CAMERA.project(source @ R.T + (0, 0, 1.2)) + rng.normal(0, 0.2, (6, 2))
+        match = rm.match(source, target, rm.P3P(CAMERA), noise=0.2)
+    else:
+        match = rm.match(line, line @ R.T + rng.normal(0, 0.2, (6, 3)), rm.Rigid(), noise=(0.0, 0.2))
+    assert match.status is rm.Status.MATCHED
+    assert "do not determine the pose in every direction" in match.advice
+    source, target = scene(3, 8, 8, 0)
+    assert "every direction" not in rm.match(source, target, rm.P3P(CAMERA), noise=NOISE).advice
