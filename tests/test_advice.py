@@ -124,9 +124,26 @@ def test_points_on_a_line_do_not_tell_the_turn_about_it(of_image: bool) -> None:
         source = line / 300.0
         target = CAMERA.project(source @ R.T + (0, 0, 1.2)) + rng.normal(0, 0.2, (6, 2))
         match = rm.match(source, target, rm.P3P(CAMERA), noise=0.2)
+        assert match.status is rm.Status.AMBIGUOUS  # each turn is a pose of its own
+        np.testing.assert_array_equal(match.assignment, np.arange(6))
+        assert "the matches are certain, but several poses fit them" in match.advice
     else:
         match = rm.match(line, line @ R.T + rng.normal(0, 0.2, (6, 3)), rm.Rigid(), noise=(0.0, 0.2))
-    assert match.status is rm.Status.MATCHED
-    assert "do not determine the pose in every direction" in match.advice
+        assert match.status is rm.Status.MATCHED
+        assert "do not determine the pose in every direction" in match.advice
     source, target = scene(3, 8, 8, 0)
     assert "every direction" not in rm.match(source, target, rm.P3P(CAMERA), noise=NOISE).advice
+
+
+@pytest.mark.parametrize("stated", [NOISE / 1.8, NOISE])
+def test_a_sequence_whose_noise_is_larger_than_stated_says_so(stated: float) -> None:
+    """A similar object in place of the asked one has such residuals too."""
+    rng, source = np.random.default_rng(4), np.random.default_rng(3).uniform(-0.15, 0.15, (10, 3))
+    tracker, told = rm.Tracker(source, rm.P3P(CAMERA), noise=stated), []
+    for k in range(40):
+        R = Rotation.from_rotvec([0.3, 0.5 + 0.01 * k, 0.1]).as_matrix()
+        match = tracker.update(CAMERA.project(source @ R.T + [0.02, 0.01, 0.9]) + rng.normal(0.0, NOISE, (10, 2)))
+        told.append("if a similar object is followed" in match.advice)
+    assert match
+    assert told[-1] == (stated < NOISE)
+    assert not told[0]

@@ -33,6 +33,8 @@ ADVICE = {
 PRIOR = "a `prior`"
 NOTED = 0.1
 """Probability from which a match that is not trusted is told to be possible. A round value."""
+NOISY = 1.5
+"""Factor on the stated σ that a sequence suggests from which it is told. A round value."""
 UNDETERMINED = 1.0
 """Standard deviation of a rotation, radians, from which a pose does not tell it. A round value."""
 
@@ -73,6 +75,11 @@ def advice(
             text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
         if undetermined:
             text += "; these points do not determine the pose in every direction: see its covariance"
+        if finding.sequence_factor >= NOISY:
+            text += (
+                f"; by the frames so far the noise is {finding.sequence_factor:.1f} times as large as given, "
+                "as it also looks if a similar object is followed in place of this one"
+            )
     if finding.prior_holds is False:
         known = "what was known of the pose" if finding.task.known is not None else "the predicted pose"
         text += f"; {known} was wrong, this one was found without it"

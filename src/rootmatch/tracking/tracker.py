@@ -317,6 +317,8 @@ max_evaluations
             self._bodies[label].take(part, when, self._frame, label in searched)
             self._noise.take(part, factor)
         name_places(self._identical, self._bodies, parts, when)
+        if factor > 1.0:
+            parts = {label: replace(part, sequence_factor=factor) for label, part in parts.items()}
         if found.parts is None:
             return parts[None]
         return replace(found, parts={label: part for label, part in parts.items() if label is not None})
