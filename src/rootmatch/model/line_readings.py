@@ -28,8 +28,8 @@ TURNS = 8
 LEAST = 3
 """Points on a line that determine it."""
 FOUR, MOST_POINTS = 4, 64
-"""Points on a line of a body that are looked for beside those that were matched, and the largest body in which any
-are. Round values."""
+"""Points on a line of a body that are looked for beside those that were matched, as three are often nearly on one; and
+the largest body in which any are. Round values."""
 MOST, KEPT = 40, 4
 """Choices of so many points and detections of a line that are tried, and readings kept, those that fit best. Round
 values."""
@@ -41,12 +41,9 @@ def line_readings(model: DetectionModel, assignments: Integers) -> Proposals:
     From either end, and turned about the line.
     """
     parts = [no_proposals(model.shape[0])]
-    if len(model.images) > 1 or not lines_of(model.points.tobytes()):
+    if len(model.images) > 1 or not len(assignments):
         return parts[0]  # several cameras tell the depth of each end
-    for row in assignments:
-        detections = row[row >= 0]
-        if len(detections) < LEAST or not _is_flat(model.rays[detections], 1):
-            continue
+    for row in assignments[_on_lines(model, assignments)]:
         for reading in _readings(model, row):
             (used,) = np.nonzero(reading >= 0)
             origin, axis = _line_through(model.points[used])
@@ -56,17 +53,23 @@ def line_readings(model: DetectionModel, assignments: Integers) -> Proposals:
     return joined(parts)
 
 
+def _on_lines(model: DetectionModel, assignments: Integers) -> NDArray[np.bool_]:
+    """Whether the detections of assignments (K, n), three or more, are on a line: their rays are in a plane."""
+    used = assignments >= 0
+    rays = np.where(used[..., None], model.rays[np.maximum(assignments, 0)], 0.0)
+    across, along, _ = np.linalg.eigvalsh(np.nan_to_num(rays.swapaxes(1, 2) @ rays)).T
+    return np.asarray((used.sum(axis=1) >= LEAST) & (across <= FLAT**2 * along))
+
+
 def _readings(model: DetectionModel, row: Integers) -> list[Integers]:
     """Assignments of the detections of another (n,), which are on a line, to points on one."""
     (used,) = np.nonzero(row >= 0)
-    if _is_flat(model.points[used] - model.points[used].mean(axis=0), 0):
+    if _is_line(model.points[used]):
         return [row, _reversed(model, row)]
     detections, found = row[used], list[tuple[float, Integers]]()
     rays = model.rays[detections]
     in_order = detections[np.argsort(rays @ np.linalg.svd(rays)[2][1])]
     for line in lines_of(model.points.tobytes()):
-        if len(line) < FOUR:
-            continue  # three are often nearly on one
         count = min(len(line), len(detections))
         if math.comb(len(line), count) * math.comb(len(detections), count) > MOST:
             continue
@@ -98,15 +101,15 @@ def _line_through(points: Floats) -> tuple[Floats, Floats]:
     return origin, np.linalg.svd(points - origin, full_matrices=False)[2][0]
 
 
-def _is_flat(vectors: Floats, after: int) -> bool:
-    """Whether vectors (k, 3) hardly extend in a further direction than the first ones."""
-    lengths = np.linalg.svd(vectors, compute_uv=False)
-    return bool(lengths[after + 1 :].max(initial=0.0) <= FLAT * lengths[after])
+def _is_line(points: Floats) -> bool:
+    """Whether points (k, 3) hardly extend across the direction in which they extend most."""
+    lengths = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(lengths[1] <= FLAT * lengths[0])
 
 
 @lru_cache(maxsize=64)
 def lines_of(point_bytes: bytes) -> list[Integers]:
-    """The sets of three points or more of a body (n, 3) that are on a line, in their order on it."""
+    """The sets of `FOUR` points or more of a body (n, 3) that are on a line, in their order on it."""
     points, found = np.frombuffer(point_bytes).reshape(-1, 3), dict[bytes, Integers]()
     if len(points) > MOST_POINTS:
         return []
@@ -116,7 +119,7 @@ def lines_of(point_bytes: bytes) -> list[Integers]:
         off = np.linalg.norm(np.cross(points - points[i], across / length), axis=1)
         along = (points - points[i]) @ across / length
         (near,) = np.nonzero(off <= FLAT * max(float(along.max() - along.min()), length))
-        if len(near) >= LEAST and _is_flat(points[near] - points[near].mean(axis=0), 0):
+        if len(near) >= FOUR and _is_line(points[near]):
             own = near[np.argsort(along[near])]
             own = own if own[0] < own[-1] else own[::-1]
             found[own.tobytes()] = own
