@@ -107,12 +107,14 @@ def _searched(task: MatchingTask, model: DetectionModel, options: RigOptions) ->
                 hypotheses.append(one)
     verified = _verified(model, hypotheses, options)
     if task.search_camera is None and not _is_enough(task, model, verified, evaluated):
+        met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
                 more, all_triples = _by_triples(replace(part, deadline=searching), model, k, own, guided) or ([], False)
                 hypotheses += more
                 missed = 0.0 if all_triples else missed
-        verified = _verified(model, hypotheses, options)
+        if len(hypotheses) > met:
+            verified = _verified(model, hypotheses, options)
     joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
     tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.row_shape, task.row_weights)

@@ -15,8 +15,7 @@ from rootmatch.model.compiled.evidence import scratch_for, weigh_one
 from rootmatch.model.compiled.prior_terms import terms_about, vector_of
 from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.steps import step_of_one
-from rootmatch.model.compiled.visibility import edge_of, shown_of
-from rootmatch.model.visibility import EDGES
+from rootmatch.model.compiled.visibility import see_one
 
 
 @part
@@ -90,8 +89,7 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     step = np.empty((1, 6))
     weighed = np.empty(1), step, np.empty((1, 6, 6)), np.empty(1), np.empty(1), np.empty((1, n)), np.empty(1)
     work = np.empty((6, 6)), np.empty((6, 6))
-    values, off, mean, shown, total = np.empty(count), np.empty((count, 6)), np.empty(6), np.empty(n), np.empty(n)
-    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
+    values, off, mean, shown, visible = np.empty(count), np.empty((count, 6)), np.empty(6), np.empty(n), np.empty(n)
     for line in range(lines.shape[1]):
         highest = -math.inf
         for k in range(count):
@@ -107,16 +105,12 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
             linearise_one(0, body, poses, views, images)
             terms_about(0, 0, poses, predictions, broad, corner, terms, which)
             value = terms[3][0] - 0.5 * terms[2][0]
-            total[:] = 0.0
-            for edge in range(edges):
-                shown_of(expected[0], cosine, view_cosine, 0.0, edge_of(edge), 0, shown)
-                for i in range(n):
-                    total[i] += shown[i] / edges
+            see_one(0, expected[0], cosine, view_cosine, 0.0, shown, visible)
             for i in range(n):
                 j = assignments[0, i]
                 if j >= 0:
                     u, v = target[j, 0] - pixels[0, i, 0], target[j, 1] - pixels[0, i, 1]
-                    value += math.log(max(total[i], 1e-300)) - 0.5 * (u * u + v * v) / (sigma[j] * sigma[j])
+                    value += math.log(max(visible[i], 1e-300)) - 0.5 * (u * u + v * v) / (sigma[j] * sigma[j])
             values[k] = value if abs(value) < math.inf else -math.inf
             highest = max(highest, values[k])
             vector_of(poses[0][0], rotation[0], corner[0], off[k])

@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.visibility import edge_of, shown_of, shown_of_blobs
+from rootmatch.model.compiled.visibility import edge_of, see_one, shown_of, shown_of_blobs
 from rootmatch.model.visibility import EDGES
 
 LOG_2PI = math.log(2.0 * math.pi)
@@ -278,13 +278,8 @@ def see(at, view_cosine, tilts, out):  # type: ignore[no-untyped-def]
     at, view_cosine, tilts, out = borrowed((at, view_cosine, tilts, out))
     expected, cosine, blob = at
     shown, hidden = np.empty(out.shape[1]), np.empty(out.shape[1])
-    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
     for k in range(out.shape[0]):
-        out[k] = 0.0
-        for edge in range(edges):
-            shown_of(expected[k], cosine, view_cosine, tilts[k], edge_of(edge), k, shown)
-            for i in range(shown.shape[0]):
-                out[k, i] += shown[i] / edges
+        see_one(k, expected[k], cosine, view_cosine, tilts[k], shown, out[k])
         if blob.shape[0] > 0:
             shown_of_blobs(blob[k], out[k], hidden)
 

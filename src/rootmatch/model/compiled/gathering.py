@@ -11,8 +11,7 @@ from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import LOG_2PI, inverted
 from rootmatch.model.compiled.gating import deviation, spread_by_pose
 from rootmatch.model.compiled.projection import linearise_one
-from rootmatch.model.compiled.visibility import edge_of, shown_of
-from rootmatch.model.visibility import EDGES
+from rootmatch.model.compiled.visibility import see_one
 
 
 @part
@@ -117,18 +116,6 @@ def room_of(n, with_normals):  # type: ignore[no-untyped-def]
     return pixels, jacobian, by_position, np.empty((1, n), np.bool_), cosine, np.empty((1, n))
 
 
-@part
-def see_one(images, view_cosine, shown, visible):  # type: ignore[no-untyped-def]
-    """Visibility (1, n) of the points in one pose, of a direction that is exact; ``shown`` (n,): scratch."""
-    cosine, expected = images[4], images[5]
-    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
-    visible[:] = 0.0
-    for edge in range(edges):
-        shown_of(expected[0], cosine, view_cosine, 0.0, edge_of(edge), 0, shown)
-        for i in range(shown.shape[0]):
-            visible[0, i] += shown[i] / edges
-
-
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def gather_about(poses, sources, scene, limits, out):  # type: ignore[no-untyped-def]
     """As `gather`, from the poses: where the three points of one are turned away, as in most, no other has an image.
@@ -169,9 +156,9 @@ def gather_about(poses, sources, scene, limits, out):  # type: ignore[no-untyped
             rims[camera : camera + 1],
         )  # fmt: skip
         linearise_one(0, own, pose, view, own_images)
-        see_one(own_images, own_cosine, own_shown, own_visible)
+        see_one(0, own_images[5][0], own_images[4], own_cosine, 0.0, own_shown, own_visible[0])
         out[1][k] = -math.inf
         if own_visible[0, 0] > hidden and own_visible[0, 1] > hidden and own_visible[0, 2] > hidden:
             linearise_one(0, body, pose, views, images)
-            see_one(images, view_cosine, shown, visible)
+            see_one(0, images[5][0], images[4], view_cosine, 0.0, shown, visible[0])
             gather_one(k, 0, (images[0], images[1], visible), sources, image, limits, scratch, out)

@@ -16,8 +16,7 @@ from rootmatch.model.compiled.gating import gate_about
 from rootmatch.model.compiled.prior_terms import terms_about
 from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.steps import step_of_one
-from rootmatch.model.compiled.visibility import edge_of, shown_of
-from rootmatch.model.visibility import EDGES
+from rootmatch.model.compiled.visibility import see_one
 
 ENDED, TORN, BEYOND = range(3)
 """Why it came to an end: nothing changes any more, several detections are possible, or nothing or too much is near."""
@@ -74,16 +73,11 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
     terms = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty(1), np.empty(1)
     which, corner = np.empty(1, np.int64), (np.empty((3, 3)), np.empty((2, 6)))
     scratch = scratch_for(n, image[4].shape[0], target.shape[0])
-    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
     for turn in range(assignments.shape[0]):
         linearise_one(turn, body, poses, views, images)
         tilt = 0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
         tilt = min(math.sqrt(max(tilt, 0.0)), 1.0)
-        visible[:] = 0.0
-        for edge in range(edges):
-            shown_of(expected[turn], cosine, view_cosine, tilt, edge_of(edge), turn, shown)
-            for i in range(n):
-                visible[i] += shown[i] / edges
+        see_one(turn, expected[turn], cosine, view_cosine, tilt, shown, visible)
         unique = gate_about(
             (pixels[turn], jacobian[turn], exact, visible),
             covariance,

@@ -52,6 +52,21 @@ def edge_of(k):  # type: ignore[no-untyped-def]
 
 
 @part
+def see_one(k, expected, cosine, view_cosine, tilt, shown, visible):  # type: ignore[no-untyped-def]
+    """Visibility (n,) of the points in the k-th pose, into ``visible``: the mean over view angles if none is given.
+
+    Otherwise as `shown_of`; ``shown`` (n,): scratch.
+    """
+    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
+    for i in range(shown.shape[0]):
+        visible[i] = 0.0
+    for edge in range(edges):
+        shown_of(expected, cosine, view_cosine, tilt, edge_of(edge), k, shown)
+        for i in range(shown.shape[0]):
+            visible[i] += shown[i] / edges
+
+
+@part
 def shown_of_blobs(blob, shown, hidden):  # type: ignore[no-untyped-def]
     """The chance that any point of a blob shows at its first point, next to none at the others, in place.
 
