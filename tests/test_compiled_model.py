@@ -499,17 +499,19 @@ def test_gains_of_single_matches(name: str) -> None:
             assert gains[i, j] == pytest.approx(gain, rel=1e-4, abs=1e-4)
 
 
+@pytest.mark.parametrize("size", [2, 3])
 @pytest.mark.parametrize("centres", [np.array([0, 2, 3, 7]), np.arange(9)], ids=["some", "all"])
-def test_densities_of_crowds(centres: NDArray[np.int64]) -> None:
+def test_densities_of_crowds(centres: NDArray[np.int64], size: int) -> None:
     rng = np.random.default_rng(1012)
-    target, sigma = rng.uniform(0.0, 300.0, (9, 2)), rng.uniform(0.3, 0.8, 9)
+    target, sigma = rng.uniform(0.0, 300.0, (9, size)), rng.uniform(0.3, 0.8, 9)
     label = np.array([0, 0, 1, 1, 0, 0, 1, 0, 1])
+    widths = np.minimum(80.0 * 0.5 ** np.arange(SCALES)[:, None], [80.0, 30.0, 0.1][:size])
     about, whole = np.empty((SCALES, 9, len(centres))), np.empty((SCALES, 9))
-    densities_of_crowds(target, sigma, centres, label, 80.0, about, whole)
+    densities_of_crowds(target, sigma, centres, label, widths, about, whole)
     for k in range(SCALES):
         for i in range(9):
             for c, j in enumerate(centres):
-                spread = ((80.0 * 0.5**k) ** 2 + sigma[i] ** 2 + sigma[j] ** 2) * np.eye(2)
+                spread = np.diag(widths[k] ** 2 + sigma[i] ** 2 + sigma[j] ** 2)
                 density = (
                     multivariate_normal(target[j], spread).pdf(target[i]) if i != j and label[i] == label[j] else 0.0
                 )

@@ -53,10 +53,12 @@ def assessed(
 ) -> Finding:
     """The finding of what a search or a solver proposed, judged by the model of the image.
 
-    Unless ``judging``, what a search named is left to whoever weighs it among more: `Finding.named`.
+    Unless ``judging``, what is proposed is left to whoever weighs it among more: `Finding.named`.
     """
     named, base = unjudged(task, sampled, solution)
-    if not judging and sampled.assignments is not None:
+    if not judging:
+        if sampled.assignments is None:
+            named[1:1] = Candidate.of(task, []).gathered(sampled.tensor)
         return replace(base, named=named)
     try:
         body = Candidate.of(task, named, sampled.tensor if sampled.assignments is None else None)

@@ -122,20 +122,36 @@ def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[In
     label = np.zeros(len(target), np.int64)
     for k, own in enumerate(images):
         label[own] = k
-    values = (np.ascontiguousarray(one, np.float64).tobytes() for one in (target, sigma, areas))
-    return _of_values(*values, label.tobytes())
+    mean = float(areas.sum()) / len(areas)
+    return _of_values(*map(_bytes, (target, sigma, 1.0 / areas[label], np.full(2, math.sqrt(mean)))), label.tobytes())
+
+
+def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
+    """The clutter among targets of a plane or of space, which fills a box.
+
+    Parameters
+    ----------
+    target, sigma : (n', k) and (n',) arrays
+        Targets along the axes of the box, with their σ.
+    extents : (k,) array
+        Of the box.
+    """
+    uniform, label = np.full(len(target), 1.0 / np.prod(extents)), np.zeros(len(target), np.int64)
+    return _of_values(*map(_bytes, (target, sigma, uniform, extents)), label.tobytes())
+
+
+def _bytes(values: Floats) -> bytes:
+    return np.ascontiguousarray(values, np.float64).tobytes()
 
 
 @lru_cache(maxsize=8)
-def _of_values(target_bytes: bytes, sigma_bytes: bytes, areas_bytes: bytes, label_bytes: bytes) -> Clutter:
-    """The clutter of an image by its values."""
-    target, sigma, areas = (
-        np.frombuffer(target_bytes).reshape(-1, 2),
-        np.frombuffer(sigma_bytes),
-        np.frombuffer(areas_bytes),
-    )
+def _of_values(
+    target_bytes: bytes, sigma_bytes: bytes, uniform_bytes: bytes, extents_bytes: bytes, label_bytes: bytes
+) -> Clutter:
+    """Clutter by the values of detections, σ, densities of the uniform part, and extents that clutter fills."""
+    extents, uniform = np.frombuffer(extents_bytes), np.frombuffer(uniform_bytes)
+    target, sigma = np.frombuffer(target_bytes).reshape(-1, len(extents)), np.frombuffer(sigma_bytes)
     label, count = np.frombuffer(label_bytes, np.int64), len(target)
-    uniform = 1.0 / areas[label]
     if count < FEW:
         return Clutter(np.zeros((count, count)), np.arange(count), uniform, 1.0)
     centres = np.arange(count)
@@ -143,9 +159,11 @@ def _of_values(target_bytes: bytes, sigma_bytes: bytes, areas_bytes: bytes, labe
         centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
     kernels, densities = np.empty((SCALES, count, len(centres))), np.empty((SCALES + 1, count))
     densities[0] = uniform
-    width = math.sqrt(float(areas.sum()) / len(areas)) / 4.0
+    # crowds are round, but no wider than what clutter fills
+    mean = math.exp(float(np.log(extents).mean()))
+    widths = np.minimum(0.25 * mean * 0.5 ** np.arange(SCALES)[:, None], 0.25 * extents)
     # copies: what is read-only is another type to a kernel
-    densities_of_crowds(target.copy(), sigma.copy(), centres, label.copy(), width, kernels, densities[1:])
+    densities_of_crowds(target.copy(), sigma.copy(), centres, label.copy(), widths, kernels, densities[1:])
     shares = PRIOR / PRIOR.sum()
     shares_of_crowds(densities, PRIOR, STEPS, shares)
     about = (shares[1:] @ kernels.reshape(SCALES, -1)).reshape(kernels.shape[1:])

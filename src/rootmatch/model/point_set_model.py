@@ -1,13 +1,16 @@
 """The model of two point sets of one space: log-odds of a labelling against clutter alone, the motion integrated out.
 
 A source point is detected with the rate δ, at its place after the motion x' = s R x + t, with the noise of both points;
-the other targets are a Poisson process of constant density λ in the volume V that the targets span. Against the
-hypothesis that all targets are clutter, a labelling of m of n points by n' targets has the odds
+the other targets are a Poisson process of density λ f(y), see `rootmatch.model.clutter.Clutter`, in the volume V that
+the targets span. Against the hypothesis that all targets are clutter, a labelling of m of n points by n' targets has
+the odds
 
-    ∫ δ^m (1 − δ)^(n − m) dδ · V^m Γ(n' − m + ½) / Γ(n' + ½) · ∫ ∏ N(x'_j; s R x_i + t, s² σ_i² + σ_j²) dT / (V vol)
+    ∫ δ^m (1 − δ)^(n − m) dδ · Γ(n' − m + ½) / Γ(n' + ½)
+        · ∫ ∏ N(x'_j; s R x_i + t, s² σ_i² + σ_j²) / f(x'_j) dT / (V vol)
 
 - δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points.
-- λ is integrated under Jeffreys' prior λ^(−½): the second factor, about (V/n')^m.
+- λ is integrated under Jeffreys' prior λ^(−½): the second factor, about 1/n'^m.
+- f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one.
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
   labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
@@ -28,6 +31,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.model.clutter import Clutter, clutter_in_space
+from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_sets
@@ -74,7 +79,17 @@ class PointSetModel:
     @cached_property
     def log_volume(self) -> float:
         """Logarithm of the volume in which clutter lies, and the object."""
-        return float(np.log(spanned(self.clouds.target, self.clouds.target_variance)).sum())
+        return float(np.log(self._box[1]).sum())
+
+    @cached_property
+    def clutter(self) -> Clutter:
+        """Where clutter lies."""
+        along, extents = self._box
+        return clutter_in_space(along, np.sqrt(self.clouds.target_variance), extents)
+
+    @cached_property
+    def _box(self) -> tuple[Floats, Floats]:
+        return box_of(self.clouds.target, self.clouds.target_variance)
 
     def fit(self, assignments: Integers) -> PointSetFit:
         """The motion of each assignment (K, n)."""
@@ -83,8 +98,13 @@ class PointSetModel:
     def log_odds(self, fit: PointSetFit) -> Floats:
         """Log-odds (K,) of each fitted assignment against the hypothesis that all targets are clutter."""
         matched = (fit.assignments >= 0).sum(axis=1)
-        odds = self.log_density(fit) - self.log_volume + self._log_counts[matched]
+        odds = self.log_density(fit) - self.log_volume + self._log_counts[matched] - self._log_clutter(fit.assignments)
         return np.asarray(odds + self._log_weights(fit.assignments) + self.log_prior(fit))
+
+    def _log_clutter(self, assignments: Integers) -> Floats:
+        """Logarithm (K,) of the density of the matched targets if they are clutter."""
+        taken = uses_of(assignments, len(self.clouds.target))
+        return np.asarray(taken @ self.clutter.log_density - self.clutter.log_first(taken))
 
     def log_prior(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the factor that what is known of the motion puts on the odds; 0 if nothing is."""
@@ -111,7 +131,8 @@ class PointSetModel:
         counts, own = self._log_counts, fit.assignments[k] >= 0
         # an added match is the last of m + 1, an existing one the last of m
         more = counts[min(matched + 1, n, n_target)] - counts[min(matched, n - 1, n_target - 1)]
-        gains = fit.densities(k) + np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
+        gains = fit.densities(k) - self.clutter.log_density
+        gains += np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
         if self.weights is not None:
             with np.errstate(divide="ignore"):
                 gains += np.log(self.weights / self.weights.max())
@@ -132,8 +153,7 @@ class PointSetModel:
             detected = betaln(m + 1.0, n - m + 1.0)
         else:
             detected = m * np.log(self.detection_rate) + (n - m) * np.log1p(-self.detection_rate)
-        clutter = gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5)
-        return np.asarray(detected + clutter + m * self.log_volume)
+        return np.asarray(detected + gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5))
 
     def _log_weights(self, assignments: Integers) -> Floats:
         """Sum (K,) of the logarithms of the prior weights of an assignment's matches, over the largest."""
@@ -157,12 +177,12 @@ def student(chi2: Floats, freedom: Floats, nu: float) -> Floats:
     )
 
 
-def spanned(points: Floats, variance: Floats) -> Floats:
-    """Extents (k,) of the box that points (n, k) fill along their principal axes, corrected for n uniform points.
+def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats]:
+    """Points (n, k) along their principal axes, and extents (k,) of the box they fill, corrected for n uniform ones.
 
     Whatever the axes of the frame, points of a plane span a thin box; it is as thick as the noise.
     """
     centred = points - points.mean(axis=0)
-    _, axes = np.linalg.eigh(centred.T @ centred)
-    extent = np.ptp(centred @ axes, axis=0) * ((len(points) + 1) / max(len(points) - 1, 1))
-    return np.asarray(np.maximum(extent, 2.0 * np.sqrt(2.0 * np.pi * float(variance.max()))))
+    along = centred @ np.linalg.eigh(centred.T @ centred)[1]
+    extent = np.ptp(along, axis=0) * ((len(points) + 1) / max(len(points) - 1, 1))
+    return along, np.asarray(np.maximum(extent, 2.0 * np.sqrt(2.0 * np.pi * float(variance.max()))))

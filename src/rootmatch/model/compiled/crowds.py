@@ -36,29 +36,30 @@ def shares_of_crowds(densities, prior, steps, shares):  # type: ignore[no-untype
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def densities_of_crowds(target, sigma, centres, label, width, about, whole):  # type: ignore[no-untyped-def]
-    """Densities of members of crowds of several widths, each half as wide as the one before.
+def densities_of_crowds(target, sigma, centres, label, widths, about, whole):  # type: ignore[no-untyped-def]
+    """Densities of members of crowds of several widths.
 
     Parameters
     ----------
-    target, sigma : (n', 2) and (n',) arrays
-        Detections, px.
+    target, sigma : (n', k) and (n',) arrays
+        Detections.
     centres : (c,) int64 array
         Detections about which others crowd.
     label : (n',) int64 array
         Image of each detection; no crowd reaches into another one.
-    width : float
-        Of the widest, px.
+    widths : (S, k) array
+        Standard deviations of crowds along each axis.
     about : (S, n', c) array
         Density at each detection about each centre; zero about itself. Filled.
     whole : (S, n') array
         Mean of those about the others, filled.
     """
-    target, sigma, centres, label, about, whole = borrowed((target, sigma, centres, label, about, whole))
+    target, sigma, centres, label, widths, about, whole = borrowed(
+        (target, sigma, centres, label, widths, about, whole)
+    )
     every = centres.shape[0] == target.shape[0]
     others = centres.shape[0] - 1
     for k in range(about.shape[0]):
-        own = width * 0.5**k
         for i in range(target.shape[0]):
             total = 0.0
             for c in range(centres.shape[0]):
@@ -66,9 +67,13 @@ def densities_of_crowds(target, sigma, centres, label, width, about, whole):  # 
                 if every and c < i:
                     density = about[k, c, i]
                 elif i != j and label[i] == label[j]:
-                    x, y = target[i, 0] - target[j, 0], target[i, 1] - target[j, 1]
-                    variance = own * own + sigma[i] * sigma[i] + sigma[j] * sigma[j]
-                    density = math.exp(-0.5 * (x * x + y * y) / variance) / (2.0 * math.pi * variance)
+                    squared, volume = 0.0, 1.0
+                    for axis in range(target.shape[1]):
+                        off, width = target[i, axis] - target[j, axis], widths[k, axis]
+                        variance = width * width + sigma[i] * sigma[i] + sigma[j] * sigma[j]
+                        squared += off * off / variance
+                        volume *= 2.0 * math.pi * variance
+                    density = math.exp(-0.5 * squared) / math.sqrt(volume)
                 about[k, i, c] = density
                 total += density
             whole[k, i] = total / others
