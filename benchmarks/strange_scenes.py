@@ -12,7 +12,8 @@ without two corners, which tell its halves apart. ``cube``: eight corners with n
 ten points over a glossy table that shows them once more, upside down. ``near-board``: 9 by 7 dots of which the image
 shows a part, so that rows and columns may be counted from anywhere, and it must not be trusted. ``hidden-wand``: four
 or five LEDs on a line and one beside it, which is hidden: both readings of the line fit. ``markers``: a tool of four to
-six markers without normals before two to four cameras, each of which shows three of them.
+six markers without normals before two to four cameras, each of which shows three of them. ``family``: three bodies
+that differ by one LED, all given, of which one or two are in view.
 
 "Right": no match wrong and nine tenths of the visible points matched. The two tools may change places. A stray point
 may be matched with its own detection or be left out. Defaults were chosen on seeds below 2000.
@@ -210,6 +211,24 @@ def markers(rng: np.random.Generator) -> Scene:
     return Scene(told, [own for _, own in parts])
 
 
+def family(rng: np.random.Generator) -> Scene:
+    """Three bodies of seven LEDs or eight: one of them is elsewhere on the second, and the third has one more."""
+    first = rng.uniform(-0.12, 0.12, (7, 3))
+    second, way = first.copy(), rng.normal(size=3)
+    second[0] += rng.uniform(0.01, 0.05) * way / np.linalg.norm(way)
+    every = [first, second, np.concatenate([first, rng.uniform(-0.12, 0.12, (1, 3))])]
+    order, count = rng.permutation(3), int(rng.integers(1, 3))
+    placed, shown = [], []
+    for k in order:
+        R, t = pose(rng, 0.8, 2.5)
+        placed.append(every[k] @ R.T + t)
+        shown.append(rng.random(len(every[k])) < (0.95 if k < count else 0.0))
+    target, truth = detected(rng, np.concatenate(placed), np.concatenate(shown), 4)
+    labels = np.repeat(order, [len(every[k]) for k in order])
+    told = {"source": np.concatenate([every[k] for k in order]), "target": target, "problem": rm.P3P(CAMERA)}
+    return Scene({**told, "bodies": labels}, [truth])
+
+
 KINDS = {
     "stereo": stereo,
     "wand": wand,
@@ -226,6 +245,7 @@ KINDS = {
     "near-board": near_board,
     "hidden-wand": hidden_wand,
     "markers": markers,
+    "family": family,
 }
 
 
@@ -246,6 +266,11 @@ def bodies_of(kind: str, made: Scene, match: rm.Match) -> list[tuple[bool, int, 
             _, wrong, full = min((judge(one.assignment, truth) for truth in parts), key=lambda judged: judged[1])
             out.append((bool(one), wrong, full))
         return out
+    if kind == "family":
+        assert match.bodies is not None
+        labels = made.told["bodies"]
+        each = [(one, judge(one.assignment, made.truth[0][labels == k])) for k, one in match.bodies.items()]
+        return [(bool(one), wrong, full) for one, (_, wrong, full) in each]
     every = [judge(match.assignment, truth) for truth in made.truth]
     return [(bool(match), min(one[1] for one in every), any(one[2] for one in every))]
 

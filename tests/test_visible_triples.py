@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.samplers.guided import visibility
 from rootmatch.samplers.guided.detection_grid import build_grid
 from rootmatch.samplers.guided.model_views import ModelViews, model_views
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
@@ -89,11 +88,10 @@ def test_a_triple_seen_from_nearest_is_of_any_shape() -> None:
     assert all(cells[order] == ANY for order in permutations(range(3)))
 
 
-def test_missed_is_that_of_the_sets_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missed_is_that_of_the_sets_tried() -> None:
     points, normals = ball(6)
     views = views_of(points, normals)
-    monkeypatch.setattr(visibility, "FAILURE", LOST)
-    tried = TriedSets(normals)
+    tried = TriedSets(normals, lost=LOST)
     assert views.missed(7, 0) == 1.0
     for number in range(4):
         first, last = views.edges[number]

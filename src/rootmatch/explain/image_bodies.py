@@ -1,7 +1,8 @@
 """Several known rigid bodies in one image: searched for one by one, and weighed together.
 
 Detections that are certainly of some body are left out of the searches for others, so bodies that show little are
-searched for among few: short searches for all come before longer ones for the rest. The result is the posterior over
+searched for among few: short searches for all come before longer ones for the rest. No body takes detections before
+all others have been tried on them: bodies of a family may differ by one point. The result is the posterior over
 everything that any of the searches proposed, including look-alikes of other bodies.
 """
 
@@ -72,6 +73,8 @@ class _Body:
     """Detections among which it may still be found."""
     alike: list[int] = field(default_factory=list)
     """Numbers of the bodies of the same or the mirrored shape."""
+    rivals: list[int] = field(default_factory=list)
+    """Numbers of the bodies that have to be tried on its detections before it takes them."""
     predicted: Proposals | None = None
     settled: bool = False
     enough: bool = False
@@ -148,8 +151,10 @@ def match_bodies_in_image(
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
     for body in bodies:
-        others = (other for other in bodies if other is not body)
+        others = [other for other in bodies if other is not body]
         body.alike = [other.number for other in others if _is_alike(body.task, other.task, options.alike)]
+        # a tracker's earlier frames have tried all of them
+        body.rivals = [other.number for other in others] if choice is None else body.alike
     with suppress(OutOfTime):
         _predict(task, bodies, options)
         if choice is None:
@@ -229,8 +234,7 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> None:
         body.enough |= body.task.known is not None and body.predicted is not None and body.pose >= options.sure
     used = np.zeros((len(bodies), bodies[0].task.shape[1]))
     for k, body in enumerate(bodies):
-        # a body of the same shape has to be tried on these detections as well
-        if all(bodies[number].is_known for number in (k, *body.alike)):
+        if all(bodies[number].is_known for number in (k, *body.rivals)):
             body.settled = body.pose >= options.sure
             used[k] = body.told.used(used.shape[1])
     for k, body in enumerate(bodies):

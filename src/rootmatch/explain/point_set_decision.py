@@ -136,7 +136,7 @@ def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, n
 
 
 def lead_over_others(task: MatchingTask, assignment: Integers, others: list[MatchingTask]) -> float | None:
-    """Log-odds of a body's labelling against the best one of another body with half of its targets or more.
+    """Log-odds of a body's labelling against the best one of another body that has half of its targets or more.
 
     Infinite if no other body explains them, None if the model does not cover the task. All tasks have the same targets.
     """
@@ -158,7 +158,9 @@ def lead_over_others(task: MatchingTask, assignment: Integers, others: list[Matc
         named = congruent_labellings(part, rival.mirror, allowed).proper
         named = named[2 * (named >= 0).sum(axis=1) >= len(used)]
         if len(named):
-            best = max(best, float(rival.log_odds(rival.fit(np.where(named >= 0, used[named], -1))).max()))
+            # with targets that the first body leaves: it may lack a point of the other one
+            whole = grown(rival.clouds, np.where(named >= 0, used[named], -1), rival.mirror, rival.allowed)
+            best = max(best, float(rival.log_odds(rival.fit(whole)).max()))
     return log_odds_of(model, assignment) - best
 
 

@@ -50,6 +50,7 @@ class ModelViews:
             wave = min(2 * wave, LARGEST_WAVE)
         self.edges = list(pairwise(sizes))
         self.visible = facing_points(normals, view_cosine)
+        self.most_facing = max(int(self.visible.sum(axis=1).max()), 1)
         self.cameras, self.seen = _cameras(positions, normals, view_cosine)
         self.normals, self.view_cosine, self.directions = normals, view_cosine, sphere(DIRECTIONS)
         least = np.zeros(len(normals)) if view_cosine is None else view_cosine

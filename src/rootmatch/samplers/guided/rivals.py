@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.samplers.guided import batches
-from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE
-from rootmatch.samplers.guided.sequential_test import PreparedSets
-from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED
+from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE, wide_set
+from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, detected_views
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
@@ -78,58 +77,47 @@ def missed_among(
     """
     arrangements = images[target_arrangements(len(images), search.minimal - 1)].astype(np.int32)
     tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
-    least = max(search.minimal + 1, math.ceil(SAME * matched))
-    # a set is met if a rival, which explains nearly as many detections, explains all of its points
-    explained = fewest(matched, SAME if known is None else RIVAL)
-    met = min((explained / search.n) ** search.minimal, 0.999) * (1.0 if known is not None else 1.0 - LOST_OF_ALL)
-    # the more of the object is hidden, the more poses show another side of it, and the fewer sets are wide in each
-    hidden = search.n / matched if known is not None else 1.0
-    enough = RIVAL_MISSED**hidden if tried is None else MISSED
-    done, wanted, missed = 0, math.ceil(math.log(enough) / math.log1p(-met)), 1.0
-    if wanted == 0:
-        return 0.0
-    for sets in _sets(search, len(arrangements), wanted=wanted if tried is None else 0):
-        some = sets if tried is not None else sets.first(wanted - done)
-        first, tasks = 0, len(some.points) * len(arrangements)
+    least, enough, wanted = max(search.minimal + 1, math.ceil(SAME * matched)), MISSED, False
+    if tried is None:
+        # a rival explains nearly as many detections, of any points
+        least = max(search.minimal + 1, math.ceil(fewest(matched, SAME if known is None else RIVAL)))
+        enough = RIVAL_MISSED
+        tried, wanted = TriedSets(np.zeros((search.n, 3)), lost=LOST_OF_ALL), True
+    test = search._test(0, least)
+    for points in _wanted(search, tried, least, enough) if wanted else search._waves():
+        sets = search._prepared(points, len(arrangements))
+        first, tasks = 0, len(points) * len(arrangements)
         most = max(batches.LARGEST // len(images), batches.CHUNKS)
         while first < tasks and (block := pace.block(min(tasks - first, most))):
             last = first + block
-            search._try(some, search._test(0), arrangements, first=first, last=last, images=images, known=known)
+            search._try(sets, test, arrangements, first=first, last=last, images=images, known=known)
             first = last
             if search._spent():
                 break
         if first == tasks:
-            done += len(some.points)
-            if tried is not None:
-                tried.add(some.points)
-        missed = (1.0 - met) ** done if tried is None else tried.missed(least)
+            tried.add(points)
+        missed = tried.missed(least)
         if missed <= enough or search._spent():
             return missed
     return 0.0
 
 
-def _sets(search: Search, arrangements: int, wanted: int) -> Iterator[PreparedSets]:
-    """Waves of minimal sets; where so many are wanted, whichever, those that the search began with are among the first.
+def _wanted(search: Search, tried: TriedSets, least: int, enough: float) -> Iterator[NDArray[np.int64]]:
+    """Waves of few wide minimal sets that miss hardly any pose which shows so many points, any of them.
 
-    These are tried together with further ones: another wave takes as long as its kernel. All are wide ones again: those
-    that the search has left by then are narrow, and with them the rivals of a headset were missed.
+    The widest sets are often of the same few points: where one of these is hidden, all of them fail. So each is a wide
+    one of those that are seen as a whole in a pose that the sets before may have missed.
     """
-    waves = search._waves()
-    if wanted and search.first_sets is not None:
-        first = search.first_sets._replace(offset=np.zeros_like(search.first_sets.offset))
-        lacking = min(wanted, LARGEST_WAVE) - len(first.points)
-        points = _joined(waves, lacking)
-        if len(points):
-            further = search._prepared(points, arrangements)
-            first = PreparedSets(*(np.concatenate(pair) for pair in zip(first, further, strict=True)))
-        yield first
-    for points in waves:
-        yield search._prepared(points, arrangements)
-
-
-def _joined(waves: Iterator[NDArray[np.int64]], count: int) -> NDArray[np.int64]:
-    """The first ``count`` minimal sets of some waves, all where there are fewer."""
-    found: list[NDArray[np.int64]] = []
-    while count > sum(map(len, found)) and (wave := next(waves, None)) is not None:
-        found.append(wave)
-    return np.concatenate(found)[:count] if found else np.empty((0, 0), np.int64)
+    views = detected_views(least, tried.normals)
+    met = np.zeros(len(views), np.int64)
+    while True:
+        wave: list[NDArray[np.int64]] = []
+        while len(wave) < LARGEST_WAVE and (tried.lost**met).mean() > enough:
+            members = np.flatnonzero(views[met.argmin()])
+            fresh = np.setdiff1d(members, wave) if wave else members
+            members = fresh if len(fresh) >= search.minimal else members
+            wave.append(wide_set(search.positions, members, search.minimal))
+            met = met + views[:, wave[-1]].all(axis=1)
+        if not wave:
+            return
+        yield np.array(wave)

@@ -93,8 +93,6 @@ class Search:
         self.refined_at, self.refined_clusters = -1, 0
         self.sure_sets = SURE_SETS if self.single and not self.normals else SETS
         """Minimal sets solved anew of a cluster that is beyond chance."""
-        self.first_sets: PreparedSets | None = None
-        """The minimal sets of the first wave."""
         self._known: tuple[Integers, Integers, Hypotheses] | None = None
         self.hypotheses: list[Hypotheses] = []
         self.conclusive = False
@@ -127,7 +125,6 @@ class Search:
         for wave, points in enumerate(self._waves()):
             sets = self._prepared(points, len(arrangements))
             test = self._test(wave)
-            self.first_sets = self.first_sets or sets
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
                 wanted = max(batches.CHUNKS, batch // (self.n_target - self.minimal + 1))
@@ -184,9 +181,10 @@ class Search:
         others = self.rng.permuted(others_of(points, self.n), axis=1)
         return prepare_sets(self.tables, points, others, offset)
 
-    def _test(self, wave: int) -> SequentialTest:
-        """The sequential test of a wave: hopeful at first, then ever more patient with hidden points."""
+    def _test(self, wave: int, seen: float = math.inf) -> SequentialTest:
+        """The sequential test of a wave: hopeful at first, then ever more patient. ``seen``: most points seen."""
         visible = (VISIBLE if self.single else VISIBLE_OF_MANY) * min(1.0, self.n_target / self.n)
+        visible = min(visible, seen / self.n)
         return sequential_test(self.clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
 
     def _spent(self) -> bool:

@@ -76,6 +76,15 @@ def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = N
     They are taken at random from those that face the camera and, where these do not suffice, from those that are seen
     edge-on. What shows fewer points from behind than a pose matches, such as a plate, is not seen from there.
     """
+    angles = None if view_cosine is None else np.ascontiguousarray(view_cosine, np.float64).tobytes()
+    return _detected_views(matched, np.ascontiguousarray(normals, np.float64).tobytes(), angles)
+
+
+@lru_cache(maxsize=64)
+def _detected_views(matched: int, normal_bytes: bytes, angle_bytes: bytes | None) -> Bools:
+    """See `detected_views`: frame after frame asks for the same ones."""
+    normals = np.frombuffer(normal_bytes).reshape(-1, 3)
+    view_cosine = None if angle_bytes is None else np.frombuffer(angle_bytes)
     cosine, rng = _cosines(normals), np.random.default_rng([matched, len(normals)])
     facing = facing_points(normals, view_cosine)
     shown = cosine > (0.0 if view_cosine is None else view_cosine)
@@ -83,7 +92,9 @@ def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = N
     rank = np.argsort(np.argsort(order, axis=1), axis=1)
     count = shown.sum(axis=1)
     possible = count >= min(matched, int(count.max()))
-    return np.asarray((shown & (rank < matched))[possible])
+    views = np.asarray((shown & (rank < matched))[possible])
+    views.setflags(write=False)
+    return views
 
 
 def within(sets: Integers, views: Bools) -> Bools:
@@ -172,22 +183,32 @@ class TriedSets:
     Parameters
     ----------
     normals : (n, 3) array
+        Zero where a point has none, and may be seen from everywhere.
     view_cosine : (n,) array, optional
         Cosines of the view angles, where they are given.
+    lost : float
+        Probability that a set leads to nothing though all of it is detected.
     """
 
-    def __init__(self, normals: Floats, view_cosine: Floats | None = None) -> None:
-        self.normals, self.view_cosine = normals, view_cosine
-        self.sets: list[Integers] = []
+    def __init__(self, normals: Floats, view_cosine: Floats | None = None, lost: float = FAILURE) -> None:
+        self.normals, self.view_cosine, self.lost = normals, view_cosine, lost
+        self._sets: list[Integers] = []
+        self._met: dict[int, tuple[int, Integers]] = {}
+        """By the number of detected points: how many of the sets were counted, and how many lie in each view."""
 
     def add(self, sets: Integers) -> None:
         """Record that these sets (S, m) were tried with all their images."""
-        self.sets.append(sets)
+        self._sets.append(sets)
 
     def missed(self, matched: int) -> float:
         """Probability that a pose with so many detected points was met by none of the sets."""
-        if not self.sets:
-            return 1.0
+        return float((self.lost ** self.met(matched)).mean())
+
+    def met(self, matched: int) -> Integers:
+        """How many sets are wholly detected in each of `detected_views`, (V,)."""
         views = detected_views(matched, self.normals, self.view_cosine)
-        met = within(np.concatenate(self.sets), views).sum(axis=1)
-        return float((FAILURE**met).mean())
+        counted, met = self._met.get(matched, (0, np.zeros(len(views), np.int64)))
+        if counted < len(self._sets):
+            met = met + within(np.concatenate(self._sets[counted:]), views).sum(axis=1)
+            self._met[matched] = len(self._sets), met
+        return met

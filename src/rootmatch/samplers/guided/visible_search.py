@@ -93,7 +93,7 @@ class VisibleSearch(Search):
         for number in range(len(self.views.edges)):
             sets, pace, done = self.views.wave(number, self.tables), Pace(self.deadline), 0
             while done < len(sets.shapes) and (block := pace.block(len(sets.shapes) - done)):
-                self._try_visible(sets, done, min(len(sets.shapes), done + block), images, mask)
+                self._try_visible(sets, done, min(len(sets.shapes), done + block), images, mask, seen=least)
                 done += block
             missed = self.views.missed(least, number + 1)
             if missed <= MISSED or self._spent():
@@ -125,13 +125,26 @@ class VisibleSearch(Search):
         self.missed = self.views.missed(matched, waves)
         return self.missed <= MISSED
 
-    def _test(self, wave: int) -> SequentialTest:
+    def _test(self, wave: int, seen: float = math.inf) -> SequentialTest:
         """The sequential test, the same for all waves, with a detection rate for points that face the camera."""
         least = self.minimal + 1
-        return sequential_test(self.clutter, DETECTED, 0, least=least, normals=True, facing=self.least_cosine)
+        return sequential_test(
+            self.clutter,
+            min(DETECTED, seen / self.views.most_facing),
+            0,
+            least=least,
+            normals=True,
+            facing=self.least_cosine,
+        )
 
     def _try_visible(
-        self, sets: VisibleSets, first: int, last: int, images: NDArray[np.int64], allowed: NDArray[np.bool_]
+        self,
+        sets: VisibleSets,
+        first: int,
+        last: int,
+        images: NDArray[np.int64],
+        allowed: NDArray[np.bool_],
+        seen: float = math.inf,
     ) -> None:
         """Test the sets ``first … last − 1``, and verify the survivors of the highest ratio.
 
@@ -148,7 +161,7 @@ class VisibleSearch(Search):
             return
         most = batches.verified_of_listed(tasks)
         survivors, ratios, counts = run_visible_tests(
-            self.tables, self.grid, self._test(0), sets, self.cells,
+            self.tables, self.grid, self._test(0, seen), sets, self.cells,
             images=images, first=first, last=last, allowed=allowed,
             keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
             threads=threads_worth(tasks // (SHAPES_PER_SOLVED * batches.WORTH_A_THREAD)),

@@ -1,0 +1,75 @@
+"""Bodies that differ by one point, all of them given: the one in view is told from those that are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+
+Floats = NDArray[np.float64]
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
+UP = np.array([0.0, 1.0, 0.0])
+SEEDS = range(6)
+
+
+def family(kind: str, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Two bodies of seven points: of the second one, a point is elsewhere, it has one more, or all are larger."""
+    first = rng.uniform(-0.12, 0.12, (7, 3))
+    if kind == "one more":
+        return first, np.concatenate([first, rng.uniform(-0.12, 0.12, (1, 3))])
+    if kind == "larger":
+        return first, 1.1 * first
+    second, way = first.copy(), rng.normal(size=3)
+    second[1] += 0.05 * way / np.linalg.norm(way)
+    return first, second
+
+
+def trusted(problem: str, kind: str, shown: int, order: tuple[int, int], seed: int) -> tuple[bool, bool]:
+    """Whether the body in view is trusted with all of its points right, and whether the other one is trusted."""
+    rng = np.random.default_rng([seed, 5])
+    bodies = family(kind, rng)
+    R, z = Rotation.random(rng=rng).as_matrix(), rng.uniform(1.0, 2.5)
+    seen = bodies[shown] @ R.T + (0.25 * z * rng.uniform(-1.0, 1.0), 0.2 * z * rng.uniform(-1.0, 1.0), z)
+    source = np.concatenate([bodies[k] for k in order])
+    labels = np.repeat(order, [len(bodies[k]) for k in order])
+    if problem == "rigid":
+        strays = seen.mean(axis=0) + rng.uniform(-0.3, 0.3, (4, 3))
+        target = np.concatenate([seen, strays]) + 0.0003 * rng.normal(size=(len(seen) + 4, 3))
+        match = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.0003), bodies=labels)
+    else:
+        pixels = np.concatenate([CAMERA.project(seen), rng.uniform((0.0, 0.0), (1280.0, 960.0), (4, 2))])
+        target = pixels + 0.3 * rng.normal(size=pixels.shape)
+        upright = rm.UP2P(CAMERA, vertical_camera=R @ UP, vertical_world=UP)
+        match = rm.match(source, target, rm.P3P(CAMERA) if problem == "p3p" else upright, noise=0.3, bodies=labels)
+    assert match.bodies is not None
+    own = match.bodies[shown]
+    return bool(own) and (own.assignment == np.arange(len(seen))).all(), bool(match.bodies[1 - shown])
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("shown", [0, 1])
+@pytest.mark.parametrize("problem", ["p3p", "up2p", "rigid"])
+def test_one_point_tells_which_of_them_is_in_view(problem: str, shown: int, order: tuple[int, int]) -> None:
+    """It does so in whatever order they are given: the first one once took the detections of the other."""
+    found = [trusted(problem, "one elsewhere", shown, order, seed) for seed in SEEDS]
+    assert sum(right for right, _ in found) >= len(SEEDS) - 1
+    assert not any(other for _, other in found)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("problem", ["p3p", "rigid"])
+def test_a_point_more_is_seen_where_it_is_there(problem: str, order: tuple[int, int]) -> None:
+    """Where it is not there, the larger body may have it hidden: then nobody can be sure of either."""
+    found = [trusted(problem, "one more", 1, order, seed) for seed in SEEDS]
+    assert sum(right for right, _ in found) >= len(SEEDS) - 1
+    assert not any(other for _, other in found)
+    assert not any(trusted(problem, "one more", 0, order, seed)[1] for seed in SEEDS)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_one_camera_does_not_tell_a_larger_body_from_a_nearer_one(order: tuple[int, int]) -> None:
+    for seed in SEEDS:
+        assert trusted("p3p", "larger", seed % 2, order, seed) == (False, False)
