@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.special import gammaln, logsumexp
 from scipy.stats import multivariate_normal
@@ -309,7 +310,7 @@ def test_steps() -> None:
 def test_evidence_of_no_assignment_is_of_the_prior() -> None:
     model, _, _ = scene(PINHOLE, prior=MIXTURE)
     found = evidence(model, np.full((1, 6), -1), model.linearised(PREDICTED.rotation[None], PREDICTED.position[None]))
-    np.testing.assert_allclose(found.covariance[0], PREDICTED.covariance / (14.0 / 8.0), rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(found.covariance[0], PREDICTED.covariance, rtol=1e-4, atol=1e-9)
     assert found.squared[0] == pytest.approx(0.0, abs=1e-9)
 
 
@@ -328,23 +329,47 @@ class TestPriors:
             )
         assert not terms.slope.any()
 
-    @pytest.mark.parametrize("freedom", [8.0, math.inf])
-    def test_a_prediction_is_a_student_distribution(self, freedom: float) -> None:
+    @pytest.mark.parametrize("freedom", [4.0, 8.0, math.inf])
+    def test_a_prediction_is_normal_with_the_tails_of_a_student_distribution(self, freedom: float) -> None:
+        def log_shape(squared: float) -> float:
+            if squared <= 6.0 or freedom == math.inf:
+                return -0.5 * squared
+            return -3.0 - (freedom / 2 + 3) * (math.log1p(squared / freedom) - math.log1p(6.0 / freedom))
+
+        def shell(radius: float) -> float:
+            return math.pi**3 * radius**5 * math.exp(log_shape(radius**2)) / (2.0 * math.pi) ** 3
+
+        mass = quad(shell, 0.0, math.sqrt(6.0))[0] + quad(shell, math.sqrt(6.0), math.inf)[0]
         prior = replace(PREDICTED, freedom=freedom)
         rng = np.random.default_rng(1003)
+        peak = multivariate_normal(np.zeros(6), prior.covariance).logpdf(np.zeros(6)) - math.log(mass)
         for _ in range(20):
             step = rng.normal(size=6) * np.sqrt(np.diag(prior.covariance)) * rng.choice([0.1, 1.0, 5.0])
             R = Rotation.from_rotvec(step[:3]).as_matrix() @ prior.rotation
             terms = prior.terms(R[None], (prior.position + step[3:])[None])
             squared = float(step**2 / np.diag(prior.covariance) @ np.ones(6))
-            peak = multivariate_normal(np.zeros(6), prior.covariance).logpdf(np.zeros(6))
-            exact = peak - 0.5 * squared
-            if freedom < math.inf:
-                exact = peak + gammaln(freedom / 2 + 3) - gammaln(freedom / 2) - 3 * math.log(freedom / 2)
-                exact -= (freedom / 2 + 3) * math.log1p(squared / freedom)
+            exact = peak + log_shape(squared)
             assert terms.log_density[0] - 0.5 * terms.squared[0] == pytest.approx(exact, abs=1e-3, rel=1e-4)
-            weight = 1.0 if freedom == math.inf else (freedom + 6) / (freedom + squared)
+            weight = 1.0 if freedom == math.inf else min((freedom + 6) / (freedom + squared), 1.0)
             np.testing.assert_allclose(terms.slope[0], -weight * step / np.diag(prior.covariance), rtol=1e-4, atol=1e-3)
+
+    @pytest.mark.parametrize("freedom", [4.0, 8.0, math.inf])
+    def test_an_image_that_tells_little_leaves_a_prediction_as_sure_as_it_was(self, freedom: float) -> None:
+        """Three detections with the noise of half an image, at the predicted pose: Kalman's covariance."""
+        covariance = np.diag(np.repeat([1e-3, 1e-4], 3) ** 2)
+        prior = Gaussian(PREDICTED.rotation, PREDICTED.position, covariance, freedom=freedom)
+        points = np.random.default_rng(6).uniform(-0.1, 0.1, (6, 3))
+        points -= points.mean(axis=0)
+        pixels = PINHOLE.project(points @ prior.rotation.T + prior.position)
+        for noise in (300.0, 1.0):
+            model = DetectionModel(PINHOLE, points, pixels, np.full(6, noise), prior=prior)
+            assignment = np.where(np.arange(6) < 3, np.arange(6), -1)[None]
+            at = model.linearised(prior.rotation[None], prior.position[None])
+            J = at.jacobian[0, :3].reshape(6, 6) / noise
+            exact = np.linalg.inv(np.linalg.inv(covariance) + J.T @ J)
+            found = evidence(model, assignment, at).covariance[0]
+            scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
+            np.testing.assert_allclose(found / scale, exact / scale, atol=1e-4)
 
     def test_the_largest_component_stands_for_a_mixture(self) -> None:
         rng = np.random.default_rng(1004)

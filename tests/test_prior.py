@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import multivariate_t
+from scipy.stats import chi2, f, multivariate_normal, multivariate_t
 
 import rootmatch as rm
 from rootmatch.model.detection_model import DetectionModel
@@ -123,21 +123,34 @@ def test_the_fit_is_the_least_of_all_deviations() -> None:
     np.testing.assert_allclose(position, prediction.position + slow.x[3:], atol=1e-4)
 
 
-def test_a_prediction_with_tails_is_a_t_distribution() -> None:
-    """Of positions alone, whose steps are no rotations: value, slope and curvature against SciPy's density."""
+def test_a_prediction_has_the_tails_of_a_t_distribution_and_the_peak_of_a_normal_one() -> None:
+    """Of positions alone, whose steps are no rotations: value and slope against SciPy's densities, and the integral."""
     rng = np.random.default_rng(0)
     root = rng.normal(size=(6, 6))
     covariance = root @ root.T * 1e-4
     one = Gaussian(np.eye(3), np.array([0.0, 0.0, 1.0]), covariance, freedom=5.0)
-    density = multivariate_t(np.zeros(6), covariance, df=5.0)
-    off = rng.normal(size=(20, 3)) * 0.03
-    terms = one.terms(np.repeat(np.eye(3)[None], 20, axis=0), one.position + off)
-    steps = np.concatenate([np.zeros((20, 3)), off], axis=1)
-    np.testing.assert_allclose(terms.log_density - 0.5 * terms.squared, density.logpdf(steps), atol=1e-3)
+    tails, peak = multivariate_t(np.zeros(6), covariance, df=5.0), multivariate_normal(np.zeros(6), covariance)
+    off = rng.normal(size=(40, 3)) * 0.03 * np.repeat([[0.1], [1.0]], 20, axis=0)
+    terms = one.terms(np.repeat(np.eye(3)[None], 40, axis=0), one.position + off)
+    steps = np.concatenate([np.zeros((40, 3)), off], axis=1)
+    squared = (steps * np.linalg.solve(covariance, steps.T).T).sum(axis=1)
+    edge = math.sqrt(6.0) * np.linalg.cholesky(covariance)[:, 0]  # both are equal there, but for a factor
+    shift = peak.logpdf(edge) - tails.logpdf(edge)
+
+    def log_shape(step: Any) -> float:
+        near = step @ np.linalg.solve(covariance, step) <= 6.0
+        return float(peak.logpdf(step) if near else tails.logpdf(step) + shift)
+
+    # the tails' share of a t-distribution: d²/6 has an F-distribution
+    mass = chi2.cdf(6.0, 6) + math.exp(shift) * f.sf(1.0, 6, 5.0)
+    assert 10 < np.count_nonzero(squared > 6.0) < 30
+    exact = np.array([log_shape(step) for step in steps]) - math.log(mass)
+    np.testing.assert_allclose(terms.log_density - 0.5 * terms.squared, exact, atol=1e-3)
     ahead = 1e-6 * np.eye(6)
-    slope = [[(density.logpdf(step + d) - density.logpdf(step - d)) / 2e-6 for d in ahead] for step in steps]
+    slope = [[(log_shape(step + d) - log_shape(step - d)) / 2e-6 for d in ahead] for step in steps]
     np.testing.assert_allclose(terms.slope, slope, rtol=1e-3, atol=1e-3)
-    assert one.tail_weight(np.array([6.0])) == pytest.approx(1.0)
+    assert one.tail_weight(np.array([0.0, 6.0])) == pytest.approx(1.0)
+    assert one.tail_weight(np.array([16.0])) == pytest.approx(11.0 / 21.0)
 
 
 def test_a_density_of_wide_predictions_is_exact() -> None:

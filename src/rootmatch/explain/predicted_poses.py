@@ -86,7 +86,7 @@ def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:
     assert prior.covariance is not None
     gaussian = Gaussian(prior.R, prior.t, prior.covariance, freedom=task.prior_freedom)
     squared = replace(gaussian, freedom=math.inf).terms(near.R[None], near.t[None]).squared
-    weight = min(float(gaussian.tail_weight(squared)[0]), 1.0)  # a near prediction makes a pose no surer
+    weight = float(gaussian.tail_weight(squared)[0])
     return Pose.unchecked(prior.R, prior.t, prior.covariance / weight)
 
 

@@ -59,7 +59,8 @@ class MotionPrior:
     doubt : float
         Probability that none of them holds.
     freedom : float
-        Degrees of freedom for which their covariances count, see `rootmatch.model.pose_density.Gaussian`.
+        Degrees of freedom for which their covariances count: deviations have a t-distribution. As the motion is
+        integrated out beforehand, that is only of what the points tell.
     """
 
     predictions: tuple[tuple[Pose | PosePrior, float], ...]

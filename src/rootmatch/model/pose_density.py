@@ -201,7 +201,12 @@ def _peak(covariance: Floats, least: float) -> tuple[Floats, float]:
 
 @dataclass(frozen=True, eq=False)
 class Gaussian(PoseDensity):
-    """A predicted pose: normal in all six parameters.
+    """A predicted pose: normal in all six parameters, with the tails of a t-distribution.
+
+    The covariance may be too small, by any factor as probably as that of an estimate from some samples. So says a
+    t-distribution; but about its peak it is narrower than the normal one, as if an image had shown that the covariance
+    is too large. A pose that the image hardly tells is near because of the prediction alone, which would count
+    (ν + 6) / ν times in each frame. So the tails begin at the mean squared deviation, 6, where both slopes are equal.
 
     Parameters
     ----------
@@ -210,8 +215,7 @@ class Gaussian(PoseDensity):
     covariance : (6, 6) array
         Covariance of (ω, τ).
     freedom : float
-        Degrees of freedom that a covariance of all six counts for: it may be too small, and is as probable to be by
-        any factor as that of so many samples.
+        Of the tails: samples that a covariance of all six counts for.
     """
 
     rotation: Floats
@@ -229,10 +233,10 @@ class Gaussian(PoseDensity):
         return _packed([self], [0.0]), ANYWHERE.with_share(-math.inf)
 
     def tail_weight(self, squared: Floats) -> Floats:
-        """How much the prediction counts at a squared deviation (K,) from it: 1 at 6, the mean of six parameters."""
+        """How much the prediction counts at a squared deviation (K,) from it: 1 up to 6, the mean of six parameters."""
         if math.isinf(self.freedom):
             return np.ones_like(squared)
-        return np.asarray((self.freedom + 6.0) / (self.freedom + squared))
+        return np.asarray((self.freedom + 6.0) / (self.freedom + np.maximum(squared, 6.0)))
 
     @cached_property
     def bounded(self) -> Floats:
@@ -245,8 +249,8 @@ class Gaussian(PoseDensity):
     @cached_property
     def _precision(self) -> tuple[Floats, float]:
         """The precision (6, 6), and the logarithm of the density at its peak."""
-        logarithm = float(np.linalg.slogdet(2.0 * math.pi * self.bounded)[1])
-        return np.asarray(np.linalg.inv(self.bounded), np.float64), -0.5 * logarithm
+        logarithm = 0.5 * float(np.linalg.slogdet(2.0 * math.pi * self.bounded)[1]) + _log_mass(self.freedom)
+        return np.asarray(np.linalg.inv(self.bounded), np.float64), -logarithm
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,6 +308,16 @@ class Doubted(PoseDensity):
         first = np.asarray(np.argmax([one.log_density - 0.5 * one.squared for one in every], axis=0))
         rows = np.arange(len(rotation))
         return Terms(*(np.stack(column)[first, rows] for column in zip(*every, strict=True))), first
+
+
+def _log_mass(freedom: float) -> float:
+    """Logarithm of the integral of e^(−d²/2) over six parameters with the tails of `Gaussian`, over that without."""
+    if math.isinf(freedom):
+        return 0.0
+    half, inner, outer = 0.5 * freedom, freedom / (freedom + 6.0), 6.0 / (freedom + 6.0)
+    within = 1.0 - 8.5 * math.exp(-3.0)  # of χ² with six degrees of freedom
+    tail = (half * half + half**3 * outer + 0.5 * half**3 * (half + 1.0) * outer**2) / ((half + 1.0) * (half + 2.0))
+    return math.log(within + tail * math.exp(-3.0) / inner**3)
 
 
 def _packed(predictions: Sequence[Gaussian], log_shares: Sequence[float]) -> tuple[Floats, ...]:

@@ -40,8 +40,9 @@ class MotionOptions(Options):
     """Seconds for which an acceleration lasts: its correlation time (Singer 1970). With independent ones in each frame,
     predictions from few points were too certain: one of 16 flights followed a wrong pose for 24 frames
     (benchmarks/tracking.py, seeds from 1000 and 1010), with 0.1 none did. Other values were not tried."""
-    memory: float = option(0.1, above=0.0, most=1.0)
-    """Weight of the last frame in the estimate of how large the accelerations are. A round value."""
+    memory: float = option(50.0, least=6.0)
+    """Degrees of freedom in which the estimate of how large the accelerations are is replaced: a frame counts for as
+    many as its detections remove from the prediction's covariance, five at 60 Hz and one at 1000. A round value."""
     least_scale: float = option(0.5, above=0.0)
     """Least factor on the accelerations, however good the predictions: a real acceleration lasts for many frames, and
     white noise that adds up as fast is larger. With 0.1, two of 36 flights drifted away from poses that few points
@@ -52,6 +53,8 @@ class MotionOptions(Options):
 
 
 DEFAULT_MOTION = MotionOptions()
+MOST_SURPRISE = 10.0
+"""Square of a step over the expected one above which it counts as no larger. A round value."""
 
 
 def transition(time: float, persistence: float) -> tuple[Floats, Floats]:
@@ -132,10 +135,10 @@ class MotionFilter:
         self.motion, self.P = np.empty(12), np.empty((18, 18))
         left, squared = take_pose((motion, P), np.linalg.inv(P[:6, :6]), step, covariance, (self.motion, self.P))
         self.time, self._ahead = time, None
-        # expected size of a step: the part of the prior's covariance that the detections removed
-        ratio = min(squared / max(6.0 - left, 0.1), 10.0)
-        options = self.options
-        scale = self.scale * math.sqrt(1.0 + weight * options.memory * (ratio - 1.0))
+        # expected square of a step: the part of the prior's covariance that the detections removed
+        expected, options = max(6.0 - left, 0.0), self.options
+        more = min(squared, MOST_SURPRISE * expected) - expected
+        scale = self.scale * math.sqrt(1.0 + weight * more / options.memory)
         self.scale = min(max(scale, options.least_scale), options.most_scale)
         if weight < 1.0:
             self._mixed(weight, before, step)

@@ -68,11 +68,10 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
                 push[a] += wholes[g, a, b] * step[b]
             total += push[a] * step[a]
         weight, peak, freedom = 1.0, peaks[g], freedoms[g]
-        if freedom < math.inf:
-            half = 0.5 * freedom
+        # normal up to its mean squared deviation, where a t-distribution has the same slope
+        if freedom < math.inf and total > 6.0:
             weight = (freedom + 6.0) / (freedom + total)
-            peak += math.lgamma(half + 3.0) - math.lgamma(half) - 3.0 * math.log(half)
-            peak += 0.5 * weight * total - (half + 3.0) * math.log1p(total / freedom)
+            peak += 0.5 * weight * total - 3.0 + (0.5 * freedom + 3.0) * math.log(weight)
         value = peak - 0.5 * weight * total
         # the first of equal components
         if value > best or (value == best and which[row] == count):
@@ -105,8 +104,8 @@ def mixture_terms(poses, predictions, broad, out, which):  # type: ignore[no-unt
     poses : tuple
         Rotations (K, 3, 3), and positions (K, 3).
     predictions : tuple
-        Of G normal or t-distributions: rotations (G, 3, 3), positions (G, 3), precisions (G, 6, 6), logarithms (G,) of
-        the densities at their peaks with their shares, and degrees of freedom (G,).
+        Of G normal distributions: rotations (G, 3, 3), positions (G, 3), precisions (G, 6, 6), logarithms (G,) of the
+        densities at their peaks with their shares, and degrees of freedom (G,) of their tails.
     broad : tuple of float
         Precision of a rotation, solid angle, logarithm of the ratio of distances, and logarithm of the density of
         rotations with the share of this component, −∞ for none.
