@@ -98,7 +98,7 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
     Frames that an earlier run has written are left out where ``outputs`` resumes.
     """
     from rootmatch.cameras.rig import rig_of
-    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS
+    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, counted
     from rootmatch.io import is_standard_output
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import read_frames
@@ -126,10 +126,10 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
             count[status] += 1
             if outputs.as_json:
                 print(json.dumps(record, allow_nan=False), flush=True)
-    text = ", ".join(f"{count[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
     before = f", {len(done)} done before" if done else ""
     rows_printed = any(map(is_standard_output, outputs.paths.values()))
-    print(f"{count.total()} frames: {text}{before}", file=sys.stderr if outputs.as_json or rows_printed else sys.stdout)
+    summary = f"{count.total()} frames: {counted(count)}{before}"
+    print(summary, file=sys.stderr if outputs.as_json or rows_printed else sys.stdout)
     return count.total() == count["matched"]
 
 
