@@ -15,6 +15,7 @@ from typing import Any
 
 from rootmatch._version import __version__
 from rootmatch.errors import InputError
+from rootmatch.research.output_files import make_folder
 from rootmatch.research.paper.settings import Method, Setting
 
 SCHEMA_VERSION = 1
@@ -104,10 +105,7 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{path.parent}: cannot be made ({error.strerror}); name another output folder") from None
+        make_folder(path.parent)
         # Transactions are begun and ended here by hand, not by the module.
         with self._said():
             self._connection = sqlite3.connect(path, timeout=WAITS, isolation_level=None)
