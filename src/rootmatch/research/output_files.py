@@ -19,13 +19,7 @@ RESOLUTION = 150
 
 
 def make_folder(path: Path) -> None:
-    """Make the folder of a run's results, unless it is there.
-
-    Raises
-    ------
-    InputError
-        If it cannot be made.
-    """
+    """Make the folder of a run's results unless it is there; an `InputError` where that is impossible."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -107,7 +107,7 @@ class Store:
         self.path = path
         make_folder(path.parent)
         # Transactions are begun and ended here by hand, not by the module.
-        with self._said():
+        with self._errors_explained():
             self._connection = sqlite3.connect(path, timeout=WAITS, isolation_level=None)
         try:
             self._open()
@@ -117,7 +117,7 @@ class Store:
 
     def _open(self) -> None:
         """Lay out a new file, or make sure that an old one is whole and of this layout."""
-        with self._said():
+        with self._errors_explained():
             # before anything is written: a database of somebody else is left as it is
             tables = self._connection.execute("SELECT 1 FROM sqlite_master").fetchone()
             (found,) = self._connection.execute("PRAGMA user_version").fetchone()
@@ -155,7 +155,7 @@ class Store:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        with self._said():
+        with self._errors_explained():
             self._connection.execute("BEGIN IMMEDIATE")
             try:
                 yield
@@ -166,7 +166,7 @@ class Store:
                 raise
 
     @contextmanager
-    def _said(self) -> Iterator[None]:
+    def _errors_explained(self) -> Iterator[None]:
         """Errors of SQLite as one line that says what to do."""
         try:
             yield
@@ -186,7 +186,7 @@ class Store:
 
     def _fetched(self, query: str, values: tuple[object, ...] = ()) -> list[Any]:
         """The lines of a query."""
-        with self._said():
+        with self._errors_explained():
             return self._connection.execute(query, values).fetchall()
 
     def _id(self, table: str, columns: tuple[str, ...], values: tuple[object, ...]) -> int:

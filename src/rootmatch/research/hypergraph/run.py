@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.jit.threads import at_most
+from rootmatch.jit.threads import one_thread
 from rootmatch.research.hypergraph.protocol import DEFORMATION, SETTINGS, instance, tensor_of
 from rootmatch.research.hypergraph.report import Results, write
 from rootmatch.research.paper.settings import Method, Setting
@@ -62,7 +62,7 @@ def _triangles(setting: Setting) -> int:
 def evaluate(unit: Unit) -> list[Row]:
     """Rows of one seed: a tensor for each setting, all solvers on it, one thread."""
     rows = []
-    with at_most(1):
+    with one_thread():
         for task in unit.tasks:
             points = instance(task.setting, unit.seed)
             tensor = tensor_of(points, unit.seed)
@@ -93,7 +93,7 @@ def milliseconds(instances: int = TIMED_INSTANCES) -> dict[str, float]:
     setting = Setting(DEFORMATION, 0, TIMED_NOISE)
     tensors = [tensor_of(instance(setting, seed), seed) for seed in range(instances)]
     found = {}
-    with at_most(1):
+    with one_thread():
         for name, solver in SOLVERS.items():
             solver(tensors[0], seed=0)
             shortest = [

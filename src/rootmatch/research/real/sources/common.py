@@ -62,13 +62,7 @@ def opencv() -> Any:
 
 
 def photograph(path: Path) -> Any:
-    """A photograph in shades of grey, by OpenCV.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
+    """A photograph in shades of grey, by OpenCV; an `InputError` if there is none in the file."""
     cv2 = opencv()
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
