@@ -12,7 +12,7 @@ import numpy as np
 
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.reading import load_json, read_small_text
-from rootmatch.io.calibrations.values import said_of
+from rootmatch.io.calibrations.values import errors_at
 from rootmatch.io.csv_tables import write_table
 from rootmatch.io.exports import openxr_record, ros_record
 from rootmatch.io.outputs import write_text_whole
@@ -97,7 +97,7 @@ def _read_pose(path: Path, record: Any) -> Pose:
     missing = [name for name in ("R", "t", "covariance") if not isinstance(record, dict) or record.get(name) is None]
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing; give an object with R, t and covariance")
-    with said_of(path):
+    with errors_at(path):
         return Pose(record["R"], record["t"], record["covariance"])
 
 
