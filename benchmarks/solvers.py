@@ -14,7 +14,7 @@ import math
 import numba
 import numpy as np
 
-from rootmatch.jit.threads import at_most
+from rootmatch.jit.threads import one_thread
 from rootmatch.research.speed.contraction import contraction, planted
 from rootmatch.research.speed.timing import seconds
 from rootmatch.solvers import SOLVERS, MultiStartAscent
@@ -40,7 +40,7 @@ def all_solvers(repeats: int) -> dict[str, dict[str, float]]:
     """Each solver on 0.8 million nonzeros of the symmetric tensor of order 3, n = n' = 20, on one thread."""
     tensor, truth = planted(1, 20, 20, 3, 800_000 // math.factorial(3))
     found = {}
-    with at_most(1):
+    with one_thread():
         for name, solver in SOLVERS.items():
             solution = solver(tensor)
             found[name] = {

@@ -67,6 +67,7 @@ def kernels() -> list[dict[str, Any]]:
     from cuda_cases import CASES, case_tables
     from rootmatch.backends import cuda as backend
     from rootmatch.backends import cuda_contraction, cuda_float32
+    from rootmatch.jit.cuda import make_known
     from rootmatch.jit.float32 import rounded
     from rootmatch.problems.residual_dispatch import has_single
 
@@ -76,7 +77,7 @@ def kernels() -> list[dict[str, Any]]:
     i8, i4, flag = types.int64, types.int32, types.boolean
     indices, listed = array(2, i4), array(2, i8)
     wanted = {(case.problem, case.kind): case for case in CASES.values()}
-    backend.make_known()
+    make_known()
     made = []
     ptxas = assembler()
 

@@ -136,7 +136,7 @@ def test_loading_does_not_count_against_the_first_frame(folder: Path, monkeypatc
     source = read_points(folder / "model.csv", 3)
     problem = rm.P3P(rm.Camera(800.0, 780.0, 320.0, 240.0))
     job = frames.Job(source, problem, {"noise": 0.2, "max_seconds": 2.0})
-    (result,) = frames._matched(pickle.dumps(job), (Frame(0, frame(0)[0], np.arange(9)),))
+    (result,) = frames._matched(pickle.dumps(job), (Frame(0, frame(0)[0]),))
     assert loaded
     assert result[1] == "matched"
     assert not result[3]["stopped_early"]

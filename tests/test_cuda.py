@@ -16,6 +16,7 @@ import pytest
 
 import rootmatch as rm
 from cuda_cases import CASES, LIMITED, SINGLE, SOLVED, case_tables, given_hyperedges, random_tensor
+from rootmatch import backends
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.strongest import Enumeration, Strongest
 from rootmatch.hypergraph.affinity import affinity
@@ -203,10 +204,9 @@ class TestChoice:
 
     @pytest.mark.parametrize("slow", [False, True])
     def test_auto_screens_on_cards_slow_in_double(self, slow: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-        double, single = SimpleNamespace(SIMULATED=False), SimpleNamespace()
+        double, single = SimpleNamespace(SIMULATED=False), SimpleNamespace(pays=lambda: slow)
         monkeypatch.setattr(selection, "device_backend", lambda: double)
-        monkeypatch.setattr(selection, "_screening", lambda: single)
-        monkeypatch.setattr(selection, "_slow_in_double", lambda: slow)
+        monkeypatch.setattr(backends, "cuda_float32", single, raising=False)
         assert selection.chosen("auto", 1e12, True) is (single if slow else double)
         assert selection.chosen("auto", 1e12, False) is double
         assert selection.chosen("cuda", 1e12, True) is double

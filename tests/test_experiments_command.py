@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rootmatch.cli.app import app
-from rootmatch.research import progress
+from rootmatch.research import progress, sweep
 from rootmatch.research.paper import reproduce
 from rootmatch.research.paper.reproduce import Reproduction
 from rootmatch.research.paper.settings import Effort
@@ -110,7 +110,7 @@ def test_rho_is_scanned_for_the_problems_that_are_asked_for_alone(tmp_path, monk
     def chosen(*given):
         raise ChosenError
 
-    monkeypatch.setattr(reproduce, "run", lambda work, store, **options: scanned.extend(work))
+    monkeypatch.setattr(sweep, "run", lambda work, store, **options: scanned.extend(work))
     monkeypatch.setattr(reproduce, "choose", chosen)
     with pytest.raises(ChosenError):
         reproduce.reproduce(problems, tmp_path, effort=Effort(instances=2))

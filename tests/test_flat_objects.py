@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.report.html.content import Labels, report_content
+from rootmatch.report.html.content import report_content
 from rootmatch.report.json_record import match_record
 
 Floats = NDArray[np.float64]
@@ -83,7 +83,7 @@ def test_the_second_pose_is_in_the_record_and_on_the_page() -> None:
     (other,) = json.loads(json.dumps(match_record(match)))["other_poses"]
     assert other["probability"] == pytest.approx(match.other_poses[0][1])
     np.testing.assert_allclose(other["pose"]["R"], match.other_poses[0][0].R)
-    titles = [view["title"] for view in report_content([match], [Labels()], ["one"])["frames"][0]["views"]]
+    titles = [view["title"] for view in report_content(match)["views"]]
     assert titles[:2] == ["best", "other pose 1"]
 
 

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rootmatch.hypergraph.neighbourhood import one_change_neighbours
 from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
 from rootmatch.model.compiled.single_changes import gains_of_matches
 from test_compiled_model import PINHOLE, WEIGHTS, scene
+from test_neighbourhood import one_change_neighbours
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -8,7 +8,38 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rootmatch.hypergraph.neighbourhood import likely_changes, one_change_neighbours
+from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
+
+
+def one_change_neighbours(assignment: NDArray[np.int64], n_target: int, *, resize: bool = False) -> Changes:
+    """The assignments that differ by one change: a moved point, or two points with exchanged targets.
+
+    Listed in this order: a matched point moved to a free target; a matched point exchanged with another one, or its
+    target handed to an unmatched point.
+
+    Parameters
+    ----------
+    assignment : (n,) int64 array
+        −1 where unmatched.
+    n_target : int
+    resize : bool
+        Also changes of how many points are matched: an unmatched point to a free target, and, after all moves, a
+        matched point that becomes unmatched.
+    """
+    matched = assignment >= 0
+    free = np.ones(n_target, np.bool_)
+    free[assignment[matched]] = False
+    source, target = np.nonzero((matched | resize)[:, None] & free)
+    dropped = np.flatnonzero(matched & resize)
+    every = np.arange(len(assignment))
+    first, second = np.nonzero(matched[:, None] & (~matched | (every[:, None] < every)))
+    none = np.full(len(source) + len(dropped), -1)
+    return Changes(
+        np.concatenate([source, dropped, first]),
+        np.concatenate([target, none[: len(dropped)], assignment[second]]),
+        np.concatenate([none, second]),
+        np.concatenate([none, assignment[first]]),
+    )
 
 
 def one_to_one(n: int, n_target: int) -> list[tuple[int, ...]]:

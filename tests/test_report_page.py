@@ -13,7 +13,6 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.errors import InputError
-from rootmatch.report.html import write_sequence_report
 from rootmatch.simulation import p3p_scene
 
 pytest.importorskip("plotly")
@@ -51,10 +50,10 @@ def test_the_page_holds_the_match(scene: Any, match: rm.Match, tmp_path: Path) -
     page = tmp_path / "report.html"
     match.report(page, truth=scene.truth, title="eight points")
     content = content_of(page)
-    view = content["frames"][0]["views"][0]
+    view = content["views"][0]
     assert view["assignment"] == match.assignment.tolist()
     assert view["wrong"] == ((match.assignment >= 0) & (match.assignment != scene.truth)).tolist()
-    assert content["frames"][0]["status"] == match.status.name.lower()
+    assert content["status"] == match.status.name.lower()
     pose = match.poses[0]
     for point, where in zip(pose.points, pose.predicted, strict=True):
         np.testing.assert_allclose(view["predicted"][point], where)
@@ -92,7 +91,7 @@ def test_names_are_text(match: rm.Match, tmp_path: Path) -> None:
 def test_alternatives_say_what_differs(ambiguous: rm.Match, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     ambiguous.report(page)
-    views = content_of(page)["frames"][0]["views"]
+    views = content_of(page)["views"]
     assert len(views) > 1
     for view, (other, _) in zip(views[1:], ambiguous.alternatives, strict=False):
         assert view["assignment"] == other.tolist()
@@ -109,8 +108,8 @@ def test_every_kind_of_problem_is_drawn(tmp_path: Path) -> None:
     moved = rm.match(model, model + 0.001 * rng.normal(size=(6, 3)), rm.Rigid(3), noise=(0.0, 0.001))
     moved.report(tmp_path / "moved.html")
     content = content_of(tmp_path / "moved.html")
-    assert (content["sourceSide"]["title"], content["frames"][0]["side"]["title"]) == ("Source", "Target")
-    assert len(content["frames"][0]["views"][0]["predicted"][0]) == 3
+    assert (content["sourceSide"]["title"], content["targetSide"]["title"]) == ("Source", "Target")
+    assert len(content["views"][0]["predicted"][0]) == 3
 
 
 def test_a_photograph_lies_behind_the_image(match: rm.Match, tmp_path: Path) -> None:
@@ -118,7 +117,7 @@ def test_a_photograph_lies_behind_the_image(match: rm.Match, tmp_path: Path) -> 
 
     Image.new("RGB", (640, 480), (10, 20, 30)).save(tmp_path / "photo.png")
     match.report(tmp_path / "report.html", photo=tmp_path / "photo.png")
-    side = content_of(tmp_path / "report.html")["frames"][0]["side"]
+    side = content_of(tmp_path / "report.html")["targetSide"]
     assert side["photo"].startswith("data:image/png;base64,")
     assert side["photoSize"] == [640, 480]
     low, high = side["extent"][:2], side["extent"][2:]
@@ -169,8 +168,6 @@ def test_what_is_no_page_is_refused(match: rm.Match, tmp_path: Path) -> None:
         match.report(tmp_path / "report.pdf")
     with pytest.raises(InputError, match="does not exist"):
         match.report(tmp_path / "nowhere" / "report.html")
-    with pytest.raises(InputError, match="at least one"):
-        write_sequence_report([], tmp_path / "report.html")
 
 
 # In a browser
@@ -260,19 +257,6 @@ def test_points_fill_the_view_however_far_the_camera(browser: Any, tmp_path: Pat
     assert browser.execute_script(span) > 10.0
     keys = browser.find_element("id", "target-key").text
     assert "predicted by the pose" in keys
-    assert errors(browser) == []
-
-
-def test_the_slider_goes_through_the_frames(browser: Any, scene: Any, match: rm.Match, tmp_path: Path) -> None:
-    moved = rm.match(scene.source, scene.target + 3.0, scene.problem, noise=0.5)
-    write_sequence_report([match, moved], tmp_path / "report.html", names=["first", "second"])
-    opened(browser, tmp_path / "report.html")
-    browser.execute_script(
-        "const f = document.getElementById('frame'); f.value = 1; f.dispatchEvent(new Event('input'))"
-    )
-    assert browser.find_element("id", "frame-label").text.startswith("second")
-    x = browser.execute_script("return document.getElementById('target').data.at(-1).x[0]")
-    assert x == pytest.approx(scene.target[0, 0] + 3.0)
     assert errors(browser) == []
 
 

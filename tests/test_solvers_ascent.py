@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.neighbourhood import one_change_neighbours
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent
 from rootmatch.solvers.alternatives import best_neighbours
@@ -16,6 +15,7 @@ from rootmatch.solvers.ascent.assignment_state import change
 from rootmatch.solvers.ascent.climb import climb, state_of
 from rootmatch.solvers.ascent.subset_index import build_index, ranked_hyperedges
 from solver_oracles import assignments, best_score, naive_support, objective, planted, random_edges
+from test_neighbourhood import one_change_neighbours
 
 
 def random_tensor(seed, n, n_target, order, count, unary=False):

@@ -17,12 +17,10 @@ import numpy as np
 from numba import cuda
 from numpy.typing import NDArray
 
-from rootmatch.backends.cpu import decode as decode
 from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest, strongest_of
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
-from rootmatch.jit.cuda import SIMULATED as SIMULATED
-from rootmatch.jit.cuda import make_known as make_known
+from rootmatch.jit.cuda import SIMULATED, make_known
 from rootmatch.jit.float32 import is_single
 from rootmatch.problems.residual_dispatch import (
     PANEL_ROWS,
@@ -180,14 +178,8 @@ def launch(kernel: Any, *arguments: Any) -> None:
         ) from error
 
 
-def residuals(
-    tables: Any, kind: Any, source_index: NDArray[np.integer], target_index: NDArray[np.integer]
-) -> NDArray[np.float64]:
-    """Residuals (E,) of hyper-edges given as index arrays (E, d)."""
-    return _listed(on_device(tables), kind, source_index, target_index)
-
-
 def _listed(tables: Any, kind: Any, source_index: NDArray[Any], target_index: NDArray[Any]) -> NDArray[np.float64]:
+    """Residuals (E,) of hyper-edges given as index arrays (E, d), by tables on the card."""
     values = np.empty(len(source_index))
     for first in range(0, len(values), LISTED):
         part = slice(first, first + LISTED)

@@ -56,37 +56,21 @@ def chosen(name: Name, count: float, single: bool = False) -> Backend:
     InputError
         If there is no GPU.
     """
-    if name == "cuda-float32":
-        device_backend()
-        return _screening()
-    if name == "cuda":
-        return device_backend()
-    if name == "auto" and count >= PAYS:
-        try:
-            backend: Any = device_backend()
-        except (InputError, ImportError):
+    if name == "cpu" or (name == "auto" and count < PAYS):
+        return cpu
+    try:
+        backend = device_backend()
+    except (InputError, ImportError):
+        if name == "auto":
             return cpu
-        # a simulated card is slower than anything
-        if backend.SIMULATED:
-            return cpu
-        if single and _slow_in_double():
-            return _screening()
-        return device_backend()
-    return cpu
-
-
-def _screening() -> Backend:
-    """The backend that screens in single precision, where there is a card."""
+        raise
+    if name == "auto" and getattr(backend, "SIMULATED", False):  # slower than anything
+        return cpu
+    if name == "cuda" or (name == "auto" and not single):
+        return backend
     from rootmatch.backends import cuda_float32
 
-    return cuda_float32
-
-
-def _slow_in_double() -> bool:
-    """Whether the card is one on which that pays."""
-    from rootmatch.backends import cuda_float32
-
-    return cuda_float32.pays()
+    return cuda_float32 if name == "cuda-float32" or cuda_float32.pays() else backend
 
 
 def placed(tensor: AffinityTensor, backend: Any) -> AffinityTensor:

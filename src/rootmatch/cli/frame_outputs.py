@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from rootmatch.io.pose_files import IN_SPACE, covariance_columns, pose_record, upper_triangle
+from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite, pose_record, upper_triangle
 from rootmatch.report.text import match_weights
 
 if TYPE_CHECKING:
@@ -19,12 +20,17 @@ COVARIANCES = tuple(covariance_columns(IN_SPACE))
 MATCH_COLUMNS = ("frame", "source", "target", "weight", "motion")
 
 
+def counted(statuses: Counter[str]) -> str:
+    """How many results have each status, in words."""
+    return ", ".join(f"{statuses[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
+
+
 def pose_rows(frame: int, match: Match) -> list[list[Any]]:
     """A row for each body of a frame: its status, and its pose where it is known."""
     each: list[tuple[Any, Match]] = [("", match)] if match.bodies is None else list(match.bodies.items())
     rows = []
     for label, one in each:
-        probability = "" if one.finding.probability is None else float(one.finding.probability)
+        probability = finite(one.finding.probability)
         told = [frame, label, one.status.name.lower(), probability, int((one.assignment >= 0).sum())]
         rows.append([*told, *_cells(_pose(one))])
     return rows
@@ -48,7 +54,7 @@ def _body_record(match: Match, state: TrackingState) -> dict[str, Any]:
     return {
         "status": match.status.name.lower(),
         "state": state.name.lower(),
-        "probability": None if match.finding.probability is None else float(match.finding.probability),
+        "probability": finite(match.finding.probability),
         "pairs": match.pairs.tolist(),
         "pose": None if pose is None else pose_record(pose),
     }

@@ -98,7 +98,7 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
     Frames that an earlier run has written are left out where ``outputs`` resumes.
     """
     from rootmatch.cameras.rig import rig_of
-    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS
+    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, counted
     from rootmatch.io import is_standard_output
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import read_frames
@@ -126,10 +126,10 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
             count[status] += 1
             if outputs.as_json:
                 print(json.dumps(record, allow_nan=False), flush=True)
-    text = ", ".join(f"{count[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
     before = f", {len(done)} done before" if done else ""
     rows_printed = any(map(is_standard_output, outputs.paths.values()))
-    print(f"{count.total()} frames: {text}{before}", file=sys.stderr if outputs.as_json or rows_printed else sys.stdout)
+    summary = f"{count.total()} frames: {counted(count)}{before}"
+    print(summary, file=sys.stderr if outputs.as_json or rows_printed else sys.stdout)
     return count.total() == count["matched"]
 
 
@@ -180,14 +180,14 @@ def _settings(job: Job) -> dict[str, str]:
 
     source = job.source
     model = hashlib.sha256(repr((source.points.tolist(), source.names, source.bodies)).encode()).hexdigest()
-    options = {flag(name): _told(value) for name, value in sorted(job.options.items()) if name != "bodies"}
+    options = {flag(name): _setting_text(value) for name, value in sorted(job.options.items()) if name != "bodies"}
     if job.known:
         rows = sorted(repr(item) for item in job.known.items())
         options["--known"] = hashlib.sha256(repr(rows).encode()).hexdigest()
-    return {"rootmatch": __version__, "model": model, "--problem": _told(job.problem), **options}
+    return {"rootmatch": __version__, "model": model, "--problem": _setting_text(job.problem), **options}
 
 
-def _told(value: Any) -> str:
+def _setting_text(value: Any) -> str:
     """A setting as text, arrays and long ones as a digest."""
     import numpy as np
 
@@ -198,13 +198,13 @@ def _told(value: Any) -> str:
 def _matched(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
     """Results of some frames, in a process of its own or in this one."""
     from rootmatch.cli.frame_outputs import match_rows, pose_rows
-    from rootmatch.jit.threads import at_most
+    from rootmatch.jit.threads import one_thread
     from rootmatch.report.json_record import match_record
 
     worker = _worker(packed)
     job, matcher = worker.job, worker.matcher
     results = []
-    with at_most(1):
+    with one_thread():
         if not worker.loaded and job.options.get("max_seconds") is not None:
             _load(job, frames[0])
             worker.loaded = True

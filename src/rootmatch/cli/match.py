@@ -13,7 +13,7 @@ from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs, Job, match_frames
 from rootmatch.cli.match_outputs import Outputs, print_match
 from rootmatch.cli.noise import Noise, noise_option
-from rootmatch.cli.problem_options import angle, build_problem, flag
+from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError, quoted
 
@@ -76,47 +76,54 @@ def match(
 
     Exit code 0: matched; 1: untrusted or ambiguous (the best match is still printed); 2: bad input; 130: interrupted.
     """
-    problem_options: dict[str, str | float | int | None] = {
-        "camera": camera,
-        "vertical_camera": vertical_camera,
-        "vertical_world": vertical_world,
-        "vertical_noise": vertical_noise,
-        "camera2": camera2,
-        "axis": axis,
-        "axis2": axis2,
-        "axis_noise": axis_noise,
-        "centre": centre,
-        "dimension": dimension,
-    }
     from rootmatch import io
+    from rootmatch.cameras.rig import rig_of
     from rootmatch.io.frame_files import has_frames
 
-    if has_frames(image):
-        lone = {"candidates": candidates, "plot": plot, "photo": photo, "truth": truth, "pose_format": pose_format}
-        lone |= {"prior": prior, "report": report}
+    of_many = has_frames(image)
+    if of_many:
+        lone: dict[str, Any] = {
+            "candidates": candidates,
+            "plot": plot,
+            "photo": photo,
+            "truth": truth,
+            "pose_format": pose_format,
+        }
+        lone |= {"prior": prior, "report": report, "diagnose": diagnose or None}
         refused = [name for name, value in lone.items() if value is not None]
         if refused:
             raise InputError(
                 f"{flag(refused[0])}: it applies to one image, but {image} has a column frame; leave it out"
             )
-        if diagnose:
-            raise InputError(f"--diagnose: it applies to one image, but {image} has a column frame; leave it out")
         if str(image) == "-":
             raise InputError("-: standard input is read by `rootmatch track`; give a file")
     elif jobs is not None or resume:
         raise InputError(f"{'--resume' if jobs is None else '--jobs'}: {image} is one image; many have a column frame")
     outputs = Outputs(output=output, poses=poses, pose_format=pose_format, plot=plot, report=report, photo=photo)
-    many = FrameOutputs(output, poses, as_json, resume)
+    frame_outputs = FrameOutputs(output, poses, as_json, resume)
     cameras = [io.camera_file(text) for text in (camera, camera2) if text is not None]
     inputs = [path for path in (model, image, *cameras, truth, candidates, photo, prior, known) if path is not None]
-    if has_frames(image):
-        many.check(inputs)
+    if of_many:
+        frame_outputs.check(inputs)
     else:
         outputs.check(str(problem), inputs, as_json)
-    posed = build_problem(str(problem), problem_options)
-    from rootmatch.cameras.rig import rig_of
-
-    if rig_of(posed) is not None:
+    posed = build_problem(
+        str(problem),
+        {
+            "camera": camera,
+            "vertical_camera": vertical_camera,
+            "vertical_world": vertical_world,
+            "vertical_noise": vertical_noise,
+            "camera2": camera2,
+            "axis": axis,
+            "axis2": axis2,
+            "axis_noise": axis_noise,
+            "centre": centre,
+            "dimension": dimension,
+        },
+    )
+    of_rig = rig_of(posed) is not None
+    if of_rig:
         for name, path in (("plot", plot), ("report", report)):
             if path is not None:
                 raise InputError(f"{flag(name)}: it cannot show the several images of a rig; use --json or --output")
@@ -125,56 +132,52 @@ def match(
     posed = posed.for_points(source.points)
     if source.bodies is not None and motions != "1":
         raise InputError(f"--motions: {model} has a column body, which says which points move together; leave it out")
-    plain: dict[str, Any] = {
-        "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
-        "detection_rate": detection_rate,
-        "resolution": resolution,
-        "min_probability": min_probability,
-        "sampler": sampler,
-        "samples": samples,
-        "residual": residual,
-        "rho": rho,
-        "solver": solver,
-        "max_evaluations": max_evaluations,
-        "max_hyperedges": max_hyperedges,
-        "max_seconds": max_seconds,
-        "backend": backend,
-        "preset": preset.value if preset else None,
-        "bodies": source.bodies,
-    }
-    plain = {name: value for name, value in plain.items() if value is not None}
     if prior is not None and known is not None:
         raise InputError("--known: --prior is given, which says the whole pose; leave one of them out")
     priors = {} if known is None else io.read_known(known)
     given_noise = Noise(noise_option(noise), source.sigma, model, image, problem=posed, given_source=source_noise)
-    if given_noise.of_source is not None:
-        plain["source_noise"] = given_noise.of_source
-    if has_frames(image):
-        settings = {
-            "noise": given_noise.of(None),
-            "seed": seed,
-            "motions": _motions(motions),
-            "normals": source.normals if normals else None,
-        }
-        subjects = {name: flag(name) for name in (*plain, *settings)} | {"source": str(model), "bodies": str(model)}
+    options = option.given_options(
+        source,
+        given_noise,
+        view_angle=view_angle,
+        detection_rate=detection_rate,
+        resolution=resolution,
+        min_probability=min_probability,
+        sampler=sampler,
+        samples=samples,
+        residual=residual,
+        rho=rho,
+        solver=solver,
+        max_evaluations=max_evaluations,
+        max_hyperedges=max_hyperedges,
+        max_seconds=max_seconds,
+        backend=backend,
+        preset=preset.value if preset else None,
+    )
+    settings = {"seed": seed, "motions": _motions(motions), "normals": source.normals if normals else None}
+    if of_many:
+        settings["noise"] = given_noise.of(None)
+        subjects = {name: flag(name) for name in (*options, *settings)} | {"source": str(model), "bodies": str(model)}
         with option_names_in_errors(subjects):
-            job = Job(source, posed, plain | settings, given_noise, priors)
-            if not match_frames(job, image, many, 1 if jobs is None else jobs, scheduler):
+            job = Job(source, posed, options | settings, given_noise, priors)
+            if not match_frames(job, image, frame_outputs, 1 if jobs is None else jobs, scheduler):
                 raise typer.Exit(NOT_TRUSTED)
         return
-    of_rig = rig_of(posed) is not None
     target = io.read_points(image, posed.target_dimension, posed.order, of_rig=of_rig, of_image=True)
     if prior is not None and target.known is not None:
         raise InputError(f"--prior: {image} has columns of what is known of the pose; leave one of them out")
     true = io.read_truth(truth, source, target) if truth else None
-    options = plain | {
+    predicted = (
+        io.prior_of_frame(priors, here=target.known)
+        if prior is None
+        else io.read_prior(prior, source.bodies is not None)
+    )
+    of_image = {
         "scheduler": scheduler,
         "candidates": io.read_candidates(candidates, source, target) if candidates else None,
-        "prior": io.prior_of_frame(priors, here=target.known),
+        "prior": predicted,
     }
-    if prior is not None:
-        options["prior"] = io.read_prior(prior, source.bodies is not None)
-    options = {name: value for name, value in options.items() if value is not None}
+    options |= {name: value for name, value in of_image.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise", "motions", "seed")}
     with (
         option_names_in_errors({"source": str(model), "target": str(image), **subjects, "bodies": str(model)}),
@@ -182,17 +185,8 @@ def match(
     ):
         from rootmatch.api import match as find
 
-        found = find(
-            source.points,
-            target.points,
-            posed,
-            noise=given_noise.of(target.sigma),
-            seed=seed,
-            motions=_motions(motions),
-            normals=source.normals if normals else None,
-            progress=show,
-            **options,
-        )
+        noise_of_image = given_noise.of(target.sigma)
+        found = find(source.points, target.points, posed, noise=noise_of_image, progress=show, **settings, **options)
     outputs.write(found, source, target, true)
     print_match(
         found=found,
@@ -216,4 +210,4 @@ def _motions(text: str) -> Any:
     try:
         return int(text)
     except ValueError:
-        raise InputError(f"motions: {quoted(text)} given; give a whole number of at least 1, or auto") from None
+        raise InputError(f"--motions: {quoted(text)} given; give a whole number of at least 1, or auto") from None

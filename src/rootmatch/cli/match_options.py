@@ -1,15 +1,19 @@
-"""Options and arguments of ``rootmatch match``: types, help texts and panels; defaults are in `match`."""
+"""Options and arguments of ``rootmatch match`` and ``track``: types, help texts and panels; defaults are there."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rootmatch.cli.problem_options import ProblemName
+from rootmatch.cli.noise import Noise as StatedNoise
+from rootmatch.cli.problem_options import ProblemName, angle
+
+if TYPE_CHECKING:
+    from rootmatch.io import PointSet
 
 INPUT, OUTPUT, METHOD = "Points and cameras", "Output", "Method"
 
@@ -27,6 +31,17 @@ def options_of(panel: str) -> Callable[..., Any]:
 
 
 points, method, output = map(options_of, (INPUT, METHOD, OUTPUT))
+
+
+def given_options(source: PointSet, noise: StatedNoise, *, view_angle: float | None, **others: Any) -> dict[str, Any]:
+    """The options of `rootmatch.Matcher` that are given: ``view_angle`` in radians, and those of the model's file."""
+    options = {
+        "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
+        "bodies": source.bodies,
+        "source_noise": noise.of_source,
+        **others,
+    }
+    return {name: value for name, value in options.items() if value is not None}
 
 
 class PresetName(StrEnum):

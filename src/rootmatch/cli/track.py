@@ -12,7 +12,7 @@ from contextlib import ExitStack, closing
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -21,7 +21,7 @@ from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs
 from rootmatch.cli.noise import Noise, noise_option
-from rootmatch.cli.problem_options import angle, build_problem, flag
+from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.surroundings import leaves
 from rootmatch.errors import InputError
 
@@ -85,13 +85,8 @@ def track(
     Exit code 0: something was matched; 1: nothing in any frame; 2: bad input; 130: interrupted, and rows written so
     far are kept.
     """
-    given: dict[str, str | float | int | None] = {
-        "camera": camera,
-        "vertical_camera": vertical_camera,
-        "vertical_world": vertical_world,
-        "vertical_noise": vertical_noise,
-    }
     from rootmatch import io
+    from rootmatch.cameras.rig import rig_of
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import STANDARD_INPUT, read_frames
 
@@ -103,12 +98,20 @@ def track(
     if not as_json and poses is None and output is not None and io.is_standard_output(output):
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
     given_noise = noise_option(noise)
-    posed = build_problem(str(problem), given)
-    from rootmatch.cameras.rig import rig_of
+    posed = build_problem(
+        str(problem),
+        {
+            "camera": camera,
+            "vertical_camera": vertical_camera,
+            "vertical_world": vertical_world,
+            "vertical_noise": vertical_noise,
+        },
+    )
     from rootmatch.cli.frame_outputs import (
         COVARIANCES,
         MATCH_COLUMNS,
         POSE_COLUMNS,
+        counted,
         frame_record,
         match_rows,
         pose_rows,
@@ -118,19 +121,18 @@ def track(
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)
     priors = {} if known is None else io.read_known(known)
-    options: dict[str, Any] = {
-        "normals": source.normals if normals else None,
-        "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
-        "detection_rate": detection_rate,
-        "resolution": resolution,
-        "min_probability": min_probability,
-        "max_seconds": max_seconds,
-        "bodies": source.bodies,
-        "seed": seed,
-    }
     noises = Noise(given_noise, source.sigma, model, frames, problem=posed, given_source=source_noise)
-    options["source_noise"] = noises.of_source
-    options = {name: value for name, value in options.items() if value is not None}
+    options = option.given_options(
+        source,
+        noises,
+        view_angle=view_angle,
+        normals=source.normals if normals else None,
+        detection_rate=detection_rate,
+        resolution=resolution,
+        min_probability=min_probability,
+        max_seconds=max_seconds,
+        seed=seed,
+    )
     subjects = {name: flag(name) for name in (*options, "noise")}
     header = (*POSE_COLUMNS, *COVARIANCES, "time")
     count: Counter[str] = Counter()
@@ -174,8 +176,7 @@ def track(
             if len(times) < FIRST_FRAMES:
                 times.append(when)
     _warn_of_slow_frames(times, None if timed else rate or RATE)
-    text = ", ".join(f"{count[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
-    print(f"rootmatch: {text}", file=sys.stderr)
+    print(f"rootmatch: {counted(count)}", file=sys.stderr)
     if not count["matched"]:
         raise typer.Exit(NOT_TRUSTED)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rootmatch.derivation.instances import Instance
 from rootmatch.errors import RootmatchError
 from rootmatch.problems.derived.evaluator import Evaluator
+from rootmatch.problems.derived.text import root_order
 
 Floats = NDArray[np.float64]
 Order = tuple[int, ...]
@@ -85,7 +86,7 @@ class Judge:
                 return kept
         return self.m - 1
 
-    def wrong_sets_disagree(self, rng: np.random.Generator, surplus: int | None = None) -> None:
+    def wrong_sets_disagree(self, rng: np.random.Generator, surplus: int | None) -> None:
         """Refuse a polynomial whose resultant vanishes for any points.
 
         ``surplus``: constraints of a minimal set beyond those that determine its unknowns, where they are known.
@@ -113,13 +114,9 @@ class Judge:
                 "state the equations otherwise, or eliminate in another order"
             )
 
-    def base(self, order: Order) -> Order:
-        """Order of the first correspondences that a constraint's root comes from, where not all share it."""
-        return (*order[:-1], *(k for k in self.first if k not in order[:-1]))
-
     def gradients(self, order: Order, shared: int) -> list[Floats]:
         """Unit derivative of a constraint in all noise, for each case; the root of its own minimal set moves."""
-        base = self.base(order) if shared else self.first
+        base = root_order(order) if shared else self.first
         roots = np.array(self.truth)
         if base != self.first:
             roots = np.array([self._partner(case, base, order) for case in self.cases])

@@ -224,6 +224,7 @@ def _derive(
     from rootmatch.derivation.relations import relation_texts
     from rootmatch.derivation.spurious import without_spurious
     from rootmatch.problems.derived.evaluator import Evaluator
+    from rootmatch.problems.derived.text import root_order
 
     rng = np.random.default_rng(0)
     x = statement.shared
@@ -257,7 +258,7 @@ def _derive(
         texts, relations, arguments = relation_texts(statement, leaves, judge, orders)
         made.functions += texts
         # without a relation to the first root a constraint's own root cannot be told among several
-        orders = tuple(o for o in orders if o == judge.swept or judge.base(o) in relations)
+        orders = tuple(o for o in orders if o == judge.swept or root_order(o) in relations)
     made.plan |= {
         "key": key,
         "shared": shared,

@@ -38,7 +38,7 @@ def draft(
     coefficients: Sequence[Expr],
     value: Expr,
     x: Expr,
-    positive: Sequence[Expr] = (),
+    positive: Sequence[Expr],
 ) -> Draft:
     """Functions for the polynomial Σ c_k x^k, coefficients given highest degree first, and its value at x.
 
@@ -76,9 +76,9 @@ def draft(
         "source": leaves.source.key,
         "target": leaves.target.key,
         "leaves": {kind: len(functions) for kind, functions in leaves.functions.items()},
-        "arguments": [_use(leaves, symbol) for symbol in arguments],
+        "arguments": [leaves.uses[symbol].entry for symbol in arguments],
         "noisy": noisy,
-        "positive": [_use(leaves, symbol) for symbol in conditions],
+        "positive": [leaves.uses[symbol].entry for symbol in conditions],
         "conditions": len(positive),
         **row_plan,
     }
@@ -90,11 +90,6 @@ def _sweeping(leaves: Leaves, definitions: dict[Expr, Expr], conditions: Sequenc
     program = Program(definitions)
     last = leaves.minimal - 1
     return [c for c in conditions if any(last in leaves.uses[s].slots for s in program.inputs(c) & leaves.uses.keys())]
-
-
-def _use(leaves: Leaves, symbol: Expr) -> tuple[str, int, tuple[int, ...]]:
-    use = leaves.uses[symbol]
-    return use.kind, use.index, use.slots
 
 
 def _noisy(leaves: Leaves, symbol: Expr) -> bool:
@@ -167,18 +162,18 @@ def _row(leaves: Leaves, split: Hoisted, x: Expr) -> tuple[dict[str, Any], list[
     ]
     row = [split.coefficients[-1 - power][split.monomials[m]] for power, m in coefficients]
     plan = {
-        "last": [_use(leaves, symbol) for symbol in split.last],
+        "last": [leaves.uses[symbol].entry for symbol in split.last],
         "monomials": split.monomials,
-        "row_last": [_use(leaves, symbol) for symbol in split.row],
+        "row_last": [leaves.uses[symbol].entry for symbol in split.row],
         "row_monomials": row_monomials,
         "terms": [(m, row_monomials.index(powers)) for m, powers, _ in terms],
-        "stem": [_use(leaves, symbol) for symbol in stem],
+        "stem": [leaves.uses[symbol].entry for symbol in stem],
         "sign_terms": [(r, m, row_monomials.index(powers)) for r, m, powers, _ in signs],
-        "sign_stem": [_use(leaves, symbol) for symbol in sign_inputs],
+        "sign_stem": [leaves.uses[symbol].entry for symbol in sign_inputs],
         "slopes": [n for n, _ in direct],
         "couplings": [(k, n) for k, n, _ in couplings],
         "inner": [(k, place) for k, place, _ in inner],
-        "hoisted": [_use(leaves, symbol) for symbol in hoisted],
+        "hoisted": [leaves.uses[symbol].entry for symbol in hoisted],
         "row": coefficients,
     }
     texts = [
@@ -217,7 +212,7 @@ def _middle(leaves: Leaves, program: Program, parts: Sequence[Expr]) -> list[Exp
 
 
 def _leaf_texts(leaves: Leaves, row: dict[str, Any], arguments: Sequence[Expr]) -> list[str]:
-    used = {_use(leaves, symbol)[:2] for symbol in arguments}
+    used = {leaves.uses[symbol].entry[:2] for symbol in arguments}
     used |= {
         tuple(use[:2]) for use in (*row["hoisted"], *row["last"], *row["stem"], *row["row_last"], *row["sign_stem"])
     }

@@ -80,7 +80,7 @@ class Solver:
             for slot, column in enumerate(points[side]):
                 slot_of |= {symbol: slot if k < own else COMMON for k, symbol in enumerate(column)}
         base = statement.build(points["s"][:m], points["t"][:m])
-        self.places = places_of(base, [*statement.unknowns, statement.shared], slot_of, self._local())
+        self.places = places_of(base, [*statement.unknowns, statement.shared], slot_of, statement.places_of_copies)
         equations: dict[Expr, None] = {}
         self.of_first = 0
         """Number of equations of the first minimal set."""
@@ -101,14 +101,10 @@ class Solver:
             expressions.append(sum(s**2 for s in zero) - 1)
         self.function = sp.lambdify([self.unknowns, measured], expressions, "numpy", cse=True)
 
-    def _local(self) -> dict[Expr, int]:
-        statement = self.statement
-        return {copy: place for place in range(statement.minimal) for copy in statement.copies(place).values()}
-
     def copy(self, symbol: Expr, chosen: tuple[int, ...]) -> Expr:
         """The copy of an unknown in the minimal set of the chosen correspondences."""
         places = self.places[symbol]
-        base = symbol.name.split("__")[0] if symbol in self._local() else symbol.name
+        base = symbol.name.split("__")[0] if symbol in self.statement.places_of_copies else symbol.name
         belongs = places if len(places) < self.statement.minimal else ()
         return sp.Symbol("__".join([base, *(str(chosen[k]) for k in belongs)]) + "__")
 

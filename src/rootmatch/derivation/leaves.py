@@ -32,6 +32,11 @@ class Use:
     slots: tuple[int, ...]
 
     @property
+    def entry(self) -> tuple[str, int, tuple[int, ...]]:
+        """The use as the plan of a generated module has it."""
+        return self.kind, self.index, self.slots
+
+    @property
     def name(self) -> str:
         """Name of its symbol, also in generated code."""
         return f"{self.kind}{self.index}_{''.join(map(str, self.slots))}"
@@ -183,7 +188,7 @@ class Leaves:
             groups: dict[tuple[tuple[str, int], ...], list[Expr]] = {}
             for part in expression.args:
                 if self.measured(part) and not (part.free_symbols & unknowns) and self.tabulated(part):
-                    groups.setdefault(part_key(self, part), []).append(part)
+                    groups.setdefault(tuple(sorted(self.points_of(part))), []).append(part)
                 else:
                     rest.append(self.abstract(part, unknowns))
             joined = self._joined(list(groups.values()), expression.func)
@@ -203,11 +208,6 @@ class Leaves:
             else:
                 merged.append(list(group))
         return merged
-
-
-def part_key(leaves: Leaves, part: Expr) -> tuple[tuple[str, int], ...]:
-    """The points of a part, to gather parts of the same points."""
-    return tuple(sorted(leaves.points_of(part)))
 
 
 def _ratio(one: Expr, other: Expr) -> Expr | None:

@@ -18,8 +18,9 @@ from rootmatch.derivation.leaves import Leaves
 from rootmatch.derivation.statement import Statement, places_of
 from rootmatch.derivation.straight_line import Program, function_text
 from rootmatch.errors import InputError
+from rootmatch.problems.derived.text import Use, root_order
 
-Uses = tuple[tuple[str, int, tuple[int, ...]], ...]
+Uses = tuple[Use, ...]
 
 
 def relation_texts(
@@ -29,7 +30,7 @@ def relation_texts(
     texts: list[str] = []
     counts: dict[Order, int] = {}
     arguments: dict[Order, Uses] = {}
-    for base in dict.fromkeys(judge.base(order) for order in orders):
+    for base in dict.fromkeys(root_order(order) for order in orders):
         if base == judge.first:
             continue
         try:
@@ -48,8 +49,7 @@ def _relation(statement: Statement, leaves: Leaves, base: Order) -> tuple[str, U
     x = statement.shared
     slot_of = leaves.slots()
     first = statement.build(X, u)
-    local = {copy: place for place in range(m) for copy in statement.copies(place).values()}
-    places = places_of(first, [*statement.unknowns, x], slot_of, local)
+    places = places_of(first, [*statement.unknowns, x], slot_of, statement.places_of_copies)
     other = statement.build([X[k] for k in base], [u[k] for k in base])
     y = sp.Symbol(f"{x.name}__other")
     # an unknown of correspondence k in the first order is that of the same correspondence in the other
@@ -81,6 +81,6 @@ def _relation(statement: Statement, leaves: Leaves, base: Order) -> tuple[str, U
     )
     return (
         text,
-        tuple((leaves.uses[s].kind, leaves.uses[s].index, leaves.uses[s].slots) for s in uses),
+        tuple(leaves.uses[symbol].entry for symbol in uses),
         len(polynomials),
     )

@@ -66,9 +66,14 @@ class Statement:
         return {symbol: sp.Symbol(f"{symbol.name}__{place}") for symbol in self.local}
 
     @property
+    def places_of_copies(self) -> dict[Expr, int]:
+        """The copies of local unknowns in a minimal set, each with its place."""
+        return {copy: place for place in range(self.minimal) for copy in self.copies(place).values()}
+
+    @property
     def unknowns(self) -> list[Expr]:
         """All that is to be eliminated from a minimal set."""
-        return [*self.eliminate, *(copy for place in range(self.minimal) for copy in self.copies(place).values())]
+        return [*self.eliminate, *self.places_of_copies]
 
     def _expressions(self, name: str, function: Equations, X: Any, u: Any) -> list[Expr]:
         """The result of the user's function for some points, as a flat list.

@@ -9,7 +9,7 @@ from rootmatch.jit.decorators import driver, part
 
 @part
 def _listed(columns, gain, count, change, value):  # type: ignore[no-untyped-def]
-    """Write a change down if there is room; the number of changes with it."""
+    """Enter a change if there is room; returns the number of changes with it."""
     if count < gain.size:
         for column in range(4):
             columns[column, count] = change[column]
@@ -56,7 +56,6 @@ def listed_changes(assignment, gains, least, columns, gain):  # type: ignore[no-
 def list_changes(assignment, gains, least, columns, gain):  # type: ignore[no-untyped-def]
     """Fill in the changes (4, C) whose gain is above ``least``, and those gains (C,), as far as there is room.
 
-    How many there are. In the order of `neighbourhood.one_change_neighbours`: points moved to free targets, points that
-    become unmatched, targets handed to unmatched points, targets exchanged.
+    Returns how many there are, in the order of `rootmatch.hypergraph.neighbourhood.likely_changes`.
     """
     return listed_changes(assignment, gains, least, columns, gain)

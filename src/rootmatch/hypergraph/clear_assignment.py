@@ -12,10 +12,11 @@ INVALID, UNCLEAR, CLEAR = 0, 1, 2
 
 @driver(nogil=True)
 def assign_clear(soft, assignment, taken):  # type: ignore[no-untyped-def]
-    """Fill in the assignment (n,) of a soft one (n, n') if it is `CLEAR`.
+    """Fill in the assignment (n,) of a soft one (n, n') if that is `CLEAR`; return which of the three it is.
 
-    If the largest entry of each row is unique (with n > n', of each column), and no two are of one column (row). It is
-    `INVALID` if an entry is negative or not finite. ``taken``, as long as the larger set, is False at first.
+    It is clear if the largest entry of each row (with n > n', of each column) is unique, and no two of these share a
+    column (a row). It is `INVALID` if an entry is negative or not finite. ``taken``, as long as the larger set, is
+    False at first.
     """
     n, n_target = soft.shape
     for i in range(n):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
-from rootmatch.jit.threads import in_threads, threads_worth
+from rootmatch.jit.threads import chunk_bounds, in_threads, threads_worth
 
 CHUNK = 32768
 """Hyper-edges a chunk: about a tenth of a millisecond, which outweighs the start of a thread
@@ -38,10 +38,11 @@ def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArra
         _scatter(indices, weights, x, 0, weights.size, tables[0])
         return np.asarray(tables[0, 0] + tables[0, 1])
 
+    bounds = chunk_bounds(0, weights.size, chunks)
+
     def add(first: int, last: int) -> None:
         for chunk in range(first, last):
-            begin, end = chunk * weights.size // chunks, (chunk + 1) * weights.size // chunks
-            _scatter(indices, weights, x, begin, end, tables[chunk])
+            _scatter(indices, weights, x, bounds[chunk], bounds[chunk + 1], tables[chunk])
 
     in_threads(add, chunks, threads_worth(chunks))
     return np.asarray(tables.sum(axis=1).sum(axis=0))

@@ -35,43 +35,13 @@ class Changes(NamedTuple):
         return changed
 
 
-def one_change_neighbours(assignment: Integers, n_target: int, *, resize: bool = False) -> Changes:
-    """The assignments that differ by one change: a moved point, or two points with exchanged targets.
-
-    Listed in this order: a matched point moved to a free target; a matched point exchanged with another one, or its
-    target handed to an unmatched point.
-
-    Parameters
-    ----------
-    assignment : (n,) int64 array
-        −1 where unmatched.
-    n_target : int
-    resize : bool
-        Also changes of how many points are matched: an unmatched point to a free target, and, after all moves, a
-        matched point that becomes unmatched.
-    """
-    matched = assignment >= 0
-    free = np.ones(n_target, np.bool_)
-    free[assignment[matched]] = False
-    source, target = np.nonzero((matched | resize)[:, None] & free)
-    dropped = np.flatnonzero(matched & resize)
-    every = np.arange(len(assignment))
-    first, second = np.nonzero(matched[:, None] & (~matched | (every[:, None] < every)))
-    none = np.full(len(source) + len(dropped), -1)
-    return Changes(
-        np.concatenate([source, dropped, first]),
-        np.concatenate([target, none[: len(dropped)], assignment[second]]),
-        np.concatenate([none, second]),
-        np.concatenate([none, assignment[first]]),
-    )
-
-
 def likely_changes(
     assignment: Integers, gains: NDArray[np.float64], least: float
 ) -> tuple[Changes, NDArray[np.float64]]:
-    """The one-change neighbours, resized ones too, whose gain to first order is above ``least``, and those gains.
+    """The one-change neighbours whose gain to first order is above ``least``, and those gains.
 
-    As `one_change_neighbours` and a sum over each change's correspondences, without listing all of them.
+    An assignment is a neighbour if a point is moved to a free target, becomes unmatched or hands its target to an
+    unmatched point, or if two points exchange their targets; neighbours are listed in this order.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from rootmatch.io.camera_files import (
     write_camera,
 )
 from rootmatch.io.csv_tables import write_table
-from rootmatch.io.inputs import read_bytes, rereadable
+from rootmatch.io.inputs import read_bytes
 from rootmatch.io.known_files import prior_of_frame, read_known
 from rootmatch.io.outputs import (
     check_output,
@@ -21,6 +21,7 @@ from rootmatch.io.outputs import (
     folder_written_whole,
     is_standard_output,
     sent_through,
+    write_text_whole,
     written_whole,
 )
 from rootmatch.io.point_files import (
@@ -32,13 +33,12 @@ from rootmatch.io.point_files import (
     write_matches,
     write_points,
 )
-from rootmatch.io.pose_files import PoseFormat, finite, pose_format, pose_record, read_prior, write_poses
+from rootmatch.io.pose_files import finite, pose_format, pose_record, read_prior, write_poses
 
 __all__ = [
     "DIRECTIONS",
     "Calibration",
     "PointSet",
-    "PoseFormat",
     "camera_file",
     "check_output",
     "check_output_folder",
@@ -59,12 +59,12 @@ __all__ = [
     "read_points",
     "read_prior",
     "read_truth",
-    "rereadable",
     "sent_through",
     "write_camera",
     "write_matches",
     "write_points",
     "write_poses",
     "write_table",
+    "write_text_whole",
     "written_whole",
 ]

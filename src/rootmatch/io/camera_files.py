@@ -20,7 +20,7 @@ from rootmatch.io.calibrations.native import DIRECTIONS, camera_entry, camera_of
 from rootmatch.io.calibrations.opencv import is_opencv
 from rootmatch.io.calibrations.reading import SUFFIXES, load_json, read_cameras, read_small_text
 from rootmatch.io.inputs import rereadable
-from rootmatch.io.outputs import written_whole
+from rootmatch.io.outputs import write_text_whole
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,7 @@ def write_camera(path: Path, calibration: Calibration) -> None:
     for name in DIRECTIONS:
         if getattr(calibration, name) is not None:
             content[name] = np.asarray(getattr(calibration, name), dtype=float).tolist()
-    with written_whole(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    write_text_whole(path, json.dumps(content, indent=2) + "\n")
 
 
 def parse_numbers(text: str, count: int, name: str, example: str) -> list[float]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.io.outputs import written_whole
+from rootmatch.io.outputs import write_text_whole
 from rootmatch.problems.pose_fit.pose import Pose
 
 ROS_ORDER = (3, 4, 5, 0, 1, 2)
@@ -79,8 +79,7 @@ def write_trajectory(path: Path | str, times: Sequence[float], poses: Iterable[P
         if pose is not None:
             back = pose.inverse()
             lines.append(" ".join(map(repr, [float(time), *back.t.tolist(), *back.quaternion.tolist()])))
-    with written_whole(Path(path)) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    write_text_whole(Path(path), "".join(f"{line}\n" for line in lines))
 
 
 def _named(values: NDArray[np.float64]) -> dict[str, float]:

@@ -35,8 +35,6 @@ class Frame:
     number : int
     points : (m, 2) array
         Pixels; of a rig (m, 3), the camera's index the third.
-    rows : (m,) int64 array
-        Rows of the file, the header being row 1.
     time : float, optional
         Seconds, where the file has a column ``time``.
     sigma : (m,) array, optional
@@ -47,7 +45,6 @@ class Frame:
 
     number: int
     points: NDArray[np.float64]
-    rows: NDArray[np.int64]
     time: float | None = None
     sigma: NDArray[np.float64] | None = None
     known: PosePrior | None = None
@@ -103,7 +100,6 @@ class _Frames:
         self.ended = True
         self._points: list[list[float]] = []
         self._sigma: list[float] = []
-        self._rows: list[int] = []
         self._known = KnownInImage(path) if check_groups(path, header) else None
 
     def take(self, row: int, cells: dict[str, str]) -> Iterator[Frame]:
@@ -127,23 +123,22 @@ class _Frames:
         given = [cells[axis] for axis in self.axes]
         if not any(given):
             return
-        if len(self._rows) == MOST_DETECTIONS:
+        if len(self._points) == MOST_DETECTIONS:
             raise InputError(f"{where}: more than {MOST_DETECTIONS:,} detections in {self._name(*key)}")
         self._points.append([number(self.path, row, axis, cells[axis]) for axis in self.axes])
         if self.weighed:
             self._sigma.append(positive(self.path, row, "sigma", cells["sigma"]))
-        self._rows.append(row)
 
     def end(self) -> Iterator[Frame]:
         """Yield the frame that was read, if one was begun."""
         if self.key is None or self.ended:
             return
         self.ended = True
-        points, rows = np.array(self._points).reshape(-1, len(self.axes)), np.array(self._rows, np.int64)
+        points = np.array(self._points).reshape(-1, len(self.axes))
         sigma = np.array(self._sigma) if self.weighed else None
-        self._points, self._sigma, self._rows = [], [], []
+        self._points, self._sigma = [], []
         known = None if self._known is None else self._known.end()
-        yield Frame(self.key[0], points, rows, self.key[1], sigma=sigma, known=known)
+        yield Frame(self.key[0], points, self.key[1], sigma=sigma, known=known)
 
     def _check_order(self, where: str, frame: int, time: float | None) -> None:
         if self.key is None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.values import said_of
+from rootmatch.io.calibrations.values import errors_at
 from rootmatch.io.csv_tables import number, positive, read_table, refuse_repeats
 from rootmatch.problems.pose_fit.pose_checks import rotation_of_quaternion
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
@@ -77,7 +77,7 @@ def check_groups(path: Path, columns: Collection[str]) -> bool:
 def known_in_row(path: Path, row: int, cells: Mapping[str, str]) -> PosePrior | None:
     """What a row tells of a pose; None if all of its cells are empty."""
     given = {name: _group(path, row, cells, group) for name, group in GROUPS.items()}
-    with said_of(f"{path}, row {row}"):
+    with errors_at(f"{path}, row {row}"):
         values = {name: _value(name, group) for name, group in given.items() if group is not None}
         return PosePrior(**values) if values else None  # type: ignore[arg-type]
 

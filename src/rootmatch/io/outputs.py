@@ -122,6 +122,12 @@ def written_whole(path: Path) -> Iterator[Path]:
             _discard(temporary)
 
 
+def write_text_whole(path: Path, text: str) -> None:
+    """Write a text in UTF-8, moved into place when complete."""
+    with written_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 @contextmanager
 def opened_through(path: Path) -> Iterator[Writable]:
     """Yield the device, pipe or file at a path for writing, standard output in order with what is printed."""

@@ -249,10 +249,10 @@ def write_matches(
     rows = []
     for i in np.flatnonzero(assignment >= 0).tolist():
         names = source.names[i], target.names[int(assignment[i])]
-        rows.append((*names, float(weights[i]), int(motions[i]), _told(residuals[i]), _told(confidence[i])))
+        rows.append((*names, float(weights[i]), int(motions[i]), _cell(residuals[i]), _cell(confidence[i])))
     write_table(path, MATCHES, rows)
 
 
-def _told(number: float) -> float | str:
-    """A number, or nothing if there is none."""
+def _cell(number: float) -> float | str:
+    """A number as a cell, which is empty for one that is not finite."""
     return float(number) if math.isfinite(number) else ""

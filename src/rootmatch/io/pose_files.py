@@ -6,20 +6,20 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.reading import load_json, read_small_text
-from rootmatch.io.calibrations.values import said_of
+from rootmatch.io.calibrations.values import errors_at
 from rootmatch.io.csv_tables import write_table
 from rootmatch.io.exports import openxr_record, ros_record
-from rootmatch.io.outputs import written_whole
+from rootmatch.io.outputs import write_text_whole
 from rootmatch.problems.pose_fit.pose import Pose
 
 PoseFormat = Literal["csv", "json", "tum", "ros", "openxr", "colmap"]
-FORMATS: tuple[PoseFormat, ...] = ("csv", "json", "tum", "ros", "openxr", "colmap")
+FORMATS: tuple[PoseFormat, ...] = get_args(PoseFormat)
 SUFFIXES: dict[str, PoseFormat] = {".csv": "csv", ".json": "json", ".tum": "tum", ".txt": "tum"}
 IN_SPACE = ("rx", "ry", "rz", "tx", "ty", "tz")
 IN_PLANE = ("angle", "tx", "ty")
@@ -34,9 +34,8 @@ def pose_format(path: Path, given: str | None) -> PoseFormat:
         If the format is unknown, or none is given and the suffix names none.
     """
     if given is not None:
-        for known in FORMATS:
-            if given == known:
-                return known
+        if given in FORMATS:
+            return given
         raise InputError(f"pose_format: {quoted(given)} given; give csv, json, tum, ros, openxr or colmap")
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"poses {path}: its suffix names no format; use .csv, .json or .tum, or give --pose-format")
@@ -48,7 +47,7 @@ def pose_record(pose: Pose) -> dict[str, Any]:
 
     Keys: ``R`` (rows), ``t``, ``quaternion`` (x, y, z, w; null in a plane or of a reflection), ``scale``, ``focal``
     (pixels), ``covariance`` (rows, in the order of ``parameters``: rotations in radians, translations, then scale or
-    focal length), ``chi2``, ``freedom``, ``rms`` (pixels, or the target's unit), ``rms_sigma``, ``points`` (source
+    focal length), ``chi2``, ``dof``, ``rms`` (pixels, or the target's unit), ``rms_sigma``, ``points`` (source
     points), ``residuals`` of these, ``inliers``.
     """
     in_space = len(pose.R) == 3
@@ -98,7 +97,7 @@ def _read_pose(path: Path, record: Any) -> Pose:
     missing = [name for name in ("R", "t", "covariance") if not isinstance(record, dict) or record.get(name) is None]
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing; give an object with R, t and covariance")
-    with said_of(path):
+    with errors_at(path):
         return Pose(record["R"], record["t"], record["covariance"])
 
 
@@ -119,18 +118,18 @@ def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> N
     known = [(motion, pose) for motion, pose in enumerate(poses) if pose is not None]
     if form == "json":
         records = [None if pose is None else {"motion": k, **pose_record(pose)} for k, pose in enumerate(poses)]
-        _write_text(path, json.dumps(records, allow_nan=False, indent=1) + "\n")
+        write_text_whole(path, json.dumps(records, allow_nan=False, indent=1) + "\n")
         return
     if form in ("tum", "ros", "openxr") and any(len(pose.R) == 2 for _, pose in known):
         raise InputError(f"pose_format: {form} is for poses in space, but these are in a plane; give csv or json")
     if form in ("ros", "openxr"):
         record: Callable[[Pose], dict[str, Any]] = ros_record if form == "ros" else openxr_record
         others = [None if pose is None else record(pose) for pose in poses]
-        _write_text(path, json.dumps(others, allow_nan=False, indent=1) + "\n")
+        write_text_whole(path, json.dumps(others, allow_nan=False, indent=1) + "\n")
         return
     if form == "tum":
         rows = [[motion, *pose.t.tolist(), *pose.quaternion.tolist()] for motion, pose in known]
-        _write_text(path, "".join(" ".join(map(str, row)) + "\n" for row in rows))
+        write_text_whole(path, "".join(" ".join(map(str, row)) + "\n" for row in rows))
         return
     in_plane = any(len(pose.R) == 2 for _, pose in known)
     turn, shift = (("angle",), ("tx", "ty")) if in_plane else (("qx", "qy", "qz", "qw"), ("tx", "ty", "tz"))
@@ -149,11 +148,6 @@ def upper_triangle(size: int) -> list[tuple[int, int]]:
 def covariance_columns(names: Sequence[str]) -> list[str]:
     """Columns of the covariance of parameters of these names."""
     return [f"cov_{names[a]}_{names[b]}" for a, b in upper_triangle(len(names))]
-
-
-def _write_text(path: Path, text: str) -> None:
-    with written_whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def _row(pose: Pose, pairs: Sequence[tuple[int, int]]) -> list[Any]:

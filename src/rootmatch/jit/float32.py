@@ -57,11 +57,6 @@ def twin(kernel: Any) -> Any:
     return _twins[kernel]
 
 
-def made() -> tuple[Any, ...]:
-    """The kernels that have been given a twin."""
-    return tuple(_twins)
-
-
 def _probe() -> float:
     return 0.5
 

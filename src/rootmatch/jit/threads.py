@@ -32,10 +32,10 @@ def threads_worth(tasks: int) -> int:
 
 
 @contextmanager
-def at_most(threads: int) -> Iterator[None]:
-    """No more than so many threads for what is called inside; afterwards as many as before."""
+def one_thread() -> Iterator[None]:
+    """Use a single thread for what is called inside; afterwards as many as before."""
     allowed = int(numba.get_num_threads())
-    numba.set_num_threads(min(threads, allowed))
+    numba.set_num_threads(1)
     try:
         yield
     finally:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems import problem_class
 from rootmatch.problems.base import Problem
-from rootmatch.simulation import SCENES, Scene
+from rootmatch.simulation import SCENES
 
 CAMERA = Camera(1000.0, 1000.0, 320.0, 240.0)
 
@@ -26,21 +27,16 @@ class Sample:
     problem: Problem
     noise: float
 
-    @classmethod
-    def of(cls, scene: Scene) -> Sample:
-        """A simulated scene."""
-        return cls(scene.source, scene.target, scene.problem, scene.noise)
-
 
 def simulated(name: str, points: int, outliers: int, **more: Any) -> Sample:
     """A scene of the paper."""
-    return Sample.of(SCENES[name](points, outliers, 0.5, 1, **more))
+    scene = SCENES[name](points, outliers, 0.5, 1, **more)
+    return Sample(scene.source, scene.target, scene.problem, scene.noise)
 
 
 def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points turned about the second axis."""
-    cosine, sine = np.cos(0.3), np.sin(0.3)
-    return np.asarray(points @ np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]]))
+    return np.asarray(points @ rotation_about_y(np.cos(0.3), np.sin(0.3)).T)
 
 
 def _planar() -> Sample:

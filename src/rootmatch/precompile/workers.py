@@ -41,7 +41,7 @@ def warm_up(chosen: str = "first", progress: Progress | None = None, workers: in
     _run(chosen, [], {}, progress, workers)
 
 
-def prebuild(folder: Path, progress: Progress | None = None, workers: int | None = None) -> None:
+def prebuild(folder: Path, progress: Progress | None = None) -> None:
     """Compile kernels for a generic processor into a folder, for a wheel of this Python and Numba.
 
     Raises
@@ -54,12 +54,16 @@ def prebuild(folder: Path, progress: Progress | None = None, workers: int | None
     processor, _ = prebuilt.GENERIC[prebuilt.architecture()]
     folder.mkdir(parents=True, exist_ok=True)
     generic = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": ""}
-    _run("prebuilt", [str(folder)], generic, progress, workers)
+    _run("prebuilt", [str(folder)], generic, progress)
     prebuilt.write_manifest(folder)
 
 
 def _run(
-    chosen: str, arguments: list[str], environment: dict[str, str], progress: Progress | None, workers: int | None
+    chosen: str,
+    arguments: list[str],
+    environment: dict[str, str],
+    progress: Progress | None,
+    workers: int | None = None,
 ) -> None:
     """Run all steps of a set, each in whichever worker is free."""
     names = list(STEPS[chosen]())

@@ -19,7 +19,7 @@ Integers = NDArray[np.int64]
 ALTERNATIVES_SHOWN = 5
 NARROW = 6
 NAMES_SHOWN = 40
-"""Unmatched points listed by name; the rest are counted."""
+"""Points, or differences, listed by name; the rest are counted."""
 
 
 def point_names(names: Sequence[str] | None, count: int) -> list[str]:
@@ -95,7 +95,7 @@ def print_match(
     unmatched_targets = [targets[j] for j in np.setdiff1d(np.arange(len(targets)), match.assignment).tolist()]
     for side, unmatched in (("source", unmatched_sources), ("target", unmatched_targets)):
         if unmatched:
-            _print_line(console, f"unmatched {side} points: {_join_names(unmatched)}")
+            _print_line(console, f"unmatched {side} points: {joined_names(unmatched)}")
     if truth is not None:
         _print_line(console, _compare_with_truth(match.assignment, truth))
     _print_line(console, f"{summary(match)}; {match.evaluated:,} hyper-edges in {match.seconds:.3g} s")
@@ -163,10 +163,11 @@ def _difference(other: Integers, match: Match, sources: Sequence[str], targets: 
         f"{sources[i]}→{targets[other[i]] if other[i] >= 0 else '–'}"
         for i in np.flatnonzero(other != match.assignment).tolist()
     ]
-    return _join_names(parts)
+    return joined_names(parts)
 
 
-def _join_names(names: Sequence[str]) -> str:
+def joined_names(names: Sequence[str]) -> str:
+    """Names in one line, as many as `NAMES_SHOWN`; the rest are counted."""
     more = len(names) - NAMES_SHOWN
     return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 

@@ -40,11 +40,17 @@ def _shares(count: int, seed: int) -> NDArray[np.float64]:
     return np.asarray(draws / count)
 
 
+def _interval(means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ends (2, …) of the interval of resampled means (RESAMPLES, …)."""
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    ends: NDArray[np.float64] = np.percentile(means, (tail, 100.0 - tail), axis=0)
+    return ends
+
+
 def estimates(values: ArrayLike) -> list[Estimate]:
     """One estimate for each column of values (instances, columns)."""
     array = np.asarray(values, dtype=np.float64)
-    tail = 50.0 * (1.0 - CONFIDENCE)
-    low, high = np.percentile(bootstrap_means(array), (tail, 100.0 - tail), axis=0)
+    low, high = _interval(bootstrap_means(array))
     return [
         Estimate(float(m), float(a), float(b), len(array))
         for m, a, b in zip(array.mean(axis=0), low, high, strict=True)
@@ -63,6 +69,5 @@ def difference(first: ArrayLike, second: ArrayLike) -> Estimate:
     """
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     means = bootstrap_means(a) - bootstrap_means(b, _SEED + 1)
-    tail = 50.0 * (1.0 - CONFIDENCE)
-    low, high = np.percentile(means, (tail, 100.0 - tail))
+    low, high = _interval(means)
     return Estimate(float(a.mean() - b.mean()), float(low), float(high), min(len(a), len(b)))

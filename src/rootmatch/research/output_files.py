@@ -8,6 +8,7 @@ from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rootmatch.errors import InputError
 from rootmatch.io import written_whole
 
 if TYPE_CHECKING:
@@ -15,6 +16,14 @@ if TYPE_CHECKING:
 
 RESOLUTION = 150
 """Resolution of the PNG, in dots per inch."""
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder of a run's results unless it is there; an `InputError` where that is impossible."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made ({error.strerror}); name another output folder") from None
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 
 from rootmatch._version import __version__
 from rootmatch.errors import InputError
+from rootmatch.research.output_files import make_folder
 from rootmatch.research.paper.settings import Method, Setting
 
 SCHEMA_VERSION = 1
@@ -104,12 +105,9 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{path.parent}: cannot be made ({error.strerror}); name another output folder") from None
+        make_folder(path.parent)
         # Transactions are begun and ended here by hand, not by the module.
-        with self._said():
+        with self._errors_explained():
             self._connection = sqlite3.connect(path, timeout=WAITS, isolation_level=None)
         try:
             self._open()
@@ -119,7 +117,7 @@ class Store:
 
     def _open(self) -> None:
         """Lay out a new file, or make sure that an old one is whole and of this layout."""
-        with self._said():
+        with self._errors_explained():
             # before anything is written: a database of somebody else is left as it is
             tables = self._connection.execute("SELECT 1 FROM sqlite_master").fetchone()
             (found,) = self._connection.execute("PRAGMA user_version").fetchone()
@@ -157,7 +155,7 @@ class Store:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        with self._said():
+        with self._errors_explained():
             self._connection.execute("BEGIN IMMEDIATE")
             try:
                 yield
@@ -168,7 +166,7 @@ class Store:
                 raise
 
     @contextmanager
-    def _said(self) -> Iterator[None]:
+    def _errors_explained(self) -> Iterator[None]:
         """Errors of SQLite as one line that says what to do."""
         try:
             yield
@@ -188,7 +186,7 @@ class Store:
 
     def _fetched(self, query: str, values: tuple[object, ...] = ()) -> list[Any]:
         """The lines of a query."""
-        with self._said():
+        with self._errors_explained():
             return self._connection.execute(query, values).fetchall()
 
     def _id(self, table: str, columns: tuple[str, ...], values: tuple[object, ...]) -> int:

@@ -13,6 +13,8 @@ from itertools import islice
 from typing import Any
 
 import joblib
+import numpy as np
+from numpy.typing import NDArray
 
 from rootmatch.backends.dask import connected
 from rootmatch.backends.worker_lifetime import end_with
@@ -29,7 +31,6 @@ Evaluate = Callable[[Unit], list[Row]]
 
 IN_FLIGHT = 2
 """Units sent ahead to each thread of a cluster, so that none waits for the next."""
-
 
 MOST_JOBS = 1024
 """Processes on one machine; each takes 200 MB."""
@@ -109,6 +110,35 @@ def run(
         store.add(result.rows, result.versions, result.seconds)
         if progress is not None:
             progress.advance(len(result.rows))
+
+
+def complete(
+    title: str,
+    plan: Plan,
+    seeds: range,
+    store: Store,
+    *,
+    jobs: int,
+    scheduler: str | None,
+    progress: Progress | None,
+    function: Evaluate = evaluate,
+) -> None:
+    """Run what the store lacks of a plan, a stage of the progress with that title; see `run`."""
+    work = units(plan, seeds, store)
+    if progress is not None and work:
+        progress.begin(title, sum(unit.rows for unit in work))
+    run(work, store, jobs=jobs, scheduler=scheduler, progress=progress, function=function)
+
+
+def accuracies(plan: Plan, seeds: range, store: Store) -> dict[tuple[Setting, Method, int], NDArray[np.float64]]:
+    """Accuracies (seeds,) of a finished plan, by setting, method and sample size."""
+    cells = {}
+    for setting, methods in plan.items():
+        for method, sizes in methods:
+            found = store.accuracies(setting, method, seeds)
+            for size in sizes:
+                cells[setting, method, size] = np.array([found[size][seed] for seed in seeds])
+    return cells
 
 
 def check_jobs(jobs: int) -> None:

@@ -12,7 +12,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.values import said_of
+from rootmatch.io.calibrations.values import errors_at
 
 NAMES = (
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
@@ -91,7 +91,7 @@ def colmap_camera(where: str, model: str, values: list[float]) -> Camera:
     InputError
         If the model is unknown, or its parameters are not valid.
     """
-    with said_of(where):
+    with errors_at(where):
         if model in COUNTS and len(values) != COUNTS[model]:
             raise InputError(f"camera: {len(values)} parameters given, and {model} has {COUNTS[model]}; give that many")
         if not all(math.isfinite(value) for value in values):

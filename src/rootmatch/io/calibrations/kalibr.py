@@ -12,7 +12,7 @@ from rootmatch.cameras.lens import Lens
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.distortion import refuse_unread
-from rootmatch.io.calibrations.values import numbers, said_of
+from rootmatch.io.calibrations.values import errors_at, numbers
 
 COUNTS = {"radtan": 4, "equidistant": 4, "fov": 1, "none": 0}
 """Coefficients of each distortion model."""
@@ -48,7 +48,7 @@ def read_kalibr(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
             raise InputError(f"{where}: {len(intrinsics)} intrinsics given; give fx, fy, cx and cy")
         if len(values) != COUNTS[model]:
             raise InputError(f"{where}: {len(values)} distortion_coeffs given, and {model} has {COUNTS[model]}")
-        with said_of(where):
+        with errors_at(where):
             fx, fy, cx, cy = intrinsics
             found[str(name)] = Camera(fx, fy, cx, cy, _lens(str(model), tuple(values)))
     return found

@@ -18,7 +18,7 @@ from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.distortion import COEFFICIENTS, coefficients, is_fisheye, refuse_unread, spelled
-from rootmatch.io.calibrations.values import matrix, numbers, said_of
+from rootmatch.io.calibrations.values import errors_at, matrix, numbers
 from rootmatch.problems.derived.measurements import Bearings
 
 NUMBERS = ("fx", "fy", "cx", "cy")
@@ -62,7 +62,7 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
         if near and key.lower() not in known and key not in known and spelled(key) not in COEFFICIENTS:
             raise InputError(f"{path}: {quoted(key)} is unknown; did you mean {near[0]!r}? Rename it, or leave it out")
     refuse_unread(path, content, {*COEFFICIENTS, *known})
-    with said_of(path):
+    with errors_at(path):
         if "K" in content:
             pinhole = Camera.from_matrix(_square(path, content["K"]))
         else:
@@ -88,7 +88,7 @@ def _rig(path: Path, views: Any) -> Rig:
         place = matrix(path, "R", view["R"]), numbers(path, "t", view["t"])
         cameras.append((camera_of(path, rest, ()), *place))
     sizes = [[view[key] for key in SIZE if key in view] for view in views]
-    with said_of(path):
+    with errors_at(path):
         return Rig(cameras, sizes if any(sizes) else None)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.distortion import coefficients, refuse_unread
-from rootmatch.io.calibrations.values import matrix, said_of
+from rootmatch.io.calibrations.values import errors_at, matrix
 
 COUNTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
 """Coefficients of each distortion model."""
@@ -36,7 +36,7 @@ def read_ros(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
     refuse_unread(path, content)
     if model in COUNTS and values and len(values) != COUNTS[model]:
         raise InputError(f"{path}: {dist} has {len(values)} numbers, and {model} has {COUNTS[model]}; give that many")
-    with said_of(path):
+    with errors_at(path):
         fisheye = model in ("equidistant", "fisheye")
         camera = Camera.from_opencv_fisheye(K, values) if fisheye else Camera.from_opencv(K, values)
     return {str(content.get("camera_name") or "camera")[:80]: camera}

@@ -18,8 +18,8 @@ T = TypeVar("T")
 
 
 @contextmanager
-def said_of(where: object) -> Iterator[None]:
-    """Errors of a block as those of a file, or of a place in it."""
+def errors_at(where: object) -> Iterator[None]:
+    """Let each `InputError` of a block begin with a file, or with a place in it."""
     try:
         yield
     except InputError as error:

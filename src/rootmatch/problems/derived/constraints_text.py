@@ -20,6 +20,8 @@ from rootmatch.problems.derived.text import (
     monomial_text,
     names,
     noise_load,
+    noise_terms,
+    root_order,
     suffix,
     value_monomials,
 )
@@ -62,10 +64,7 @@ class Constraints:
 
         Its own where the unknown belongs to some of the correspondences, the first one where it belongs to all.
         """
-        if not self.shape.plan["shared"]:
-            return self.first
-        head = order[:-1]
-        return (*head, *(k for k in self.first if k not in head))
+        return root_order(order) if self.shape.plan["shared"] else self.first
 
     def _root_orders(self) -> list[tuple[int, ...]]:
         return list(dict.fromkeys([self.first, *(self.root_order(order) for order in self.orders)]))
@@ -152,22 +151,15 @@ class Constraints:
     def bound_text(self, order: tuple[int, ...]) -> str:
         """``bound_…(t, i…, j…, x, dx…) → f, g…`` of a constraint that binds the minimal set itself."""
         shape, plan = self.shape, self.shape.plan
-        loads = ", ".join(["x", *(load(shape, use, order) for use in plan["arguments"])])
+        loads = ", ".join(load(shape, use, order) for use in plan["arguments"])
         partials = names("p", len(plan["noisy"]))
-        sums = []
-        for dimension in self.base:
-            terms = [f"slope * x_{label(dimension)}"]
-            for name, place in zip(partials, plan["noisy"], strict=True):
-                noise = noise_load(shape, plan["arguments"][place], order, dimension)
-                if noise is not None:
-                    terms.append(f"{name} * {noise}")
-            sums.append(" + ".join(terms))
+        sums = [" + ".join([f"slope * x_{label(d)}", *noise_terms(shape, partials, order, d)]) for d in self.base]
         moved = ", ".join(f"x_{label(d)}" for d in self.base)
         return (
             f"@kernel\ndef bound{suffix(order)}(t, {bases(shape)}, x, {moved}):\n"
-            + f"    {coefficient_names(shape.degree)} = polynomial({loads[3:]})\n"
+            + f"    {coefficient_names(shape.degree)} = polynomial({loads})\n"
             + "".join(f"    {line}\n" for line in horner_lines(shape.degree))
-            + f"    ({', '.join(partials)},) = partials({loads})\n"
+            + f"    ({', '.join(partials)},) = partials(x, {loads})\n"
             + f"    return value, {', '.join(sums)}\n"
         )
 

@@ -119,19 +119,19 @@ class DerivedProblem(Problem):
     def tables(self, points: PointSets) -> DerivedTables:
         """Tables for the kernels; see `Problem.tables`."""
         register_residuals(self.__dict__["residuals"], self.generated.functions, self.__dict__["tag"])
-        tables = self.evaluator
+        evaluator = self.evaluator
         x, u = self.source.measure(points.source), self.target.measure(points.target)
         dx = self.source.spread(points.source, points.source_noise)
         du = self.target.spread(points.target, points.target_noise)
         return DerivedTables(
-            source=tables.table("s", x),
-            source_pair=tables.table("ss", x),
-            target=tables.table("t", u),
-            target_pair=tables.table("tt", u),
-            source_noise=tables.noise_table("s", x, dx),
-            source_pair_noise=tables.noise_table("ss", x, dx),
-            target_noise=tables.noise_table("t", u, du),
-            target_pair_noise=tables.noise_table("tt", u, du),
+            source=evaluator.table("s", x),
+            source_pair=evaluator.table("ss", x),
+            target=evaluator.table("t", u),
+            target_pair=evaluator.table("tt", u),
+            source_noise=evaluator.noise_table("s", x, dx),
+            source_pair_noise=evaluator.noise_table("ss", x, dx),
+            target_noise=evaluator.noise_table("t", u, du),
+            target_pair_noise=evaluator.noise_table("tt", u, du),
             tag=tag_of(self.__dict__["tag"]),
         )
 

@@ -164,7 +164,7 @@ class Residuals(Constraints):
         degree = shape.degree
         first = ", ".join(load(shape, use, self.first) for use in plan["arguments"])
         second = ", ".join(load(shape, use, self.swept) for use in plan["arguments"])
-        p, q = ", ".join(f"p{k}" for k in range(degree, -1, -1)), ", ".join(f"q{k}" for k in range(degree, -1, -1))
+        p, q = coefficient_names(degree, "p"), coefficient_names(degree, "q")
         rows = Rows(shape)
         variables = [rows.at(load(shape, use, self.swept)) for use in plan["last"]]
         hoisted = names("h", len(plan["row"]))

@@ -114,6 +114,18 @@ def coefficient_names(degree: int, letter: str = "c") -> str:
     return ", ".join(f"{letter}{k}" for k in range(degree, -1, -1))
 
 
+def root_order(order: tuple[int, ...]) -> tuple[int, ...]:
+    """Order of the first correspondences whose root a constraint has, where the unknown belongs to some of them."""
+    head = order[:-1]
+    return (*head, *(k for k in range(len(order)) if k not in head))
+
+
+def noise_terms(shape: Shape, partials: list[str], order: tuple[int, ...], dimension: Dimension) -> list[str]:
+    """Summands of the value's derivative in one noise dimension, from those in its noisy arguments."""
+    noisy = (noise_load(shape, shape.plan["arguments"][k], order, dimension) for k in shape.plan["noisy"])
+    return [f"{name} * {noise}" for name, noise in zip(partials, noisy, strict=True) if noise is not None]
+
+
 def polynomial_text(shape: Shape, order: tuple[int, ...]) -> str:
     """``polynomial_…(t, i…, j…) → c…`` of the first correspondences in an order."""
     loads = ", ".join(load(shape, use, order) for use in shape.plan["arguments"])
@@ -146,11 +158,7 @@ def state_text(shape: Shape, order: tuple[int, ...], interval: tuple[float, floa
     ]
     squares = []
     for dimension in dimensions:
-        terms = []
-        for name, place in zip(partials, plan["noisy"], strict=True):
-            noise = noise_load(shape, plan["arguments"][place], order, dimension)
-            if noise is not None:
-                terms.append(f"{name} * {noise}")
+        terms = noise_terms(shape, partials, order, dimension)
         lines.append(f"    b_{label(dimension)} = {' + '.join(terms) or '0.0'}")
         squares.append(f"b_{label(dimension)} * b_{label(dimension)}")
     limits = f" and {interval[0]!r} < x < {interval[1]!r}" if interval is not None else ""

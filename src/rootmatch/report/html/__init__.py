@@ -1,5 +1,5 @@
 """A match as one page for the browser, which needs no network: ``rootmatch match --report``, `Match.report`."""
 
-from rootmatch.report.html.page import check_report, write_report, write_sequence_report
+from rootmatch.report.html.page import check_report, write_report
 
-__all__ = ["check_report", "write_report", "write_sequence_report"]
+__all__ = ["check_report", "write_report"]

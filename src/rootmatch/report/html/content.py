@@ -5,8 +5,7 @@ from __future__ import annotations
 import base64
 import math
 import platform
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,7 @@ from rootmatch.io import finite
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.report.drawn_poses import round_factor
 from rootmatch.report.html.camera_view import camera_view
-from rootmatch.report.text import match_weights, point_names, summary, weight
+from rootmatch.report.text import joined_names, match_weights, point_names, summary, weight
 
 if TYPE_CHECKING:
     from rootmatch.result import Match
@@ -35,29 +34,40 @@ MARGIN = 0.06
 PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
 
-@dataclass(frozen=True)
-class Labels:
-    """Names of the points, and the truth if known; see `write_report`."""
-
-    source: Sequence[str] | None = None
-    target: Sequence[str] | None = None
-    truth: Integers | None = None
-
-
 def report_content(
-    matches: Sequence[Match], labels: Sequence[Labels], names: Sequence[str], photo: Path | None = None
+    match: Match,
+    *,
+    source_names: Sequence[str] | None = None,
+    target_names: Sequence[str] | None = None,
+    truth: Integers | None = None,
+    photo: Path | None = None,
 ) -> dict[str, Any]:
-    """All that the page shows, as JSON can hold it. Frames share the source points."""
-    first = matches[0]
-    frames = [_frame(match, label, name, photo) for match, label, name in zip(matches, labels, names, strict=True)]
-    truth = labels[0].truth if len(matches) == 1 else None
+    """All that the page shows, as JSON can hold it; arguments as of `rootmatch.report.html.write_report`."""
+    target_title = "Image" if _is_projection(match) else "Second image" if _is_two_images(match) else "Target"
+    target_side = _side(match.target, target_title, target_title != "Target")
+    if photo is not None:
+        target_side["photo"], (width, height) = _embedded(photo)
+        target_side["photoSize"] = width, height
+        target_side["extent"] = _joined(target_side["extent"], [-0.5, -0.5, width - 0.5, height - 0.5])
+    names = point_names(source_names, len(match.source)), point_names(target_names, len(match.target))
+    views = _views(match, *names)
+    if truth is not None:
+        for view in views:
+            found = np.array(view["assignment"])
+            view["wrong"] = ((found >= 0) & (found != truth)).tolist()
     return {
-        "source": first.source.tolist(),
-        "sourceNames": point_names(labels[0].source, len(first.source)),
-        "sourceSide": _side(first.source, _source_title(first), _is_two_images(first)),
-        "frames": frames,
+        "source": match.source.tolist(),
+        "sourceNames": names[0],
+        "sourceSide": _side(match.source, _source_title(match), _is_two_images(match)),
+        "target": match.target.tolist(),
+        "targetNames": names[1],
+        "targetSide": target_side,
+        "status": match.status.name.lower(),
+        "summary": f"{match.status.name.lower()}: {summary(match)}",
+        "advice": match.advice.partition(": ")[2] or match.advice,
+        "views": views,
         "truth": None if truth is None else truth.tolist(),
-        "scale": _scale(frames),
+        "scale": _scale(views[0], match.target),
     }
 
 
@@ -97,51 +107,23 @@ def _chosen(options: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[str, Any]:
-    title = "Image" if _is_projection(match) else "Second image" if _is_two_images(match) else "Target"
-    side = _side(match.target, title, title != "Target")
-    if photo is not None:
-        side["photo"], side["photoSize"] = _embedded(photo)
-        side["extent"] = _joined(side["extent"], [-0.5, -0.5, side["photoSize"][0] - 0.5, side["photoSize"][1] - 0.5])
+def _views(match: Match, source_names: Sequence[str], target_names: Sequence[str]) -> list[dict[str, Any]]:
+    """The best assignment, its other poses, and the most probable alternatives."""
     fits = match.problem.least_for_pose > 0
-    named = point_names(labels.source, len(match.source)), point_names(labels.target, len(match.target))
     views = [_view(match, match.assignment, match.poses if fits else [], "best", probability=match.probability)]
     for rank, (pose, likely) in enumerate(match.other_poses, start=1):
         shown, title = "Differs in its pose alone", f"other pose {rank}"
         views.append(_view(match, match.assignment, [pose], title, probability=likely, differs=shown))
     poses = match.alternative_poses if fits else [[]] * len(match.alternatives)
-    odds = _odds(match)
-    for rank, ((other, score), fitted) in enumerate(zip(match.alternatives, poses, strict=True), start=1):
-        if rank > ALTERNATIVES:
-            break
-        chance = odds(other)
-        differs = _difference(other, match.assignment, *named)
+    chances = None if match.bodies else match.finding.every_other_probability
+    unknown = [None] * len(poses)
+    alternatives = list(zip(match.alternatives, poses, unknown if chances is None else chances, strict=True))
+    for rank, ((other, score), fitted, chance) in enumerate(alternatives[:ALTERNATIVES], start=1):
+        differs = _difference(other, match.assignment, source_names, target_names)
         known = "" if score is None or match.score is None else f"Score {score:.4g} instead of {match.score:.4g}. "
-        shown = f"{known}Differs in: {differs}"
-        views.append(_view(match, other, fitted, f"alternative {rank}", probability=chance, differs=shown))
-    if labels.truth is not None:
-        for view in views:
-            found = np.array(view["assignment"])
-            view["wrong"] = ((found >= 0) & (found != labels.truth)).tolist()
-    return {
-        "name": name,
-        "target": match.target.tolist(),
-        "targetNames": named[1],
-        "side": side,
-        "status": match.status.name.lower(),
-        "summary": f"{match.status.name.lower()}: {summary(match)}",
-        "advice": match.advice.partition(": ")[2] or match.advice,
-        "views": views,
-    }
-
-
-def _odds(match: Match) -> Callable[[Integers], float | None]:
-    """The posterior probability of each alternative, None if the match has none."""
-    known = match.finding.every_other_probability
-    if match.bodies or known is None:
-        return lambda other: None
-    chances = {other.tobytes(): chance for (other, _), chance in zip(match.alternatives, known, strict=True)}
-    return lambda other: chances[other.tobytes()]
+        shown, title = f"{known}Differs in: {differs}", f"alternative {rank}"
+        views.append(_view(match, other, fitted, title, probability=chance, differs=shown))
+    return views
 
 
 def _view(
@@ -297,24 +279,18 @@ def _embedded(photo: Path) -> tuple[str, tuple[int, int]]:
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}", size
 
 
-def _scale(frames: Sequence[dict[str, Any]]) -> int:
+def _scale(view: dict[str, Any], target: Floats) -> int:
     """Factor by which residuals are drawn longer than they are: 1, 2, 5, 10 and so on."""
-    ratios = []
-    for frame in frames:
-        view, target = frame["views"][0], frame["target"]
-        lengths = [
-            math.dist(where, target[j])
-            for where, j in zip(view["predicted"], view["assignment"], strict=True)
-            if where is not None and j >= 0
-        ]
-        longest = max(lengths, default=0.0)
-        if longest > 0.0:
-            points = np.array(target)
-            ratios.append(DRAWN * float(np.ptp(points, axis=0).max()) / longest)
-    return int(round_factor(min(float(np.median(ratios)) if ratios else 1.0, 1e6)))
+    lengths = [
+        math.dist(where, target[j])
+        for where, j in zip(view["predicted"], view["assignment"], strict=True)
+        if where is not None and j >= 0
+    ]
+    longest = max(lengths, default=0.0)
+    ratio = DRAWN * float(np.ptp(target, axis=0).max()) / longest if longest > 0.0 else 1.0
+    return int(round_factor(min(ratio, 1e6)))
 
 
 def _difference(other: Integers, best: Integers, source: Sequence[str], target: Sequence[str]) -> str:
     changed = np.flatnonzero(other != best).tolist()
-    parts = [f"{source[i]} → {target[other[i]] if other[i] >= 0 else 'unmatched'}" for i in changed[:40]]
-    return ", ".join(parts) + (f" and {len(changed) - 40} more" if len(changed) > 40 else "") + "."
+    return joined_names([f"{source[i]} → {target[other[i]] if other[i] >= 0 else 'unmatched'}" for i in changed]) + "."

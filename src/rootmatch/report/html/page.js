@@ -13,13 +13,12 @@
   const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
   const figure = (value, digits = 3) => (value === null || value === undefined ? "–" : Number(value.toPrecision(digits)).toString());
   const percent = (p) => (p === null || p === undefined ? null : p > 0.9999 ? "> 99.99 %" : p < 1e-4 ? "< 0.01 %" : (100 * p).toFixed(p > 0.99 || p < 0.01 ? 2 : 1) + " %");
-  const state = { frame: 0, view: 0, scale: null, lit: null, timer: null, whole: false, camera: null };
+  const state = { view: 0, scale: null, lit: null, whole: false, camera: null };
 
-  const frame = () => content.frames[state.frame];
-  const view = () => frame().views[state.view];
+  const view = () => content.views[state.view];
   const colourOf = (label) => (label < 0 ? GREY : (dark.matches ? ON_DARK : COLOURS)[label % COLOURS.length]);
   const sourceName = (i) => content.sourceNames[i];
-  const targetName = (j) => (j < 0 ? "unmatched" : frame().targetNames[j]);
+  const targetName = (j) => (j < 0 ? "unmatched" : content.targetNames[j]);
 
   function paper(extra) {
     const style = getComputedStyle(document.body);
@@ -71,7 +70,6 @@
   const mean = (points) => points[0].map((_, k) => points.reduce((sum, p) => sum + p[k], 0) / points.length);
   const apart = (a, b) => Math.hypot(...a.map((value, k) => value - b[k]));
   const cameras = () => view().poses.filter((pose) => pose && pose.frustum);
-  const path = () => content.frames.map((f) => f.views[0].poses[0] && f.views[0].poses[0].frustum && f.views[0].poses[0].frustum[0]).filter(Boolean);
 
   // The edges of each camera's pyramid from its image towards its centre: all of them, or as long as the points are wide.
   function edges(pose) {
@@ -95,7 +93,7 @@
 
   // What has to be within the view of space, and where to look from: upright as in the image, from beside the camera.
   function framed(points, poses) {
-    const shown = [...points, ...poses.flatMap((pose) => [...pose.frustum.slice(1), ...edges(pose).map(([, end]) => end)]), ...(state.whole && poses.length ? path() : [])];
+    const shown = [...points, ...poses.flatMap((pose) => [...pose.frustum.slice(1), ...edges(pose).map(([, end]) => end)])];
     const low = [0, 1, 2].map((k) => Math.min(...shown.map((p) => p[k]))), high = [0, 1, 2].map((k) => Math.max(...shown.map((p) => p[k])));
     const rim = 0.05 * (Math.max(...high.map((value, k) => value - low[k])) || 1);
     return low.map((value, k) => [value - rim, high[k] + rim]);
@@ -140,15 +138,13 @@
   function drawSource() {
     const v = view(), pairs = content.source.map((_, i) => [i, v.assignment[i]]), poses = cameras();
     const traces = [pointTrace(content.source, pairs, { symbol: "circle" })];
-    const space = content.sourceSide.dimension === 3, centres = path();
+    const space = content.sourceSide.dimension === 3;
     if (space) traces.push(...cameraTraces());
-    if (space && centres.length > 1) traces.push({ type: "scatter3d", mode: "lines", x: centres.map((p) => p[0]), y: centres.map((p) => p[1]), z: centres.map((p) => p[2]), hoverinfo: "skip", line: { color: GREY, width: 3 } });
     Plotly.react("source", traces, space ? scene(content.source, poses) : imageLayout(content.sourceSide), config);
     const own = colourOf(0), shown = poses.length > 0;
     explain("source-key", [
       ["●", own, "matched"], ["●", GREY, "unmatched"],
       ...(shown ? [["▱", own, "image"], ["◆", own, "its detections"], ["—", PICK, "line of sight of the point under the mouse"]] : []),
-      ...(space && centres.length > 1 ? [["—", GREY, "path of the camera"]] : []),
       ...(v.wrong ? [["●", WRONG, "wrong"]] : []),
     ]);
     at("whole-control").hidden = !shown;
@@ -156,15 +152,15 @@
   }
 
   function drawTarget() {
-    const v = view(), f = frame(), side = f.side, owner = new Array(f.target.length).fill(-1);
+    const v = view(), target = content.target, side = content.targetSide, owner = new Array(target.length).fill(-1);
     v.assignment.forEach((j, i) => { if (j >= 0) owner[j] = i; });
-    const pairs = f.target.map((_, j) => [owner[j], j]);
+    const pairs = target.map((_, j) => [owner[j], j]);
     const space = side.dimension === 3, traces = [];
     const predicted = v.predicted || [];
     const drawn = predicted.map((p, i) => [p, i]).filter(([p]) => p);
     if (drawn.length) {
       const vectors = drawn.filter(([, i]) => v.assignment[i] >= 0).map(([p, i]) => {
-        const d = f.target[v.assignment[i]], k = state.scale;
+        const d = target[v.assignment[i]], k = state.scale;
         return [d, d.map((value, axis) => value + k * (value - p[axis]))]; // detected less predicted
       });
       traces.push(segments(vectors, RESIDUAL, space, 2));
@@ -172,8 +168,8 @@
       if (unseen.length) traces.push(pointTrace(unseen.map(([p]) => p), unseen.map(([, i]) => [i, -1]), { symbol: space ? "circle-open" : "circle-open", open: true }));
       traces.push(pointTrace(drawn.map(([p]) => p), drawn.map(([, i]) => [i, v.assignment[i]]), { symbol: space ? "cross" : "cross-thin-open", open: true }));
     }
-    traces.push(pointTrace(f.target, pairs, { symbol: "circle" }));
-    Plotly.react("target", traces, space ? scene(f.target, []) : imageLayout(side), config);
+    traces.push(pointTrace(target, pairs, { symbol: "circle" }));
+    Plotly.react("target", traces, space ? scene(target, []) : imageLayout(side), config);
     const own = colourOf(0);
     explain("target-key", [
       ["●", own, "matched"], ["●", GREY, "unmatched"],
@@ -260,11 +256,10 @@
   function keepCamera() { const layout = at("source").layout; if (layout && layout.scene && layout.scene.camera) state.camera = layout.scene.camera; }
 
   function drawHeader() {
-    const f = frame();
-    at("status").textContent = f.summary; at("status").className = `status ${f.status}`;
+    at("status").textContent = content.summary; at("status").className = `status ${content.status}`;
     // names between backticks are code
-    at("advice").replaceChildren(...f.advice.split("`").map((part, k) => { const piece = document.createElement(k % 2 ? "code" : "span"); piece.textContent = part; return piece; }));
-    at("tabs").replaceChildren(...f.views.map((v, k) => {
+    at("advice").replaceChildren(...content.advice.split("`").map((part, k) => { const piece = document.createElement(k % 2 ? "code" : "span"); piece.textContent = part; return piece; }));
+    at("tabs").replaceChildren(...content.views.map((v, k) => {
       const button = document.createElement("button");
       const odds = percent(v.probability);
       button.type = "button"; button.role = "tab"; button.textContent = odds ? `${v.title} · ${odds}` : v.title;
@@ -272,9 +267,8 @@
       button.addEventListener("click", () => { state.view = k; draw(); });
       return button;
     }));
-    at("tabs").hidden = f.views.length < 2;
+    at("tabs").hidden = content.views.length < 2;
     at("differs").textContent = view().differs;
-    if (content.frames.length > 1) at("frame-label").textContent = `${f.name}: ${f.status}`;
   }
 
   function scaleText() { at("scale-label").textContent = state.scale === 0 ? "not at all" : `${state.scale} times`; }
@@ -284,22 +278,12 @@
   }
 
   function start() {
-    at("source-title").textContent = content.sourceSide.title; at("target-title").textContent = content.frames[0].side.title;
+    at("source-title").textContent = content.sourceSide.title; at("target-title").textContent = content.targetSide.title;
     at("source-note").textContent = content.sourceSide.note;
     state.scale = content.scale; at("scale").value = state.scale; at("scale").max = Math.max(200, 2 * state.scale); scaleText();
-    at("scale-control").hidden = !content.frames.some((f) => f.views.some((v) => (v.predicted || []).some(Boolean)));
+    at("scale-control").hidden = !content.views.some((v) => (v.predicted || []).some(Boolean));
     at("scale").addEventListener("input", () => { state.scale = Number(at("scale").value); scaleText(); drawTarget(); });
     at("whole").addEventListener("change", () => { state.whole = at("whole").checked; state.camera = null; drawSource(); });
-    if (content.frames.length > 1) {
-      at("frames").hidden = false; at("frame").max = content.frames.length - 1;
-      at("frame").addEventListener("input", () => { state.frame = Number(at("frame").value); state.view = 0; draw(); });
-      at("play").addEventListener("click", () => {
-        const playing = state.timer !== null;
-        if (playing) { clearInterval(state.timer); state.timer = null; }
-        else state.timer = setInterval(() => { state.frame = (state.frame + 1) % content.frames.length; state.view = 0; at("frame").value = state.frame; draw(); }, 120);
-        at("play").setAttribute("aria-pressed", String(!playing)); at("play").textContent = playing ? "Play" : "Stop";
-      });
-    }
     draw();
     for (const id of ["source", "target", "residuals", "support"]) {
       at(id).on("plotly_hover", (event) => { const pair = event.points[0] && event.points[0].customdata; if (pair) light(pair); });

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError, RootmatchError, quoted
 from rootmatch.io import check_output, sent_through, written_whole
-from rootmatch.report.html.content import Labels, facts, report_content
+from rootmatch.report.html.content import facts, report_content
 
 if TYPE_CHECKING:
     from rootmatch.result import Match
@@ -65,42 +65,21 @@ def write_report(
     for name, given, count in sides:
         if given is not None and len(given) != count:
             raise InputError(f"{name}: {len(given)} given; give the names of all {count} points")
-    label = Labels(source_names, target_names, None if truth is None else _checked_truth(match, truth))
-    _write(Path(path), [match], [label], [""], title=title, photo=None if photo is None else Path(photo))
-
-
-def write_sequence_report(
-    matches: Sequence[Match],
-    path: str | Path,
-    *,
-    names: Sequence[str] | None = None,
-    source_names: Sequence[str] | None = None,
-    title: str = "rootmatch report",
-) -> None:
-    """Write the matches of a sequence, all of the same source points, as one HTML file with a slider over the frames.
-
-    Parameters
-    ----------
-    matches : sequence of Match
-    path : path
-        Of the file, ``.html``.
-    names : sequence of str, optional
-        Of the frames; by default their numbers.
-    source_names : sequence of str, optional
-        Of the source points.
-    title : str
-
-    Raises
-    ------
-    InputError
-        If there is no frame, or they are of other source points.
-    """
-    if not matches:
-        raise InputError("report: no frames given, expected at least one match")
-    if any(not np.array_equal(match.source, matches[0].source) for match in matches):
-        raise InputError("report: frames of different source points given; write a report for each")
-    labels = [Labels(source_names)] * len(matches)
-    _write(Path(path), matches, labels, names or [f"frame {k}" for k in range(len(matches))], title=title, photo=None)
+    file = Path(path)
+    known = None if truth is None else _checked_truth(match, truth)
+    check_report(file)
+    check_output(file, "report")
+    content = report_content(
+        match,
+        source_names=source_names,
+        target_names=target_names,
+        truth=known,
+        photo=None if photo is None else Path(photo),
+    )
+    page = _page(content, facts(match), title)
+    with written_whole(file) as temporary:
+        # a title from the name of a file may hold what is no character
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def _checked_truth(match: Match, truth: ArrayLike) -> NDArray[np.int64]:
@@ -121,23 +100,6 @@ def _checked_truth(match: Match, truth: ArrayLike) -> NDArray[np.int64]:
     if given.size and (given.min() < -1 or given.max() >= len(match.target)):
         raise InputError(f"truth: an index beyond the {len(match.target)} target points; {expected}")
     return given.astype(np.int64)
-
-
-def _write(
-    path: Path,
-    matches: Sequence[Match],
-    labels: Sequence[Labels],
-    names: Sequence[str],
-    *,
-    title: str,
-    photo: Path | None,
-) -> None:
-    check_report(path)
-    check_output(path, "report", [])
-    page = _page(report_content(matches, labels, names, photo), facts(matches[0]), title)
-    with written_whole(path) as temporary:
-        # a title from the name of a file may hold what is no character
-        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def _page(content: dict[str, Any], known: Sequence[tuple[str, str]], title: str) -> str:

@@ -15,6 +15,7 @@ from rootmatch.errors import InputError
 from rootmatch.io import write_table
 from rootmatch.research.blind.methods import Answer, Method, methods
 from rootmatch.research.blind.scenes import BlindScene, outlier_scene, real_scenes, simulated
+from rootmatch.research.output_files import make_folder
 from rootmatch.research.real.leaderboard import Fields, append_row, read_rows
 
 ROTATION, TRANSLATION = 0.1, 0.1
@@ -94,15 +95,13 @@ def run_blind(
             "least 0 and a number of seconds above 0"
         )
     seeds = range(first_seed, first_seed + scenes)
-    to_run = list(simulated(seeds, chosen))
-    if "real" in chosen and data is not None:
-        to_run += real_scenes(data, scenes)
     if tiny:
         to_run = [outlier_scene(0.0, 0.0, first_seed)]
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"output: {output} cannot be made ({error.strerror}); name another folder") from None
+    else:
+        to_run = list(simulated(seeds, chosen))
+        if "real" in chosen and data is not None:
+            to_run += real_scenes(data, scenes)
+    make_folder(output)
     path = output / "rows.jsonl"
     there = {(row["scene"], row["method"]) for row in read_rows(path, FIELDS)}
     _measure(to_run, compared, path, there=there, seconds=seconds, progress=progress)

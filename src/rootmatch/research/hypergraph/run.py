@@ -7,17 +7,16 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.jit.threads import at_most
+from rootmatch.jit.threads import one_thread
 from rootmatch.research.hypergraph.protocol import DEFORMATION, SETTINGS, instance, tensor_of
 from rootmatch.research.hypergraph.report import Results, write
 from rootmatch.research.paper.settings import Method, Setting
 from rootmatch.research.paper.work_unit import Unit
 from rootmatch.research.progress import Progress
 from rootmatch.research.store import Row, Store
-from rootmatch.research.sweep import Plan, check_jobs, run, units
+from rootmatch.research.sweep import Plan, accuracies, check_jobs, complete
 from rootmatch.solvers import (
     BlockCoordinateAscent,
     KLProjection,
@@ -63,7 +62,7 @@ def _triangles(setting: Setting) -> int:
 def evaluate(unit: Unit) -> list[Row]:
     """Rows of one seed: a tensor for each setting, all solvers on it, one thread."""
     rows = []
-    with at_most(1):
+    with one_thread():
         for task in unit.tasks:
             points = instance(task.setting, unit.seed)
             tensor = tensor_of(points, unit.seed)
@@ -94,7 +93,7 @@ def milliseconds(instances: int = TIMED_INSTANCES) -> dict[str, float]:
     setting = Setting(DEFORMATION, 0, TIMED_NOISE)
     tensors = [tensor_of(instance(setting, seed), seed) for seed in range(instances)]
     found = {}
-    with at_most(1):
+    with one_thread():
         for name, solver in SOLVERS.items():
             solver(tensors[0], seed=0)
             shortest = [
@@ -140,13 +139,8 @@ def reproduce(
     seeds = range(seed, seed + instances)
     plan = plan_of(settings)
     with Store(output / STORE_NAME) as store:
-        work = units(plan, seeds, store)
-        if progress is not None and work:
-            progress.begin(f"hypergraph protocols: {instances} instances", sum(unit.rows for unit in work))
-        run(work, store, jobs=jobs, scheduler=scheduler, progress=progress, function=evaluate)
-        cells: dict[tuple[Setting, str], NDArray[np.float64]] = {}
-        for setting, methods in plan.items():
-            for method, (size,) in methods:
-                found = store.accuracies(setting, method, seeds)[size]
-                cells[setting, method.solver] = np.array([found[s] for s in seeds])
+        title = f"hypergraph protocols: {instances} instances"
+        complete(title, plan, seeds, store, jobs=jobs, scheduler=scheduler, progress=progress, function=evaluate)
+        found = accuracies(plan, seeds, store)
+    cells = {(setting, method.solver): values for (setting, method, _), values in found.items()}
     return write(Results(settings, tuple(SOLVERS), cells, milliseconds()), output)

@@ -18,7 +18,6 @@ from rootmatch.research.paper.settings import (
     residual_of,
     settings_of,
 )
-from rootmatch.research.store import Store
 from rootmatch.research.sweep import Plan
 
 DENSE, DENSE_START = "power-dense", "power-dense-start"
@@ -102,17 +101,6 @@ class Table:
     rhos: Rhos
     cells: dict[tuple[Setting, Method, int], NDArray[np.float64]]
     variant: Variant = "text"
-
-    @classmethod
-    def read(cls, store: Store, problems: tuple[str, ...], rhos: Rhos, seeds: range) -> Table:
-        """All accuracies of a finished sweep."""
-        cells = {}
-        for setting, methods in plan_of(problems, rhos).items():
-            for method, sizes in methods:
-                found = store.accuracies(setting, method, seeds)
-                for size in sizes:
-                    cells[setting, method, size] = np.array([found[size][seed] for seed in seeds])
-        return cls(problems, seeds, rhos, cells)
 
     @property
     def effort(self) -> Effort:

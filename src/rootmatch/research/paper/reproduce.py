@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from rootmatch.errors import InputError
 from rootmatch.research.output_files import figure_files, write_files
@@ -17,7 +18,7 @@ from rootmatch.research.paper.settings import PROBLEMS, SCAN_SEED, Effort
 from rootmatch.research.paper.work_unit import evaluate
 from rootmatch.research.progress import Progress
 from rootmatch.research.store import Store
-from rootmatch.research.sweep import Evaluate, Plan, check_jobs, run, units
+from rootmatch.research.sweep import Evaluate, accuracies, check_jobs, complete, units
 
 STORE_NAME = "results.sqlite"
 
@@ -75,20 +76,17 @@ def reproduce(
     check_jobs(jobs)
     ordered = tuple(problem for problem in PROBLEMS if problem in problems)
     seeds = range(seed, seed + instances)
+    how: dict[str, Any] = {"jobs": jobs, "scheduler": scheduler, "progress": progress, "function": function}
     with Store(output / STORE_NAME) as store:
-
-        def complete(title: str, plan: Plan, stage_seeds: range) -> None:
-            work = units(plan, stage_seeds, store)
-            if progress is not None and work:
-                progress.begin(title, sum(unit.rows for unit in work))
-            run(work, store, jobs=jobs, scheduler=scheduler, progress=progress, function=function)
-
         scanned = tuple(p for p in PROBLEMS if p in ordered or _is_scanned(p, store, effort))
         for residual in RESIDUALS:
-            complete(f"choosing ρ for {residual}", scan_plan(residual, effort, scanned), effort.scan_seeds(residual))
+            scan = scan_plan(residual, effort, scanned)
+            complete(f"choosing ρ for {residual}", scan, effort.scan_seeds(residual), store, **how)
         rhos = choose(store, effort, scanned)
-        complete(f"{', '.join(ordered)}: {instances} instances", plan_of(ordered, rhos), seeds)
-        table = Table.read(store, ordered, rhos, seeds)
+        title = f"{', '.join(ordered)}: {instances} instances"
+        plan = plan_of(ordered, rhos)
+        complete(title, plan, seeds, store, **how)
+        table = Table(ordered, seeds, rhos, accuracies(plan, seeds, store))
         files = write(table, output, claims_markdown(table, store.versions(), store.seconds()))
     return Reproduction(files, rhos)
 

@@ -122,7 +122,7 @@ class Rhos:
         other = "qr" if residual == "tan" else residual
         return [(residual if p == "3p1" else other, solver, p) for p in self.problems]
 
-    def by_seed(self, residual: str, problem: str, rule: Rule, solver: str = SPARSE) -> NDArray[np.float64]:
+    def by_seed(self, residual: str, problem: str, rule: Rule, solver: str) -> NDArray[np.float64]:
         """The curve of each seed, (seeds, len(grid))."""
         if rule in RULES:
             mean: NDArray[np.float64] = np.mean([self.whole[key] for key in self._keys(residual, solver)], axis=0)

@@ -16,9 +16,9 @@ from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.hypergraph.enumeration import exhaustive_count, random_hyperedges, wide_first
-from rootmatch.hypergraph.rows import sorted_rows
+from rootmatch.hypergraph.rows import row_keys, sorted_rows, unique_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.threads import at_most
+from rootmatch.jit.threads import one_thread
 from rootmatch.problems import residual_kinds
 from rootmatch.problems.base import Problem
 from rootmatch.problems.three_plus_one import ThreePlusOne
@@ -99,28 +99,21 @@ class Stream:
         if base**order >= 2**63:
             raise InputError(f"{shape[0]} × {shape[1]} points: too many for a sweep over hyper-edges of order {order}")
         self.base = base
-        _, first, sorted_group = np.unique(self._keys(rows), return_index=True, return_inverse=True)
+        first, sorted_group = unique_rows(rows, base)
         self.group = np.argsort(np.argsort(first))[sorted_group]
         self.indices = np.ascontiguousarray(rows[np.sort(first)])
         self.seen = np.maximum.accumulate(self.group) + 1
 
-    def _keys(self, rows: NDArray[np.int32]) -> NDArray[np.int64]:
-        """One number for each row of correspondences, ascending as the rows do."""
-        keys = np.zeros(len(rows), dtype=np.int64)
-        for column in rows.T:
-            keys = keys * self.base + column
-        return keys
-
     @cached_property
     def _sorted(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        keys = self._keys(self.indices)
+        keys = row_keys(self.indices, self.base)
         order = np.argsort(keys)
         return keys[order], order
 
     def groups_of(self, rows: NDArray[np.int32]) -> NDArray[np.intp]:
         """Group of each row of ascending correspondences; −1 for those that are not in the stream."""
         keys, order = self._sorted
-        wanted = self._keys(rows)
+        wanted = row_keys(rows, self.base)
         place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
         return np.where(keys[place] == wanted, order[place], -1)
 
@@ -151,7 +144,7 @@ def nested_tensors(
 
 def evaluate(unit: Unit) -> list[Row]:
     """All rows of a unit; they depend on the unit alone, not on threads, processes or what else is in it."""
-    with _ONE_AT_A_TIME, at_most(1):
+    with _ONE_AT_A_TIME, one_thread():
         return list(_evaluate(unit))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.io import read_bytes, written_whole
+from rootmatch.io import read_bytes, write_text_whole
 from rootmatch.research.output_files import markdown_table
 from rootmatch.research.real.scenes import protocols
 
@@ -82,10 +82,8 @@ def write_leaderboard(folder: Path) -> list[dict[str, Any]]:
         if (rows := read_rows(path))
         for entry in summarised(rows)
     ]
-    with written_whole(folder / TABLE) as temporary:
-        temporary.write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    with written_whole(folder / PAGE) as temporary:
-        temporary.write_text(page(table), encoding="utf-8")
+    write_text_whole(folder / TABLE, json.dumps(table, indent=1, allow_nan=False) + "\n")
+    write_text_whole(folder / PAGE, page(table))
     return table
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from rootmatch._version import __version__
 from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
+from rootmatch.research.output_files import make_folder
 from rootmatch.research.real.judge import judged
 from rootmatch.research.real.leaderboard import append_row, read_rows, rows_file, write_leaderboard
 from rootmatch.research.real.program import Program
@@ -61,10 +62,7 @@ def run_real(
         raise InputError(f"timeout: {timeout:g} given; give a number of seconds above 0, a finite one")
     programs = {method: Program(method, max(START_UP, timeout)) for method in methods}  # refuses what is no command
     scenes = list(all_scenes(data, only))
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"output: {output} cannot be made ({error.strerror})") from None
+    make_folder(output)
     done, total = 0, len(scenes) * len(programs)
     for method, to_run in programs.items():
         path = rows_file(output, method)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.threads import at_most
+from rootmatch.jit.threads import one_thread
 from rootmatch.research.speed.timing import seconds
 
 BLOCK = 500_000
@@ -51,15 +51,15 @@ def contraction(hyperedges: int, n: int, repeats: int) -> dict[str, float]:
     tensor, _ = planted(0, n, n, 3, hyperedges)
     x = np.random.default_rng(0).random(tensor.shape)
     np.testing.assert_allclose(tensor.contract(x), add_at(tensor, x), rtol=1e-9)
-    all_threads = seconds(lambda: tensor.contract(x), repeats)
-    with at_most(1):
-        one_thread = seconds(lambda: tensor.contract(x), repeats)
+    on_all = seconds(lambda: tensor.contract(x), repeats)
+    with one_thread():
+        on_one = seconds(lambda: tensor.contract(x), repeats)
     numpy = seconds(lambda: add_at(tensor, x), repeats)
     return {
         "hyperedges": float(tensor.size),
-        "milliseconds_one_thread": 1e3 * one_thread,
-        "milliseconds": 1e3 * all_threads,
+        "milliseconds_one_thread": 1e3 * on_one,
+        "milliseconds": 1e3 * on_all,
         "milliseconds_add_at": 1e3 * numpy,
-        "ratio_one_thread": numpy / one_thread,
-        "ratio": numpy / all_threads,
+        "ratio_one_thread": numpy / on_one,
+        "ratio": numpy / on_all,
     }

@@ -22,8 +22,6 @@ from rootmatch.hypergraph.affinity import KINDS
 from rootmatch.problems.residual_dispatch import PANEL_ROWS, SCRATCH_COLUMNS, SCRATCH_ROWS, fill_panel, slab_residual
 from rootmatch.research.speed.scenes import scene_and_tables
 
-SAMPLES = 3
-"""Random panels per count; each has about n' slabs."""
 _done = 0
 _root = math.sqrt
 
@@ -82,8 +80,8 @@ def _countable(field: NDArray[Any]) -> NDArray[Any]:
     return out
 
 
-def count(problem: str, kind: str, points: int, outliers: int, samples: int = SAMPLES) -> float:
-    """Operations per hyper-edge of an exhaustive sweep, from random panels; needs compilation to be disabled."""
+def count(problem: str, kind: str, points: int, outliers: int, samples: int) -> float:
+    """Operations per hyper-edge of an exhaustive sweep, from so many random panels; compilation has to be disabled."""
     global _done
     scene, tables = scene_and_tables(problem, points, outliers)
     order, (n, n_target) = scene.problem.order, (len(scene.source), len(scene.target))
@@ -116,7 +114,7 @@ def _panel(
     return len(lasts) * (n - first) * (n_target - order + 1)
 
 
-def operations(cases: list[tuple[str, str, int, int]], samples: int = SAMPLES) -> list[float]:
+def operations(cases: list[tuple[str, str, int, int]], samples: int) -> list[float]:
     """`count` for each case (problem, kind, points, outliers), in a process with compilation disabled."""
     with ProcessPoolExecutor(1, env={"NUMBA_DISABLE_JIT": "1"}) as pool:
         return [pool.submit(count, *case, samples).result() for case in cases]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, Floats, data_set, folder_with, opencv
+from rootmatch.research.real.sources.common import Fields, Floats, data_set, folder_with, opencv, photograph
 
 COLUMNS, ROWS = 9, 6
 """Inner corners of the board."""
@@ -30,9 +30,9 @@ def convert(snapshot: Path) -> Fields:
     points = np.column_stack([column - 0.5 * (COLUMNS - 1), row - 0.5 * (ROWS - 1), np.zeros(len(row))])
     views: list[dict[str, Any]] = []
     for camera, side in enumerate(("left", "right")):
-        photographs = [_photograph(cv2, root / f"{side}{number}.jpg") for number in both]
-        size = photographs[0].shape[::-1]
-        corners = [_corners(cv2, photograph, side) for photograph in photographs]
+        images = [photograph(root / f"{side}{number}.jpg") for number in both]
+        size = images[0].shape[::-1]
+        corners = [_corners(cv2, image, side) for image in images]
         boards = [points.astype(np.float32)] * len(corners)
         _, K, dist, turns, moves = cv2.calibrateCamera(boards, corners, size, None, None)
         for number, found, turn, move in zip(both, corners, turns, moves, strict=True):
@@ -50,17 +50,10 @@ def convert(snapshot: Path) -> Fields:
     )  # fmt: skip
 
 
-def _photograph(cv2: Any, path: Path) -> Any:
-    photograph = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if photograph is None:
-        raise InputError(f"snapshot: {path} cannot be read as an image")
-    return photograph
-
-
-def _corners(cv2: Any, photograph: Any, side: str) -> Floats:
-    found, corners = cv2.findChessboardCorners(photograph, (COLUMNS, ROWS))
+def _corners(cv2: Any, image: Any, side: str) -> Floats:
+    found, corners = cv2.findChessboardCorners(image, (COLUMNS, ROWS))
     if not found:
         raise InputError(f"snapshot: a photograph {side}… shows no board of {COLUMNS} × {ROWS} inner corners")
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     window = (HALF_WINDOW, HALF_WINDOW)
-    return np.asarray(cv2.cornerSubPix(photograph, corners, window, (-1, -1), stop)).reshape(-1, 2)
+    return np.asarray(cv2.cornerSubPix(image, corners, window, (-1, -1), stop)).reshape(-1, 2)

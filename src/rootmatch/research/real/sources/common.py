@@ -61,6 +61,15 @@ def opencv() -> Any:
     return cv2
 
 
+def photograph(path: Path) -> Any:
+    """A photograph in shades of grey, by OpenCV; an `InputError` if there is none in the file."""
+    cv2 = opencv()
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise InputError(f"snapshot: {path} cannot be read as an image")
+    return image
+
+
 def opencv_errors() -> tuple[type[Exception], ...]:
     """The exceptions of OpenCV, if it was imported."""
     return (sys.modules["cv2"].error,) if "cv2" in sys.modules else ()

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, Floats, data_set, folder_with, opencv, project
+from rootmatch.research.real.sources.common import Fields, Floats, data_set, folder_with, opencv, photograph, project
 
 REDUCED = 3
 """Factor by which photographs are made smaller."""
@@ -88,10 +88,7 @@ def vertical(path: Path, K: Floats, size: tuple[int, int]) -> Floats:
         If the photograph cannot be read, or shows no vertical edges.
     """
     cv2 = opencv()
-    photograph = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if photograph is None:
-        raise InputError(f"snapshot: {path} cannot be read as an image")
-    segments = _steep_segments(cv2.resize(photograph, size, interpolation=cv2.INTER_AREA), cv2)
+    segments = _steep_segments(cv2.resize(photograph(path), size, interpolation=cv2.INTER_AREA), cv2)
     if len(segments) < 2:
         raise InputError(f"snapshot: {path} shows no vertical edges")
     inverse = np.linalg.inv(K)
@@ -120,9 +117,9 @@ def _towards(point: Floats, middle: Floats, along: Floats) -> Floats:
     return np.asarray(np.arcsin(np.minimum(np.abs(cross) / np.maximum(norm, 1e-12), 1.0)))
 
 
-def _steep_segments(photograph: Any, cv2: Any) -> Floats:
+def _steep_segments(image: Any, cv2: Any) -> Floats:
     """Ends (m, 4) of the long line segments that lean little."""
-    found = cv2.createLineSegmentDetector().detect(photograph)[0]
+    found = cv2.createLineSegmentDetector().detect(image)[0]
     if found is None:
         return np.empty((0, 4))
     segments = found.reshape(-1, 4).astype(float)
