@@ -76,7 +76,7 @@ def missed_among(
 
     Of a hypothesis with so many matches; ``known`` (n,) is its assignment if the detections are its own.
     """
-    arrangements = images[target_arrangements(len(images), search.minimal - 1)].astype(np.int32)
+    arrangements = target_arrangements(len(images), search.minimal - 1)
     tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
     least = max(search.minimal + 1, math.ceil(SAME * matched))
     # a set is met if a rival, which explains nearly as many detections, explains all of its points
