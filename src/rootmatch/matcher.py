@@ -214,6 +214,15 @@ max_hyperedges, max_evaluations
         reason = self._fault(detections, 1 if alone else self.problem.order)
         if reason is not None:
             return self._nothing(detections, reason)
+        told: dict[str, Any] = {"more_images": more_images}
+        if rivals is not None:
+            others = {label: poses for label, poses in rivals.items() if label is not None}
+            told |= {"rival_poses": rivals.get(None, ()), "prior_rivals": others, "prior_freedom": FREEDOM}
+        if present:
+            of_bodies = {label: chance for label, chance in present.items() if label is not None}
+            told |= {"present": present.get(None), "present_of": of_bodies}
+        if budget is not None and options.scheduler is None:
+            told["budget"] = budget
         task = MatchingTask.of(
             self.problem,
             self.source,
@@ -226,20 +235,11 @@ max_hyperedges, max_evaluations
             prior=prior,
             source_noise=self.source_noise,
             options=options,
-            more_images=more_images,
             deadline=deadline,
+            **told,
         )
-        told: dict[str, Any] = {}
-        if rivals is not None:
-            others = {label: poses for label, poses in rivals.items() if label is not None}
-            told |= {"rival_poses": rivals.get(None, ()), "prior_rivals": others, "prior_freedom": FREEDOM}
-        if present:
-            of_bodies = {label: chance for label, chance in present.items() if label is not None}
-            told |= {"present": present.get(None), "present_of": of_bodies}
-        if budget is not None and options.scheduler is None:
-            told["budget"] = budget
         try:
-            return explain(replace(task, **told) if told else task, searching)
+            return explain(task, searching)
         except UnseenPixelError as error:
             return self._nothing(detections, str(error))
 

@@ -130,10 +130,12 @@ class MatchingTask:
         prior: Prior | Mapping[Label, Prior] | None = None,
         source_noise: ArrayLike | None = None,
         options: MatchOptions | None = None,
-        more_images: bool = False,
         deadline: Deadline = NEVER,
+        **told: Any,
     ) -> Self:
         """The task of arguments as `rootmatch.match` takes them; ``bodies`` may be checked already.
+
+        ``told``: what else a tracker knows, by the names of the attributes.
 
         Raises
         ------
@@ -188,8 +190,8 @@ class MatchingTask:
             prior_poses={label: one for label, one in of_each(prior).items() if isinstance(one, Pose)},
             known=prior if isinstance(prior, PosePrior) else None,
             known_of={label: one for label, one in of_each(prior).items() if isinstance(one, PosePrior)},
-            more_images=more_images,
             deadline=deadline,
+            **told,
         )
 
     @property
