@@ -26,8 +26,7 @@ from rootmatch.explain.task import MatchingTask, Rivals
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
-from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
+from rootmatch.problems.checks import as_points, repeated
 from rootmatch.problems.noise import check_source_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.result import Match, report
@@ -96,15 +95,10 @@ max_hyperedges, max_evaluations
     ) -> None:
         check_problem(problem)
         problem = problem.for_points(source)
-        alone = bodies is None
-        self.source = check_points(source, problem.source_dimension, "source", problem.order, distinct=alone).copy()
+        self.checked = problem.checked_source(source, normals, view_angle, distinct=bodies is None)
+        self.source, self.normals, _ = self.checked
         self.problem = problem
         self.noise = noise if isinstance(noise, str | int | float) else copy.deepcopy(noise)
-        if normals is not None:
-            Capability.NORMALS.require(problem.takes_normals, problem.name)
-        self.normals = None if normals is None else check_normals(normals, len(self.source)).copy()
-        check_view_angle(view_angle, normals, len(self.source))
-        self.view_angle = None if view_angle is None else np.array(view_angle, np.float64)
         self.labels = None if bodies is None else check_bodies(bodies, self.source, problem.order)
         self.source_noise = None if source_noise is None else check_source_noise(source_noise, self.source)
         self.options = MatchOptions(
@@ -214,22 +208,7 @@ max_hyperedges, max_evaluations
         reason = self._fault(detections, 1 if alone else self.problem.order)
         if reason is not None:
             return self._nothing(detections, reason)
-        task = MatchingTask.of(
-            self.problem,
-            self.source,
-            target,
-            noise=self.noise if noise is None else noise,
-            normals=self.normals,
-            view_angle=self.view_angle,
-            candidates=candidates,
-            bodies=self.labels,
-            prior=prior,
-            source_noise=self.source_noise,
-            options=options,
-            more_images=more_images,
-            deadline=deadline,
-        )
-        told: dict[str, Any] = {}
+        told: dict[str, Any] = {"more_images": more_images}
         if rivals is not None:
             others = {label: poses for label, poses in rivals.items() if label is not None}
             told |= {"rival_poses": rivals.get(None, ()), "prior_rivals": others, "prior_freedom": FREEDOM}
@@ -238,8 +217,21 @@ max_hyperedges, max_evaluations
             told |= {"present": present.get(None), "present_of": of_bodies}
         if budget is not None and options.scheduler is None:
             told["budget"] = budget
+        task = MatchingTask.of(
+            self.problem,
+            self.checked,
+            target,
+            noise=self.noise if noise is None else noise,
+            candidates=candidates,
+            bodies=self.labels,
+            prior=prior,
+            source_noise=self.source_noise,
+            options=options,
+            deadline=deadline,
+            **told,
+        )
         try:
-            return explain(replace(task, **told) if told else task, searching)
+            return explain(task, searching)
         except UnseenPixelError as error:
             return self._nothing(detections, str(error))
 

@@ -113,7 +113,7 @@ def told_by(
     fault = _misfit(body, told, k)
     prediction = -1
     if isinstance(prior, Doubted):
-        prediction = int(prior.prediction_of(modes.rotation[[k]], modes.position[[k]])[0])
+        prediction = int(prior.prediction_of(modes.rotation[k : k + 1], modes.position[k : k + 1])[0])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     sure = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
@@ -167,10 +167,9 @@ def lead_by_odds(probability: float | None) -> float:
 
 def _misfit(body: Candidate, told: Posterior, k: int) -> Misfit:
     """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
-    modes, model = told.modes, body.model
-    at = model.linearised(modes.rotation[[k]], modes.position[[k]])
-    squared = squared_deviations(model, modes.assignments[[k]], at)
-    return Misfit.of(float(squared[0]), round(float(modes.freedom[k])))
+    mode, model = told.modes.take(slice(k, k + 1)), body.model
+    squared = squared_deviations(model, mode.assignments, model.linearised(mode.rotation, mode.position))
+    return Misfit.of(float(squared[0]), round(float(mode.freedom[0])))
 
 
 def pose_of_mode(model: DetectionModel, modes: Modes, k: int) -> Pose:

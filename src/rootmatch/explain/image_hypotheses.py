@@ -187,8 +187,9 @@ def is_enough(model: DetectionModel, told: Posterior, minimal: int, *, of_severa
     elsewhere = most * max(mass, 0.0) / len(used)
     if most > 0.0 and not of_several:
         # of two squared deviations over their variances the mean is two: half of that is 1
-        worth = np.delete(-model.clutter.log_density - np.log(2.0 * np.pi * model.sigma**2) - 1.0, used)
-        elsewhere = max(elsewhere, most * float(worth.mean()) - minimal * math.log(left))
+        worth = -model.clutter.log_density - np.log(2.0 * np.pi * model.sigma**2) - 1.0
+        mean = float(worth.sum() - worth[used].sum()) / left
+        elsewhere = max(elsewhere, most * mean - minimal * math.log(left))
     return mass >= math.log(DOUBT) + elsewhere
 
 
@@ -198,10 +199,10 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
         return None
     predicted = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
     found = [proposals_about(model, one) for one in predicted]
-    parts = [one.take(np.arange(min(MOST_PREDICTED, len(one.assignments)))) for one in found if one is not None]
+    parts = [one.take(slice(MOST_PREDICTED)) for one in found if one is not None]
     others = [poses_of_few(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
-        others += [reversed_in_depth(model, one.take(np.arange(1))) for one in parts]
+        others += [reversed_in_depth(model, one.take(slice(1))) for one in parts]
     return joined([*parts, *others]) if parts else None
 
 

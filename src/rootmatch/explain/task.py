@@ -25,7 +25,7 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.p3p import P3P
-from rootmatch.problems.points import PointSets
+from rootmatch.problems.points import CheckedSource, PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import sightings_in
@@ -119,7 +119,7 @@ class MatchingTask:
     def of(
         cls,
         problem: Problem,
-        source: ArrayLike,
+        source: ArrayLike | CheckedSource,
         target: ArrayLike,
         *,
         noise: ArrayLike | Literal["auto"] = 1.0,
@@ -130,10 +130,12 @@ class MatchingTask:
         prior: Prior | Mapping[Label, Prior] | None = None,
         source_noise: ArrayLike | None = None,
         options: MatchOptions | None = None,
-        more_images: bool = False,
         deadline: Deadline = NEVER,
+        **told: Any,
     ) -> Self:
         """The task of arguments as `rootmatch.match` takes them; ``bodies`` may be checked already.
+
+        ``told``: what else a tracker knows, by the names of the attributes.
 
         Raises
         ------
@@ -155,7 +157,8 @@ class MatchingTask:
             if source_noise is not None:
                 raise InputError('noise: "auto" is not estimated beside source_noise=; give a number')
             noise = 0.0  # until it is estimated
-        problem = problem.for_points(source)
+        if not isinstance(source, CheckedSource):
+            problem = problem.for_points(source)
         least = 1 if prior is not None and problem.takes_prior else None
         points = problem.validated(
             source, target, noise, normals, view_angle,
@@ -188,8 +191,8 @@ class MatchingTask:
             prior_poses={label: one for label, one in of_each(prior).items() if isinstance(one, Pose)},
             known=prior if isinstance(prior, PosePrior) else None,
             known_of={label: one for label, one in of_each(prior).items() if isinstance(one, PosePrior)},
-            more_images=more_images,
             deadline=deadline,
+            **told,
         )
 
     @property

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +85,7 @@ class Affinity:
         return weights
 
 
+@lru_cache(maxsize=64)
 def affinity(residual: Residual | str = "joint", rho: float | None = None, gate: float | None = None) -> Affinity:
     """Affinity with the defaults of its kind of residual: ρ = 1 and `GATE` in units of the noise, else ρ = 0.01.
 
@@ -94,7 +97,7 @@ def affinity(residual: Residual | str = "joint", rho: float | None = None, gate:
     chosen = residual if isinstance(residual, Residual) else Residual(residual)
     in_noise = chosen.kind in NOISE_KINDS
     spread = (1.0 if in_noise else 1e-2) if rho is None else float(rho)
-    if not (np.isfinite(spread) and spread > 0.0):
+    if not 0.0 < spread < math.inf:
         raise InputError(f"rho: {rho} given; give a positive number")
     # beyond 28 ρ a weight is below 1e-12 and changes nothing
     limit = (GATE * spread if in_noise else 28.0 * spread) if gate is None else float(gate)

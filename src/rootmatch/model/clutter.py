@@ -49,9 +49,9 @@ def clutter_areas(target: Floats, sigma: Floats, images: Sequence[Integers] = ()
     if not images:
         if len(target) == 0:
             return np.array([focal**2])
-        extent = np.maximum(np.ptp(target, axis=0), 2.0 * WHOLE * float(sigma.max()))
+        extent = np.maximum(target.max(axis=0) - target.min(axis=0), 2.0 * WHOLE * float(sigma.max()))
         count = len(target)
-        return np.array([float(np.prod(extent)) * ((count + 1.0) / max(count - 1.0, 0.5)) ** 2])
+        return np.array([float(extent[0] * extent[1]) * ((count + 1.0) / max(count - 1.0, 0.5)) ** 2])
     known = [float(clutter_areas(target[own], sigma[own])[0]) if len(own) >= FEW else math.nan for own in images]
     other = float(np.nanmean(known)) if np.isfinite(known).any() else focal**2
     return np.where(np.isfinite(known), known, other)

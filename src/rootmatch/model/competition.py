@@ -54,14 +54,16 @@ def joint_posterior(
     uses = [modes.uses(count)[:KEPT] for modes in every]
     parts = [_with_parts(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))]
     uses = [modes.uses(count) for modes in parts]
-    chosen = np.empty((1, 0), np.int64)
-    taken, value = np.zeros((1, count), np.bool_), np.zeros(1)
     masses = [modes.log_mass + odds for modes in parts]
     copies = [_as_copy(*each, options) for each in zip(models, parts, uses, strict=True)]
-    for used, present in zip([*uses, *uses], [*masses, *copies], strict=True):
-        if present is None:
-            continue
-        mine, mass = np.concatenate([used, np.zeros((1, count), np.bool_)]), np.concatenate([present, [0.0]])
+    absent = np.zeros((1, count), np.bool_)
+    (taken, value), *others = [
+        (np.concatenate([used, absent]), np.concatenate([mass, [0.0]]))
+        for used, mass in zip([*uses, *uses], [*masses, *copies], strict=True)
+        if mass is not None
+    ]
+    chosen = np.arange(len(value))[:, None]
+    for mine, mass in others:
         free = ~(taken @ mine.T)  # which of the joint hypotheses leave which modes their detections
         row, mode = free.nonzero()
         value = value[row] + mass[mode]
@@ -100,10 +102,11 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[NDAr
 
     ``uses``: the detections (M, n') of the best modes of each body.
     """
-    modes = modes.take(slice(KEPT))
+    modes, others = modes.take(slice(KEPT)), np.concatenate([uses[k][:0], *uses[:k], *uses[k + 1 :]])
+    if not len(others):
+        return modes
     known = {one.tobytes() for one in modes.assignments}
     rows, parts = [], []
-    others = np.concatenate([uses[k][:0], *uses[:k], *uses[k + 1 :]])
     for wanted, row in np.argwhere(others @ uses[k].T).tolist():
         assignment = modes.assignments[row]
         part = np.where((assignment >= 0) & others[wanted, assignment], -1, assignment)

@@ -18,7 +18,7 @@ from rootmatch.problems.pose_fit.starts import planes
 def reversed_in_depth(model: DetectionModel, proposals: Proposals) -> Proposals:
     """The other poses that nearly flat points have from afar, with the same matches, for the camera that has most."""
     assignments = np.array(proposals.assignments, np.int64)
-    centre, normal = planes(model.points - model.centre, assignments >= 0)
+    centre, normal = planes(model.about_centre[0], assignments >= 0)
     poses = np.array(proposals.rotation, order="C"), np.array(proposals.position, order="C")
     out = np.empty(poses[0].shape), np.empty(poses[1].shape)
     reverse_depth(assignments, (centre, np.array(normal)), poses, frames_of(model.camera), out)

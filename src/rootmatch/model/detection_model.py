@@ -210,7 +210,7 @@ class DetectionModel:
 
     def linearised(self, rotation: Floats, position: Floats) -> Linearised:
         """Images of the points in poses (K, 3, 3) with the body's centre at (K, 3), to first order."""
-        at = linearised(self._about_centre, self.camera, self._views, rotation, position)
+        at = linearised(self.about_centre, self.camera, self._views, rotation, position)
         if self.size is not None:
             edge = within(at.pixels, self.size, float(np.median(self.sigma)))
             at = at._replace(expected=at.expected * edge)
@@ -222,7 +222,7 @@ class DetectionModel:
         return views_of(self.camera)
 
     @cached_property
-    def _about_centre(self) -> tuple[Floats, Floats]:
+    def about_centre(self) -> tuple[Floats, Floats]:
         """Points (n, 3) about the centre, and normals (n, 3) or (0, 3)."""
         return self.points - self.centre, np.empty((0, 3)) if self.normals is None else np.array(self.normals, float)
 
@@ -280,7 +280,7 @@ class DetectionModel:
         if self._views is None or self.size is not None or self.resolution or self.source_covariance is not None:
             return None
         clutter, rates = self.clutter.for_kernels, (*self.rates, float(self.options.noise_freedom))
-        return self._about_centre, self._views, self.image_for_kernels, clutter, rates
+        return self.about_centre, self._views, self.image_for_kernels, clutter, rates
 
     @cached_property
     def image_for_kernels(self) -> tuple[Any, ...]:

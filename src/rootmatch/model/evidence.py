@@ -77,9 +77,9 @@ class Evidence(NamedTuple):
     visible: Floats
     decrement: Floats
 
-    def take(self, which: Integers | NDArray[np.bool_]) -> Evidence:
+    def take(self, which: Integers | NDArray[np.bool_] | slice) -> Evidence:
         """Select some of the hypotheses."""
-        return Evidence._make(one[which] for one in self)
+        return Evidence._make([one[which] for one in self])
 
     def with_(self, which: Integers, others: Evidence) -> Evidence:
         """The same with others in the place of some."""
@@ -181,12 +181,10 @@ def settled(
     """Evidence after Gauss–Newton steps to the best poses, starting from that about the given poses.
 
     The steps of a hypothesis end when they no longer change its fit or, after the first `STEPS`, if it is far behind
-    the best one.
+    the best one. What is given may change in place.
     """
     mixture = (prior or model.prior).for_kernels
     if model.scene_for_kernels is not None and mixture is not None:
-        at = Linearised._make(None if one is None else one.copy() for one in at)
-        found = Evidence._make(one.copy() for one in found)
         rows = np.array(assignments, np.int64)
         return _settled_at_once(model, rows, at, mixture, given=EVIDENCE, most=MOST_STEPS, found=found), at
     for turn in range(MOST_STEPS):

@@ -56,13 +56,13 @@ class Linearised(NamedTuple):
     blob: Integers | None = None
     blob_variance: Floats | None = None
 
-    def take(self, which: Integers) -> Linearised:
+    def take(self, which: Integers | slice) -> Linearised:
         """Select some of the poses."""
-        return Linearised._make(None if one is None else one[which] for one in self)
+        return Linearised._make([None if one is None else one[which] for one in self])
 
     def one(self, k: int) -> Linearised:
         """One of the poses."""
-        return Linearised._make(None if one is None else one[k : k + 1] for one in self)
+        return self.take(slice(k, k + 1))
 
     def with_(self, which: Integers, others: Linearised) -> Linearised:
         """The same with other poses in the place of some."""

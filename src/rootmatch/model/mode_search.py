@@ -23,7 +23,7 @@ from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
 from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import Evidence, about, evidence, settled, settled_about, stepped
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.modes import Modes, as_objects, no_modes
+from rootmatch.model.modes import Modes, as_objects, no_modes, nothing_near
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.posterior_options import COUNTS, DEFAULT_POSTERIOR, PosteriorOptions
 from rootmatch.model.proposals import Proposals
@@ -59,7 +59,7 @@ def modes_of(
     damaged : bool
         Whether assignments may be right in part, as a solver's: those far behind clutter alone grow as well.
     """
-    proposals = proposals.take(np.count_nonzero(proposals.assignments >= 0, axis=1) >= model.prior.least)
+    proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     if not len(proposals.assignments):
         return no_modes(model.shape[0]) if known is None else known
     kept = [] if known is None else _Mode.every(known)
@@ -70,17 +70,18 @@ def modes_of(
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * options.negligible
     checkpoint()
     each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
-    proposals = proposals.take(np.arange(in_force().cut(len(proposals.assignments), each)))
+    proposals = proposals.take(slice(in_force().cut(len(proposals.assignments), each)))
     assignments, found, at = _possible(model, proposals, floor, of_copy, options=options)
     found, at = settled(model, assignments, found, at)
     order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
     for k in order[np.isfinite(found.log_odds[order])].tolist():
-        mode = _Mode.of(assignments[k], found, poses, k)
-        behind = bool(kept) and mode.log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
-        if kept and ((behind and mode.log_odds < of_copy) or in_force().passed()):
+        log_odds = float(found.log_odds[k])
+        behind = bool(kept) and log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
+        if kept and ((behind and log_odds < of_copy) or in_force().passed()):
             break
-        if behind and not apart_from(mode.assignment[None], kept[0].assignment)[0]:
+        if behind and not apart_from(assignments[[k]], kept[0].assignment)[0]:
             continue
+        mode = _Mode.of(assignments[k], found, poses, k)
         if kept:
             least = min(kept[0].log_mass - options.negligible, enough)
         else:
@@ -202,7 +203,7 @@ class _Mode:
             local=np.ones(len(assignment)),
             unmatched=(assignment < 0).astype(float),
             summed=False,
-            near=(np.empty((0, len(assignment)), np.int64), np.empty(0), np.empty((0, 6))),
+            near=nothing_near(len(assignment)),
         )
 
 
@@ -236,7 +237,7 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
             to_mode = _step(mode.rotation @ at.rotation[0].T, mode.position - at.position[0])
             mode.near = changed, values, weighed.step - to_mode
             vars(mode).pop("changes", None)
-            enough = np.count_nonzero(changed >= 0, axis=1) >= model.prior.least
+            enough = (changed >= 0).sum(axis=1) >= model.prior.least
             best = int(np.where(enough, values, -np.inf).argmax())
             if enough[best] and values[best] > mode.log_odds and turn < options.rounds:
                 found, settled_at = settled_about(model, changed[[best]], mode.rotation[None], mode.position[None])

@@ -58,7 +58,7 @@ class Modes(NamedTuple):
 
     def take(self, which: Integers | slice) -> Modes:
         """A subset of the modes."""
-        return Modes._make(one[which] for one in self)
+        return Modes._make([one[which] for one in self])
 
     def and_(self, others: Modes) -> Modes:
         """These modes, followed by others."""
@@ -92,9 +92,15 @@ def no_modes(n: int) -> Modes:
     )
 
 
+@lru_cache(maxsize=64)
+def nothing_near(n: int) -> tuple[Integers, Floats, Floats]:
+    """What `Modes.near` holds of a mode without weighed changes."""
+    return np.empty((0, n), np.int64), np.empty(0), np.empty((0, 6))
+
+
 def none_near(count: int, n: int) -> NDArray[np.object_]:
     """`Modes.near` for modes without weighed changes."""
-    return as_objects([(np.empty((0, n), np.int64), np.empty(0), np.empty((0, 6)))] * count)
+    return as_objects([nothing_near(n)] * count)
 
 
 def as_objects(some: list[Any]) -> NDArray[np.object_]:

@@ -241,9 +241,10 @@ class Gaussian(PoseDensity):
     @cached_property
     def bounded(self) -> Floats:
         """The covariance, no more certain than `EXACT` in any direction."""
-        least = EXACT * np.repeat([1.0, max(float(np.linalg.norm(self.position)), 1e-300)], 3)
-        scale = np.sqrt(np.maximum(np.diag(self.covariance), least**2))
-        unit = np.outer(scale, scale)
+        distance = max(math.sqrt(self.position @ self.position), 1e-300)
+        least = EXACT * np.array([1.0, 1.0, 1.0, distance, distance, distance])
+        scale = np.sqrt(np.maximum(self.covariance.diagonal(), least**2))
+        unit = scale[:, None] * scale
         return np.asarray((self.covariance / unit + EXACT * np.eye(6)) * unit)
 
     @cached_property
@@ -327,7 +328,7 @@ def _packed(predictions: Sequence[Gaussian], log_shares: Sequence[float]) -> tup
         np.array([one.rotation for one in predictions]),
         np.array([one.position for one in predictions]),
         np.array([whole for whole, _ in each]),
-        np.array([peak for _, peak in each]) + np.array(log_shares),
+        np.array([peak + share for (_, peak), share in zip(each, log_shares, strict=True)]),
         np.array([one.freedom for one in predictions], dtype=float),
     )
 

@@ -106,7 +106,7 @@ class Posterior:
         matched = np.flatnonzero(first >= 0)
         each = (self.confidence / self.confidence[matched].max() * lit)[matched]
         kept = matched[surest(each, 1.0 - min_probability / pose)]
-        out: Integers = np.full_like(first, -1)
+        out = np.full(len(first), -1)
         out[kept] = first[kept]
         return out
 

@@ -112,7 +112,7 @@ def proposals_about(
     known: dict[bytes, Settled] = {}
     start = settle(model, pose, covariance, options=options, known=known, looked=looked)
     if start is None or not start.is_convincing(options):
-        first = looked.first
+        first = looked.at.one(0)
         with suppress(OutOfTime):  # what is known by then is handed on
             for step, narrowed in _narrowed(model, looked, covariance, options):
                 moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
@@ -193,8 +193,9 @@ class _Gated(NamedTuple):
 class _Looked(NamedTuple):
     """What is seen about a pose, and about those that it leads to while each gate leaves one detection."""
 
-    first: Linearised
-    """Images about the pose itself; with the visibility (n,) of the points and the candidates (n, n') there."""
+    at: Linearised
+    """Images about the pose itself, the first; with the visibility (n,) of the points and the candidates (n, n') there.
+    """
     visible: Floats
     candidates: Bools
     settled: list[Settled]
@@ -225,7 +226,7 @@ def _looked(
         unique = gate((*_images_of(model, at), visible), np.array(covariance), _image_of(model), limits, gated)
         every = at, covariance, _Gated(*gated, unique)
         return _Looked(at, visible, gated[0], settled=[], last=gated[2], torn=every)
-    at = unfilled(n, model.normals is not None, *(np.repeat(one, rounds, axis=0) for one in pose))
+    at = unfilled(n, model.normals is not None, *(one.repeat(rounds, axis=0) for one in pose))
     found, rows = unweighed(rounds, n), np.empty((rounds, n), np.int64)
     covariance, candidates, visible = np.array(covariance), np.empty(shape, np.bool_), np.empty(n)
     count, why = look(
@@ -233,9 +234,9 @@ def _looked(
         (*at[:4], at.for_kernels[0], at.expected, at.rotation, at.position), (rows, tuple(found)),
         (candidates, visible, *gated),
     )  # fmt: skip
-    settled = [Settled(rows[k], Evidence._make(one[k : k + 1] for one in found), at.one(k)) for k in range(count)]
+    settled = [Settled(rows[k], found.take(slice(k, k + 1)), at.one(k)) for k in range(count)]
     torn = (at.one(count), covariance, _Gated(*gated, False)) if why == TORN else None
-    return _Looked(at.one(0), visible, candidates, settled=settled, last=gated[2], torn=torn)
+    return _Looked(at, visible, candidates, settled=settled, last=gated[2], torn=torn)
 
 
 def _images_of(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:
@@ -254,7 +255,7 @@ def _narrowed(
     model: DetectionModel, looked: _Looked, covariance: Floats, options: PredictionOptions
 ) -> list[tuple[Floats, Floats]]:
     """Steps and covariances after two correspondences each, those that explain most."""
-    points = *_images_of(model, looked.first), (model.rate or options.usual_rate) * looked.visible
+    points = *_images_of(model, looked.at), (model.rate or options.usual_rate) * looked.visible
     beams = [(np.zeros(6), np.array(covariance))]
     for _ in range(2):
         every = [_updates(points, about, _image_of(model), looked.candidates, options) for about in beams]

@@ -34,11 +34,12 @@ class Proposals(NamedTuple):
     position: Floats
     """(K, 3) of the body's centre in the camera frame."""
 
-    def take(self, which: Integers | NDArray[np.bool_]) -> Proposals:
+    def take(self, which: Integers | NDArray[np.bool_] | slice) -> Proposals:
         """A subset of the proposals."""
         return Proposals(self.assignments[which], self.rotation[which], self.position[which])
 
 
+@lru_cache(maxsize=64)
 def no_proposals(n: int) -> Proposals:
     """No proposals of a body of n points."""
     return Proposals(np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
@@ -93,7 +94,7 @@ def poses_of_sets(model: DetectionModel, assignments: Integers, most: int) -> Mi
     of, members = np.empty(room, np.int64), np.empty((room, 3), np.int64)
     rotation, position = np.empty((room, 3, 3)), np.empty((room, 3))
     count = poses_of_minimal_sets(
-        model.points - model.centre,
+        model.about_centre[0],
         (model.image_for_kernels[0], model.rays),
         assignments,
         (rotations, translations),

@@ -24,7 +24,7 @@ from rootmatch.problems.noise import (
     split_noise,
     with_model_noise,
 )
-from rootmatch.problems.points import PointClouds, PointSets, TwoViews
+from rootmatch.problems.points import CheckedSource, PointClouds, PointSets, TwoViews
 from rootmatch.problems.pose_fit.pose import Pose
 
 MOST_RADIANS = 0.5
@@ -89,9 +89,24 @@ class Problem(ABC):
         camera = getattr(self, "camera2", None) or getattr(self, "camera", None)
         return camera if isinstance(camera, CameraModel) else None
 
-    def validated(
+    def checked_source(
         self,
         source: ArrayLike,
+        normals: ArrayLike | None = None,
+        view_angle: ArrayLike | None = None,
+        *,
+        distinct: bool = True,
+    ) -> CheckedSource:
+        """The source, checked once for all targets; see `validated`."""
+        if normals is not None:
+            Capability.NORMALS.require(self.takes_normals, self.name)
+        points = check_points(source, self.source_dimension, "source", self.order, distinct)
+        facing = None if normals is None else check_normals(normals, len(points))
+        return CheckedSource(points, facing, check_view_angle(view_angle, normals, len(points)))
+
+    def validated(
+        self,
+        source: ArrayLike | CheckedSource,
         target: ArrayLike,
         noise: ArrayLike = 1.0,
         normals: ArrayLike | None = None,
@@ -106,7 +121,8 @@ class Problem(ABC):
         Parameters
         ----------
         source : (n, 3) or (n, 2) array
-            Points in space (any unit, any frame) or pixels of the first image.
+            Points in space (any unit, any frame) or pixels of the first image; or what `checked_source` made of them
+            and of the normals with their view angle.
         target : (n', 2) or (n', 3) array
             Pixels, or points in space.
         noise : float, (n',) array, or a pair
@@ -130,17 +146,12 @@ class Problem(ABC):
         InputError
             If the points cannot be used; the text says why.
         """
-        settled = self.for_points(source)
-        if settled is not self:
-            return settled.validated(
-                source, target, noise, normals, view_angle, source_noise=source_noise, least_target=least_target
-            )
-        if normals is not None:
-            Capability.NORMALS.require(self.takes_normals, self.name)
-        first = check_points(source, self.source_dimension, "source", self.order, distinct)
+        if not isinstance(source, CheckedSource):
+            settled = self.for_points(source)
+            checked = settled.checked_source(source, normals, view_angle, distinct=distinct)
+            return settled.validated(checked, target, noise, source_noise=source_noise, least_target=least_target)
+        first, facing, cosine = source
         second = check_points(self.joined(target), self.target_dimension, "target", least_target or self.order)
-        facing = None if normals is None else check_normals(normals, len(first))
-        cosine = check_view_angle(view_angle, normals, len(first))
         of_source = of_target = None
         if self.noisy_source and not self.source_is_image:
             noise, of_source, of_target = split_noise(noise, first, second)

@@ -88,6 +88,17 @@ class PointSets:
         return replace(self, source_noise=source, target_noise=target)
 
 
+class CheckedSource(NamedTuple):
+    """Source points that were checked, with what is known of each."""
+
+    points: Floats
+    """(n, k)."""
+    normals: Floats | None
+    """(n, 3)."""
+    view_cosine: Floats | None
+    """(n,) cosines of the view angles."""
+
+
 class PointClouds(NamedTuple):
     """Two point sets of one space: points x and x' = scale · R x + t, both noisy."""
 

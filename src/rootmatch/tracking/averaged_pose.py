@@ -11,6 +11,8 @@ by 20 (benchmarks/flights.py, rig, seed 1105).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,7 +49,7 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
         Of the points as they were given, with its covariance.
     """
     R, position, covariance = modes.rotation[k], modes.position[k], modes.covariance[k]
-    lines = _weak(covariance, max(float(np.linalg.norm(position)), 1e-300))
+    lines = _weak(covariance, max(math.sqrt(position @ position), 1e-300))
     if lines.shape[1]:
         about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
         prior = model.prior.for_kernels

@@ -168,7 +168,7 @@ class Belief:
         if told is None or model is None or not len(told.probabilities):
             return
         modes = told.modes.take(slice(LOOKED_AT))
-        log_share = np.log(np.append(self.shares, DOUBT if self.poses else 1.0))  # the last is that of a new one
+        log_share = np.log([*self.shares, DOUBT if self.poses else 1.0])  # the last is that of a new one
         origin = np.full(len(modes.log_odds), -1)
         if self.poses and isinstance(model.prior, Doubted):
             origin = model.prior.prediction_of(modes.rotation, modes.position)

@@ -165,7 +165,7 @@ class MotionFilter:
 
     def _ahead_by(self, dt: float) -> State:
         angular, linear = self._accelerations
-        variances = np.repeat([(self.scale * angular) ** 2, (self.scale * linear) ** 2], 3)
+        variances = np.array([(self.scale * angular) ** 2] * 3 + [(self.scale * linear) ** 2] * 3)
         out = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty((18, 18))
         state = self.R, self.t, self.motion, self.P, variances
         move_ahead(*transition(dt, self.options.persistence), state, out)

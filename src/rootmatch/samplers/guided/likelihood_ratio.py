@@ -72,7 +72,7 @@ def keep_survivor(survivors, ratios, weakest, ratio, found):  # type: ignore[no-
 
 @part
 def keep_likeliest(  # type: ignore[no-untyped-def]
-    grid, test, others_of, coordinates_of, masked, allowed, hypotheses, filled, stamp, tick, survivors, ratios
+    grid, test, others_of, coordinates_of, masked, allowed, hypotheses, filled, stamp, tick, images, survivors, ratios
 ):  # fmt: skip
     """Test what the screening leaves, one by one; the last stamp used, and how many points were looked up."""
     frames, picked = hypotheses
@@ -82,7 +82,7 @@ def keep_likeliest(  # type: ignore[no-untyped-def]
         s = picked[q, 0]
         tick += 1
         for p in range(m):
-            stamp[picked[q, 2 + p]] = tick
+            stamp[images[picked[q, 2 + p]]] = tick
         frame = (
             frames[q, 0], frames[q, 1], frames[q, 2], frames[q, 3], frames[q, 4], frames[q, 5],
             frames[q, 6], frames[q, 7], frames[q, 8], frames[q, 9], frames[q, 10], frames[q, 11],

@@ -75,7 +75,7 @@ def missed_among(
 
     Of a hypothesis with so many matches; ``known`` (n,) is its assignment if the detections are its own.
     """
-    arrangements = images[target_arrangements(len(images), search.minimal - 1)].astype(np.int32)
+    arrangements = target_arrangements(len(images), search.minimal - 1)
     tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
     least, enough, wanted = max(search.minimal + 1, math.ceil(SAME * matched)), MISSED, False
     if tried is None:

@@ -225,19 +225,16 @@ class Search:
     ) -> None:
         """Test one batch of tasks and verify the best survivors; for rivals of a ``known`` assignment (n,) see `_keep`.
 
-        If only some ``images`` may be matched, ``arrangements`` name no others.
+        If only some ``images`` may be matched, ``arrangements`` are places in them.
         """
-        each = (self.n_target if images is None else len(images)) - self.minimal + 1
-        solved = (last - first) * each
+        solved = (last - first) * ((self.n_target if images is None else len(images)) - self.minimal + 1)
         most = batches.verified_of(solved, self.single)
         survivors, ratios, counts = run_sequential_tests(
             self.padded, self.grid, test, sets, arrangements,
             first=first, last=last, allowed=self.allowed if images is None else self._allowed_to(images),
             keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
-            threads=threads_worth(solved // batches.WORTH_A_THREAD),
+            threads=threads_worth(solved // batches.WORTH_A_THREAD), images=images,
         )  # fmt: skip
-        # what is solved beside them, for an image that they may not have, is no try
-        counts[:, 0] = counts[:, 0] // (self.n_target - self.minimal + 1) * each
         self._keep(sets.points, survivors, ratios, counts, most, known=known)
 
     def _allowed_to(self, images: Integers) -> NDArray[np.bool_]:

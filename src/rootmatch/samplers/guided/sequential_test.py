@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
 from rootmatch.jit.threads import chunk_bounds, in_chunks
-from rootmatch.problems.padding import padded_rows, target_columns
+from rootmatch.problems.padding import padded_places, padded_rows, target_columns, with_targets
 from rootmatch.samplers.guided.detection_grid import DetectionGrid
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels, set_coordinates, set_known, solve_set
 from rootmatch.samplers.guided.likelihood_ratio import keep_likeliest
@@ -139,6 +139,7 @@ def run_sequential_tests(
     keep: int,
     chunks: int,
     threads: int = 1,
+    images: NDArray[np.int64] | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
     """Surviving hypotheses of the tasks ``first … last − 1``, those of the highest ratio.
 
@@ -147,7 +148,7 @@ def run_sequential_tests(
     tables, grid, test, sets
         The tables may have padding behind the targets.
     arrangements : (P, m − 1) int32 array
-        Images of all points of a minimal set but the last, which runs over all detections.
+        Images of all points of a minimal set but the last, which runs over all detections, as places in ``images``.
     first, last : int
         Task t is arrangement t // S + offset, modulo P, of set t % S.
     allowed : (n, n') bool array, or (0, 0) for all
@@ -157,6 +158,8 @@ def run_sequential_tests(
         Parts that the tasks are divided into; the result depends on it, not on the number of threads.
     threads : int
         Python threads: compiled code does not hold the lock, and it compiles in half the time of a parallel loop.
+    images : (L,) int64 array, optional
+        The only detections that a minimal set may have, all by default; the other points may be at any ``allowed`` one.
 
     Returns
     -------
@@ -171,8 +174,13 @@ def run_sequential_tests(
     ratios = np.full((chunks, keep), -np.inf)
     counts = np.zeros((chunks, 3), np.int64)
     n_target, m = grid.positions.shape[1], sets.points.shape[1]
-    columns = target_columns(tables, n_target)
-    grid = grid._replace(rays=padded_rows(grid.rays, columns))
+    columns, rays = target_columns(tables, n_target), grid.rays
+    if images is None:
+        images = np.arange(n_target)
+    else:
+        places = images[padded_places(len(images))]
+        tables, rays, columns = with_targets(tables, places, columns), np.take(grid.rays, places, axis=1), len(places)
+    solved_grid = grid._replace(rays=padded_rows(rays, columns))
     flat_cells, solutions = grid.cells.reshape(-1), hypothesis_kernels(tables).solutions
     # where normals tell, few solutions of a set show their own three points; those are tested one by one
     lookups = 0 if test.normals else lookups_before_dropped(test, sets.others.shape[1], m)
@@ -188,11 +196,12 @@ def run_sequential_tests(
         stamp = np.zeros(n_target, np.int64)
         image = np.zeros(m, np.int64)
         _test_some(
-            tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first_task, last_task,
-            np.array(bounds), scratch, work, hypotheses, stamp, image, survivors, ratios, counts,
+            tables, solved_grid, grid, images, flat_cells, test, sets, arrangements, allowed, lookups,
+            first_task, last_task, np.array(bounds), scratch, work, hypotheses, stamp, image, survivors, ratios, counts,
         )  # fmt: skip
 
-    in_chunks(test_some, bounds, threads, max(1, QUICK // max(n_target, 1)))
+    in_chunks(test_some, bounds, threads, max(1, QUICK // max(columns, 1)))
+    survivors[:, :, 2:] = images[survivors[:, :, 2:]]
     return survivors, ratios, counts
 
 
@@ -205,21 +214,21 @@ def lookups_before_dropped(test: SequentialTest, others: int, minimal: int) -> i
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _test_some(  # type: ignore[no-untyped-def]
-    tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first, last, bounds,
+    tables, solved_grid, grid, images, flat_cells, test, sets, arrangements, allowed, lookups, first, last, bounds,
     scratch, work, hypotheses, stamp, j, survivors, ratios, counts,
 ):  # fmt: skip
     """Tasks ``first … last − 1`` of chunks between ``bounds``.
 
+    Columns of ``tables`` and of the rays of ``solved_grid`` are those of the detections ``images``.
     ``scratch`` (2 s, columns) with s solutions of a set, ``work``, ``hypotheses``, ``stamp`` (n',) and j (m,) are
     scratch, made outside, as each array made in jitted code costs compile time.
     """
-    tables, grid, flat_cells, sets = borrowed((tables, grid, flat_cells, sets))
-    arrangements, allowed = borrowed((arrangements, allowed))
+    tables, solved_grid, grid, images = borrowed((tables, solved_grid, grid, images))
+    flat_cells, sets, arrangements, allowed = borrowed((flat_cells, sets, arrangements, allowed))
     scratch, work, hypotheses, stamp, j = borrowed((scratch, work, hypotheses, stamp, j))
     survivors, ratios, counts = borrowed((survivors, ratios, counts))
     points_of, others_of, coordinates_of, own_of, offset = sets
     count, m = points_of.shape
-    n_target = grid.positions.shape[1]
     masked = allowed.shape[0] > 0
     tick = 0
     for chunk in range(bounds.size - 1):
@@ -234,36 +243,36 @@ def _test_some(  # type: ignore[no-untyped-def]
             possible = True
             for p in range(m - 1):
                 j[p] = arrangements[rank, p]
-                possible = possible and (not masked or allowed[i[p], j[p]])
+                possible = possible and (not masked or allowed[i[p], images[j[p]]])
             if not possible:
                 continue
             solve_set(tables, i, j, scratch)
-            solved += n_target - m + 1
+            solved += images.size - m + 1
             for row in range(scratch.shape[0]):
                 for p in range(m - 1):
                     scratch[row, j[p]] = np.nan
-                for k in range(n_target, scratch.shape[1]):
+                for k in range(images.size, scratch.shape[1]):
                     scratch[row, k] = np.nan
                 if masked:
-                    for k in range(n_target):
-                        if not allowed[i[m - 1], k]:
+                    for k in range(images.size):
+                        if not allowed[i[m - 1], images[k]]:
                             scratch[row, k] = np.nan
-            before = set_known(tables, grid, i, j)
+            before = set_known(tables, solved_grid, i, j)
             found, filled = screen(
-                tables, grid, flat_cells, test.normals, before, coordinates_of[s], own_of[s], j, lookups, scratch,
-                work, s, hypotheses, filled,
+                tables, solved_grid, flat_cells, test.normals, before, coordinates_of[s], own_of[s], j, lookups,
+                scratch, work, s, hypotheses, filled,
             )  # fmt: skip
             tested += found
             looked += found * lookups
             if filled >= TESTED:
                 tick, own = keep_likeliest(
                     grid, test, others_of, coordinates_of, masked, allowed, hypotheses, filled, stamp, tick,
-                    survivors[chunk], ratios[chunk],
+                    images, survivors[chunk], ratios[chunk],
                 )  # fmt: skip
                 looked, filled = looked + own - filled * lookups, 0
         tick, own = keep_likeliest(
             grid, test, others_of, coordinates_of, masked, allowed, hypotheses, filled, stamp, tick,
-            survivors[chunk], ratios[chunk],
+            images, survivors[chunk], ratios[chunk],
         )  # fmt: skip
         looked += own - filled * lookups
         counts[chunk, 0] += solved
