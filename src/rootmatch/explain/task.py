@@ -130,12 +130,11 @@ class MatchingTask:
         prior: Prior | Mapping[Label, Prior] | None = None,
         source_noise: ArrayLike | None = None,
         options: MatchOptions | None = None,
-        deadline: Deadline = NEVER,
         **told: Any,
     ) -> Self:
         """The task of arguments as `rootmatch.match` takes them; ``bodies`` may be checked already.
 
-        ``told``: what else a tracker knows, by the names of the attributes.
+        ``told``: the deadline, and what else a tracker knows, by the names of the attributes.
 
         Raises
         ------
@@ -191,7 +190,6 @@ class MatchingTask:
             prior_poses={label: one for label, one in of_each(prior).items() if isinstance(one, Pose)},
             known=prior if isinstance(prior, PosePrior) else None,
             known_of={label: one for label, one in of_each(prior).items() if isinstance(one, PosePrior)},
-            deadline=deadline,
             **told,
         )
 
