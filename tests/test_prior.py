@@ -78,7 +78,7 @@ def test_three_detections_are_enough() -> None:
     assert np.array_equal(match.assignment, [0, -1, 1, -1, -1, 2])
     nothing = rm.match(made["source"], target, rm.P3P(CAMERA), noise=0.3, prior=predicted(made, 5, scale=40.0))
     assert nothing.status is rm.Status.UNTRUSTED
-    assert "the prior pose is not confirmed" in nothing.advice
+    assert "the predicted pose is not confirmed" in nothing.advice
 
 
 def test_a_wrong_prior_is_noticed() -> None:

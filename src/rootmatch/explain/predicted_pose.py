@@ -13,7 +13,7 @@ from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import NAMED, PREDICTION, Candidate, is_enough, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
 
-UNCONFIRMED = "the prior pose is not confirmed"
+UNCONFIRMED = "the predicted pose is not confirmed"
 
 
 def match_predicted(
