@@ -1,22 +1,25 @@
-"""The search for the relative pose of two views: minimal sets until several of them lead to the same assignment."""
+"""The search for the relative pose of two views: minimal sets until several of them lead to the same assignment.
+
+And until no other pose that explains as many points can well have been missed.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint, in_force
-from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
+from rootmatch.jit.threads import LONGEST, in_threads, threads_worth
 from rootmatch.problems.points import TwoViews
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.detection_grid import mean_basis
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
-from rootmatch.samplers.guided.minimal_sets import minimal_sets
+from rootmatch.samplers.two_views.covering_sets import CoveringSets
+from rootmatch.samplers.two_views.image_pieces import in_pieces
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
 from rootmatch.samplers.two_views.set_kernels import search_pairs, search_triples
@@ -49,6 +52,10 @@ BUDGET = 4_000_000
 """Most minimal sets with images that are solved."""
 AGREEING = 3
 """Minimal sets that must have led to the likeliest assignment before the search ends."""
+MISSED, RIVALLED = 0.1, 0.01
+"""Probability of having missed a pose that explains as many points, above which the search does not end: as in
+`rootmatch.model.two_view_posterior`, and where two poses are no accident. The scene looks like itself then, and a third
+pose may be the right one. Round values."""
 SAME = 0.7
 """Share of matches that two assignments must have in common to be the same."""
 POSES, POSES_REFINED = 64, 16
@@ -124,6 +131,9 @@ class PoseSearch:
             1.0 / _density(self.views), np.ascontiguousarray(possible), VISIBLE,
             detected, SET_BLUR**2 * self.noise, REJECT, DRIFT,
         )  # fmt: skip
+        self.covering = CoveringSets(
+            np.ascontiguousarray(self.views.source.T), np.flatnonzero(possible.any(axis=1)), self.minimal, self.rng
+        )
         self.hypotheses: list[RelativeHypothesis] = []
         self.sets = 0
         self.solved = self.tested = self.evaluated = 0
@@ -133,15 +143,19 @@ class PoseSearch:
 
     def run(self) -> None:
         """Run wave after wave until enough of them agree, all sets were tried, or the budget is spent."""
-        positions = np.ascontiguousarray(self.views.source.T)
-        for sets in minimal_sets(positions, self.minimal, self.rng, FIRST_WAVE, WAVE):
+        for sets in self.covering.waves(FIRST_WAVE, WAVE):
             # of many images a single set may be more than the budget
             self._try(sets[: max((self.budget - self.solved) // self.n_target**self.minimal, 1)])
             self.conclusive = bool(self.hypotheses)
             if self.task.progress is not None:
                 self.task.progress(min(self.solved, self.budget), self.budget)
-            if self._agreed() or self._spent():
+            if (self._agreed() and self.missed <= (RIVALLED if self._rivalled() else MISSED)) or self._spent():
                 return
+
+    @property
+    def missed(self) -> float:
+        """Probability that a pose which explains as many points as the likeliest one was never met."""
+        return self.covering.missed(int((self.hypotheses[0].assignment >= 0).sum())) if self.hypotheses else 1.0
 
     def _spent(self) -> bool:
         spent = self.sets >= MOST_SETS or self.solved >= self.budget
@@ -154,6 +168,11 @@ class PoseSearch:
         first = self.hypotheses[0]
         led = {other.minimal_set for other in self.hypotheses if other.like(first)}
         return len(led) >= AGREEING
+
+    def _rivalled(self) -> bool:
+        """Whether a pose other than the likeliest one is beyond chance too."""
+        first, chance = self.hypotheses[0], math.log(max(self.tested, 1))
+        return any(one.evidence > chance and not one.like(first) for one in self.hypotheses)
 
     def _try(self, sets: Integers) -> None:
         """Try minimal sets with all their images, and refine the likeliest poses of each."""
@@ -187,7 +206,8 @@ class PoseSearch:
         try:
             reserve = LONGEST + 2.0 * SECONDS_PER_RATIO * count * POSES_REFINED * self.n * self.n_target
             with self.deadline.part(SOLVED, reserve).enforced():
-                _in_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
+                in_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
+            self.covering.add(sets)
         except OutOfTime:
             self.cut = True
         solved, tested, looked_up = counts.sum(axis=(0, 1)).tolist()
@@ -310,28 +330,6 @@ class PoseSearch:
             lists[g] = np.where(np.logical_and.accumulate(enough, axis=1), order, -1)
         evidence = np.array([one.evidence for one in leaders])
         return HypothesisClusters(lists, evidence, math.log(max(self.tested, 1)))
-
-
-def _in_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:
-    """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
-
-    None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
-
-    Raises
-    ------
-    OutOfTime
-        If the deadline in force passes before all is begun.
-    """
-    deadline, size = in_force(), 1
-    for begin, end in ranges.tolist():
-        while begin < end:
-            checkpoint()
-            stop, started = min(begin + size, end), deadline.clock()
-            work(begin, stop)
-            each = max((deadline.clock() - started) / (stop - begin), 1e-9)
-            longest = min(LONGEST, 0.5 * deadline.left())
-            size = max(1, min(int(longest / each), GROWTH * (stop - begin), largest))
-            begin = stop
 
 
 def _density(views: TwoViews) -> Floats:
