@@ -312,3 +312,22 @@ def test_repeated_structure_is_met_where_it_is() -> None:
         assert match.status is rm.Status.MATCHED
         assert (match.assignment[matched] == truth[matched]).mean() > 0.9
         assert matched.sum() >= 0.8 * (truth >= 0).sum()
+
+
+@pytest.mark.parametrize("repeated", [True, False])
+def test_what_may_have_been_missed_counts_where_a_scene_looks_like_itself(repeated: bool) -> None:
+    if repeated:
+        first, second, _ = colonnade(1, 0.5)
+        problem, sigma = rm.ThreePlusOne(rm.Camera(500.0, 500.0, 320.0, 240.0), axis=(0, 1, 0), axis2=(0, 1, 0)), 0.2
+    else:
+        scene = three_plus_one_scene(20, 5, 0.5, 1, 1.0)
+        first, second, problem, sigma = scene.source, scene.target, scene.problem, 0.5
+    views = problem.two_views(problem.validated(first, second, sigma))
+    task = SamplingTask(None, Joint(), Affinity(Residual("joint"), 1.0, 3.5), (len(first), len(second)), 4, views=views)
+    search = PoseSearch(task)
+    assert search.missed == 1.0
+    search.run()
+    matched = int((search.hypotheses[0].assignment >= 0).sum())
+    met = search.covering.missed(matched)
+    assert met <= (0.02 if repeated else 0.1)
+    assert search.missed == pytest.approx(met if repeated else 1e-3 * met)

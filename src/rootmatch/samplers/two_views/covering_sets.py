@@ -21,12 +21,12 @@ from rootmatch.samplers.guided.minimal_sets import width
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-ORDERS = 256
+ORDERS = 128
 """Orders of the points that stand for all: what may be shown are the first points of one. A round value."""
 BESIDE = 4.0
 """Most that a place along some direction counts against chance in an order: what a second image does not show lies
 beyond one of its borders, or anywhere. A round value."""
-LISTED = 1_024
+LISTED = 512
 """Sets among which the next one is chosen: all, or the wider half of so many. A round value."""
 WIDER_PART = 0.5
 LOST = 0.25
