@@ -18,9 +18,11 @@ from rootmatch.problems.points import TwoViews
 from rootmatch.problems.residual_kinds import Joint
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.two_views import pose_search
+from rootmatch.samplers.two_views.covering_sets import CoveringSets
+from rootmatch.samplers.two_views.image_pieces import in_pieces
 from rootmatch.samplers.two_views.likelihood import likelihood_ratio, line_of
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
-from rootmatch.samplers.two_views.pose_search import PoseSearch, _in_pieces, search_pairs, search_triples
+from rootmatch.samplers.two_views.pose_search import PoseSearch, search_pairs, search_triples
 from rootmatch.simulation import three_plus_one_scene
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
@@ -189,7 +191,7 @@ def test_pieces_grow_and_end_at_the_deadline() -> None:
         now[0] += 0.001 * (end - begin)
 
     with Deadline(1.0, clock=lambda: now[0]).enforced(), pytest.raises(OutOfTime):
-        _in_pieces(work, np.array([(3, 30), (40, 100_000)]), 40)
+        in_pieces(work, np.array([(3, 30), (40, 100_000)]), 40)
     assert pieces[0] == (3, 4)
     assert all(after[0] in (before[1], 40) for before, after in itertools.pairwise(pieces))
     assert max(end - begin for begin, end in pieces) == 40
@@ -248,3 +250,84 @@ def test_unrelated_images_are_not_trusted() -> None:
         points = [rng.uniform(0.0, (640.0, 480.0), (count, 2)) for count in (14, 18)]
         match = rm.match(*points, rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)), noise=0.5, sampler="guided")
         assert match.status is not rm.Status.MATCHED
+
+
+def test_sets_cover_what_may_be_shown() -> None:
+    """The widest sets share the corners of a grid: none of them is of use where the second image lacks one of those."""
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 6), np.linspace(-0.4, 0.4, 4))
+    rays = np.column_stack([x.ravel(), y.ravel(), np.ones(24)])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    for lost in (x.ravel() < -0.4, x.ravel() > 0.2, y.ravel() > 0.3, np.arange(24) % 3 == 0):
+        order = CoveringSets(rays, np.arange(24), 3, np.random.default_rng(1))
+        waves = order.waves(3, 2)
+        sets = np.concatenate([next(waves) for _ in range(9)])
+        assert len(np.unique(sets, axis=0)) == len(sets) == 19
+        assert (~lost[sets]).all(axis=1).sum() >= 2
+    assert order.missed(24) == 1.0  # none was tried yet
+    order.add(sets[:3])
+    after_three = order.missed(18)
+    order.add(sets[3:])
+    assert 0.0 < order.missed(18) < after_three < 1.0
+    assert order.missed(18) < order.missed(12) < order.missed(4)
+
+
+def test_points_without_an_image_are_in_no_set() -> None:
+    rays = bearings(12, np.random.default_rng(2))
+    points = np.array([1, 4, 5, 9])
+    order = CoveringSets(rays, points, 2, np.random.default_rng(3))
+    sets = np.concatenate(list(order.waves(3, 2)))
+    assert sorted(map(tuple, np.sort(sets, axis=1))) == list(itertools.combinations(points.tolist(), 2))
+    assert not list(CoveringSets(rays, points[:1], 2, np.random.default_rng(3)).waves(3, 2))
+
+
+def colonnade(seed: int, baseline: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two images of eight equal columns and two points of each one's own, and which points are the same."""
+    rng = np.random.default_rng(seed)
+    points = np.array([[2.0 * i, y, z] for i in range(8) for y, z in ((0.0, 0.0), (-2.5, 0.15), (-4.0, -0.1))])
+    middle = points.mean(axis=0)
+    first = np.array([middle[0] + rng.uniform(-4.0, 4.0), 0.0, middle[2] - rng.uniform(11.0, 15.0)])
+    move = rng.normal(size=3) * (1.0, 0.2, 0.5)
+    images, owners = [], []
+    for place in (first, first + baseline * move / np.linalg.norm(move)):
+        yaw = math.atan2(middle[0] - place[0], middle[2] - place[2]) + rng.uniform(-0.1, 0.1)
+        seen = (points - place) @ about_y(yaw)
+        pixels = 500.0 * seen[:, :2] / seen[:, 2:] + (320.0, 240.0)
+        shown = np.flatnonzero((np.abs(pixels - (320.0, 240.0)) < (320.0, 240.0)).all(axis=1) & (rng.random(24) > 0.1))
+        pixels = np.concatenate([pixels[shown], rng.uniform((0.0, 0.0), (640.0, 480.0), (2, 2))])
+        owner = np.concatenate([shown, [-1 - len(images), -3 - len(images)]])
+        order = rng.permutation(len(owner))
+        images.append(pixels[order] + rng.normal(0.0, 0.2, (len(order), 2)))
+        owners.append(owner[order])
+    same = owners[0][:, None] == owners[1]
+    return images[0], images[1], np.where(same.any(axis=1), same.argmax(axis=1), -1)
+
+
+def test_repeated_structure_is_met_where_it_is() -> None:
+    """Searches ended with sets that led to one shifted labelling, all with a point that the second image lacks."""
+    problem = rm.ThreePlusOne(rm.Camera(500.0, 500.0, 320.0, 240.0), axis=(0, 1, 0), axis2=(0, 1, 0))
+    for seed in range(12):
+        first, second, truth = colonnade(seed, 0.5)
+        match = rm.match(first, second, problem, noise=0.2)
+        matched = match.assignment >= 0
+        assert match.status is rm.Status.MATCHED
+        assert (match.assignment[matched] == truth[matched]).mean() > 0.9
+        assert matched.sum() >= 0.8 * (truth >= 0).sum()
+
+
+@pytest.mark.parametrize("repeated", [True, False])
+def test_what_may_have_been_missed_counts_where_a_scene_looks_like_itself(repeated: bool) -> None:
+    if repeated:
+        first, second, _ = colonnade(1, 0.5)
+        problem, sigma = rm.ThreePlusOne(rm.Camera(500.0, 500.0, 320.0, 240.0), axis=(0, 1, 0), axis2=(0, 1, 0)), 0.2
+    else:
+        scene = three_plus_one_scene(20, 5, 0.5, 1, 1.0)
+        first, second, problem, sigma = scene.source, scene.target, scene.problem, 0.5
+    views = problem.two_views(problem.validated(first, second, sigma))
+    task = SamplingTask(None, Joint(), Affinity(Residual("joint"), 1.0, 3.5), (len(first), len(second)), 4, views=views)
+    search = PoseSearch(task)
+    assert search.missed == 1.0
+    search.run()
+    matched = int((search.hypotheses[0].assignment >= 0).sum())
+    met = search.covering.missed(matched)
+    assert met <= (0.02 if repeated else 0.1)
+    assert search.missed == pytest.approx(met if repeated else 1e-3 * met)

@@ -1,30 +1,30 @@
-"""The search for the relative pose of two views: minimal sets until several of them lead to the same assignment."""
+"""The search for the relative pose of two views: minimal sets until several of them lead to the same assignment.
+
+And until no other pose that explains as many points can well have been missed.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint, in_force
-from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
-from rootmatch.problems.points import TwoViews
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
+from rootmatch.jit.threads import LONGEST, in_threads, threads_worth
 from rootmatch.samplers.base import SamplingTask
-from rootmatch.samplers.guided.detection_grid import mean_basis
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
-from rootmatch.samplers.guided.minimal_sets import minimal_sets
+from rootmatch.samplers.two_views.covering_sets import CoveringSets
+from rootmatch.samplers.two_views.detection_density import detection_density
+from rootmatch.samplers.two_views.image_pieces import in_pieces
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
+from rootmatch.samplers.two_views.relative_hypothesis import RelativeHypothesis
 from rootmatch.samplers.two_views.set_kernels import search_pairs, search_triples
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-LEAST_COSINE = 0.05
-"""Cosine to the mean bearing below which a detection is off the plane on which densities are measured: 87°."""
 BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 """Variance that the pose's error adds in the steps of a refinement, in those of the noise."""
 SOLVED = 0.6
@@ -49,8 +49,14 @@ BUDGET = 4_000_000
 """Most minimal sets with images that are solved."""
 AGREEING = 3
 """Minimal sets that must have led to the likeliest assignment before the search ends."""
-SAME = 0.7
-"""Share of matches that two assignments must have in common to be the same."""
+MISSED, RIVALLED = 0.1, 0.02
+"""Probability of having missed a pose that explains as many points, above which the search does not end: as in
+`rootmatch.model.two_view_posterior`, and where two poses are no accident. The scene looks like itself then, and a third
+pose may be the right one. Round values."""
+OTHER = 0.3
+"""Share of matches up to which two assignments are of poses that have nothing to do with one another. A round value."""
+REPEATED = 1e-3
+"""Odds that a scene looks like itself before it is seen. A stated value: `model.posterior_options.copy` of bodies."""
 POSES, POSES_REFINED = 64, 16
 """Poses of a minimal set that are kept, and the likeliest of them, which are refined on all points."""
 ASSIGNMENTS = 12
@@ -78,25 +84,6 @@ BREADTH = math.pi / math.sqrt(48.0)
 """Standard deviation of the logarithm of the inverse distances: that of their log-logistic density."""
 
 
-@dataclass(frozen=True)
-class RelativeHypothesis:
-    """A refined relative pose and the assignment that it makes likeliest."""
-
-    evidence: float
-    """Log-likelihood ratio of the assignment against clutter."""
-    assignment: Integers
-    """(n,) image of each source point, −1 for none."""
-    ratios: Floats
-    """(n, n') likelihood ratios of all pairs."""
-    minimal_set: int
-    """Number of the minimal set that led to it."""
-
-    def like(self, other: RelativeHypothesis) -> bool:
-        """Whether two assignments have so much in common that they come from one pose."""
-        common = (self.assignment == other.assignment) & (self.assignment >= 0)
-        return bool(common.sum() >= SAME * max((self.assignment >= 0).sum(), 1))
-
-
 class PoseSearch:
     """One search and its hypotheses so far, strongest first.
 
@@ -121,9 +108,12 @@ class PoseSearch:
         possible = np.ones(task.shape) if task.candidates is None else task.candidates.astype(np.float64)
         detected = VISIBLE * min(1.0, self.n / self.n_target)
         self.judge = (
-            1.0 / _density(self.views), np.ascontiguousarray(possible), VISIBLE,
+            1.0 / detection_density(self.views), np.ascontiguousarray(possible), VISIBLE,
             detected, SET_BLUR**2 * self.noise, REJECT, DRIFT,
         )  # fmt: skip
+        self.covering = CoveringSets(
+            np.ascontiguousarray(self.views.source.T), np.flatnonzero(possible.any(axis=1)), self.minimal, self.rng
+        )
         self.hypotheses: list[RelativeHypothesis] = []
         self.sets = 0
         self.solved = self.tested = self.evaluated = 0
@@ -133,15 +123,25 @@ class PoseSearch:
 
     def run(self) -> None:
         """Run wave after wave until enough of them agree, all sets were tried, or the budget is spent."""
-        positions = np.ascontiguousarray(self.views.source.T)
-        for sets in minimal_sets(positions, self.minimal, self.rng, FIRST_WAVE, WAVE):
+        for sets in self.covering.waves(FIRST_WAVE, WAVE):
             # of many images a single set may be more than the budget
             self._try(sets[: max((self.budget - self.solved) // self.n_target**self.minimal, 1)])
             self.conclusive = bool(self.hypotheses)
             if self.task.progress is not None:
                 self.task.progress(min(self.solved, self.budget), self.budget)
-            if self._agreed() or self._spent():
+            if self._enough() or self._spent():
                 return
+
+    @property
+    def missed(self) -> float:
+        """Probability that another pose explains as many points as the likeliest one, and was never met."""
+        if not self.hypotheses:
+            return 1.0
+        return self._unmet() * (1.0 if self._rivalled() else REPEATED)
+
+    def _unmet(self) -> float:
+        """Probability that a pose which explains as many points as the likeliest one was not met, if there is one."""
+        return self.covering.missed(int((self.hypotheses[0].assignment >= 0).sum()))
 
     def _spent(self) -> bool:
         spent = self.sets >= MOST_SETS or self.solved >= self.budget
@@ -154,6 +154,23 @@ class PoseSearch:
         first = self.hypotheses[0]
         led = {other.minimal_set for other in self.hypotheses if other.like(first)}
         return len(led) >= AGREEING
+
+    def _enough(self) -> bool:
+        """Whether the sets agree on a pose, and no other one that is beyond chance too can well have been missed."""
+        if not self._agreed():
+            return False
+        if self.hypotheses[0].evidence <= self._chance():
+            return True
+        return self._unmet() <= (RIVALLED if self._rivalled() else MISSED)
+
+    def _chance(self) -> float:
+        """Evidence that one of the poses tested reaches by chance."""
+        return math.log(max(self.tested, 1))
+
+    def _rivalled(self) -> bool:
+        """Whether a pose that has nothing to do with the likeliest one says that the scene looks like itself."""
+        first, enough = self.hypotheses[0], self._chance() - math.log(REPEATED)
+        return any(one.evidence > enough and one.shared(first) <= OTHER for one in self.hypotheses)
 
     def _try(self, sets: Integers) -> None:
         """Try minimal sets with all their images, and refine the likeliest poses of each."""
@@ -187,7 +204,8 @@ class PoseSearch:
         try:
             reserve = LONGEST + 2.0 * SECONDS_PER_RATIO * count * POSES_REFINED * self.n * self.n_target
             with self.deadline.part(SOLVED, reserve).enforced():
-                _in_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
+                in_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
+            self.covering.add(sets)
         except OutOfTime:
             self.cut = True
         solved, tested, looked_up = counts.sum(axis=(0, 1)).tolist()
@@ -310,36 +328,3 @@ class PoseSearch:
             lists[g] = np.where(np.logical_and.accumulate(enough, axis=1), order, -1)
         evidence = np.array([one.evidence for one in leaders])
         return HypothesisClusters(lists, evidence, math.log(max(self.tested, 1)))
-
-
-def _in_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:
-    """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
-
-    None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
-
-    Raises
-    ------
-    OutOfTime
-        If the deadline in force passes before all is begun.
-    """
-    deadline, size = in_force(), 1
-    for begin, end in ranges.tolist():
-        while begin < end:
-            checkpoint()
-            stop, started = min(begin + size, end), deadline.clock()
-            work(begin, stop)
-            each = max((deadline.clock() - started) / (stop - begin), 1e-9)
-            longest = min(LONGEST, 0.5 * deadline.left())
-            size = max(1, min(int(longest / each), GROWTH * (stop - begin), largest))
-            begin = stop
-
-
-def _density(views: TwoViews) -> Floats:
-    """Detections in a steradian about each (n',), were they uniform: in a second image they are all over it."""
-    rotated = mean_basis(views.target) @ views.target
-    ahead = rotated[2] > LEAST_COSINE
-    positions, count = rotated[:2, ahead] / rotated[2, ahead], int(ahead.sum())
-    # the bounding box of uniform points, corrected for being too small
-    area = float(np.prod(np.ptp(positions, axis=1))) * ((count + 1) / max(count - 1, 1)) ** 2 if count > 1 else 1.0
-    # an area of the plane is seen under this angle
-    return np.asarray(count / max(area, 1e-12) / np.where(ahead, rotated[2], 1.0) ** 3, np.float64)

@@ -1,0 +1,35 @@
+"""Long loops over the images of minimal sets, in pieces that a deadline may end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.deadline import checkpoint, in_force
+from rootmatch.jit.threads import GROWTH, LONGEST
+
+Integers = NDArray[np.int64]
+
+
+def in_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:
+    """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
+
+    None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
+
+    Raises
+    ------
+    OutOfTime
+        If the deadline in force passes before all is begun.
+    """
+    deadline, size = in_force(), 1
+    for begin, end in ranges.tolist():
+        while begin < end:
+            checkpoint()
+            stop, started = min(begin + size, end), deadline.clock()
+            work(begin, stop)
+            each = max((deadline.clock() - started) / (stop - begin), 1e-9)
+            longest = min(LONGEST, 0.5 * deadline.left())
+            size = max(1, min(int(longest / each), GROWTH * (stop - begin), largest))
+            begin = stop
