@@ -133,9 +133,7 @@ class MatchingTask:
         deadline: Deadline = NEVER,
         **told: Any,
     ) -> Self:
-        """The task of arguments as `rootmatch.match` takes them; ``bodies`` may be checked already.
-
-        ``told``: what else a tracker knows, by the names of the attributes.
+        """The task of arguments as `rootmatch.match` takes them, and of other attributes; ``bodies`` may be checked.
 
         Raises
         ------
@@ -157,8 +155,7 @@ class MatchingTask:
             if source_noise is not None:
                 raise InputError('noise: "auto" is not estimated beside source_noise=; give a number')
             noise = 0.0  # until it is estimated
-        if not isinstance(source, CheckedSource):
-            problem = problem.for_points(source)
+        problem = problem if isinstance(source, CheckedSource) else problem.for_points(source)
         least = 1 if prior is not None and problem.takes_prior else None
         points = problem.validated(
             source, target, noise, normals, view_angle,
