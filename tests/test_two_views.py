@@ -303,13 +303,17 @@ def colonnade(seed: int, baseline: float) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def test_repeated_structure_is_met_where_it_is() -> None:
-    """Searches ended with sets that led to one shifted labelling, all with a point that the second image lacks."""
+    """Searches ended with sets that led to one shifted labelling, all with a point that the second image lacks.
+
+    The true one is told now, as ambiguous: a period away nearly as much is explained, beyond any accident.
+    """
     problem = rm.ThreePlusOne(rm.Camera(500.0, 500.0, 320.0, 240.0), axis=(0, 1, 0), axis2=(0, 1, 0))
     for seed in range(12):
         first, second, truth = colonnade(seed, 0.5)
         match = rm.match(first, second, problem, noise=0.2)
         matched = match.assignment >= 0
-        assert match.status is rm.Status.MATCHED
+        assert match.status is rm.Status.AMBIGUOUS
+        assert match.alternatives
         assert (match.assignment[matched] == truth[matched]).mean() > 0.9
         assert matched.sum() >= 0.8 * (truth >= 0).sum()
 

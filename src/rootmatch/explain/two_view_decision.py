@@ -26,6 +26,7 @@ from rootmatch.model.posterior import surest
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 from rootmatch.samplers.base import SampledTensor
+from rootmatch.samplers.two_views.pose_search import OTHER
 from rootmatch.solvers.base import Solution
 
 Integers = NDArray[np.int64]
@@ -76,11 +77,21 @@ def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, so
         told = posterior(model, every, task.options.seed)
     except OutOfTime:
         return base
-    return told_by(base, told, sampled.missed)
+    return told_by(base, told, sampled.missed, sampled.copies)
 
 
-def told_by(base: Finding, told: TwoViewPosterior, missed: float) -> Finding:
-    """A finding with the assignment, its facts and its confidence as a posterior tells them."""
+def shares_few(assignments: Integers, first: Integers) -> NDArray[np.bool_]:
+    """Which assignments (K, n) have hardly a match in common with another one (n,), as of a copy."""
+    common = ((assignments == first) & (first >= 0)).sum(axis=1)
+    return np.asarray(common <= OTHER * np.maximum((assignments >= 0).sum(axis=1), 1))
+
+
+def told_by(base: Finding, told: TwoViewPosterior, missed: float, copies: int = 0) -> Finding:
+    """A finding with the assignment, its facts and its confidence as a posterior tells them.
+
+    Where the scene shows ``copies`` of what is matched, a period away or half a turn, either may be the right one,
+    however much better one fits: as `rootmatch.model.competition` has it for bodies.
+    """
     least = base.task.options.least_probability(MIN_PROBABILITY)
     facts = Facts(present=told.present, contested=True, min_probability=least, missed=missed)
     if not len(told.proposals):
@@ -94,7 +105,9 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float) -> Finding:
             confidence=told.confidence_in(nothing),
         )
     first = told.proposals[0] if told.shares[0] >= AGREED else told.likeliest_pairs
-    probability, confidence = told.probability_of(first), told.confidence_in(first)
+    share = 0.5 if copies else 1.0
+    probability = share * told.probability_of(first)
+    confidence = told.confidence_in(first) * np.where(first >= 0, share, 1.0)
     fault = Misfit.of(*told.chi2_of(first))
     matched = np.flatnonzero(first >= 0)
     kept = matched[surest(confidence[matched], 1.0 - least)]
@@ -105,15 +118,20 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float) -> Finding:
     if replace(base, facts=facts).status is Status.MATCHED and len(kept) < len(matched):
         sure = np.full_like(first, -1)
         sure[kept] = first[kept]
-        probability = told.together(first, kept)
+        probability = share * told.together(first, kept)
         first, confidence = sure, np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
     different = ((told.proposals >= 0) & (told.proposals != first)).any(axis=1)
-    others = told.proposals[different][: TRUST.alternatives]
+    others = [(other, share * told.probability_of(other)) for other in told.proposals[different]]
+    if copies:
+        named = np.array([base.assignment, *base.others])
+        elsewhere = list(named[shares_few(named, first)])
+        others += [(other, (1.0 - share) * told.present / len(elsewhere)) for other in elsewhere]
+        others.sort(key=lambda one: -one[1])
     return replace(
         base,
         assignment=first,
-        others=list(others),
-        other_probabilities=[told.probability_of(other) for other in others],
+        others=[other for other, _ in others[: TRUST.alternatives]],
+        other_probabilities=[chance for _, chance in others[: TRUST.alternatives]],
         facts=replace(facts, probability=probability),
         soft=told.present * told.marginals if base.soft is None else base.soft,
         confidence=confidence,

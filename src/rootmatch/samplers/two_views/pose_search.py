@@ -137,7 +137,7 @@ class PoseSearch:
         """Probability that another pose explains as many points as the likeliest one, and was never met."""
         if not self.hypotheses:
             return 1.0
-        return self._unmet() * (1.0 if self._rivalled() else REPEATED)
+        return self._unmet() * (1.0 if self.copies else REPEATED)
 
     def _unmet(self) -> float:
         """Probability that a pose which explains as many points as the likeliest one was not met, if there is one."""
@@ -161,16 +161,23 @@ class PoseSearch:
             return False
         if self.hypotheses[0].evidence <= self._chance():
             return True
-        return self._unmet() <= (RIVALLED if self._rivalled() else MISSED)
+        return self._unmet() <= (RIVALLED if self.copies else MISSED)
 
     def _chance(self) -> float:
         """Evidence that one of the poses tested reaches by chance."""
         return math.log(max(self.tested, 1))
 
-    def _rivalled(self) -> bool:
-        """Whether a pose that has nothing to do with the likeliest one says that the scene looks like itself."""
-        first, enough = self.hypotheses[0], self._chance() - math.log(REPEATED)
-        return any(one.evidence > enough and one.shared(first) <= OTHER for one in self.hypotheses)
+    @property
+    def copies(self) -> int:
+        """How many poses that have nothing to do with each other, nor with the likeliest one, are no accident.
+
+        They say that the scene looks like itself.
+        """
+        enough, apart = self._chance() - math.log(REPEATED), self.hypotheses[:1]
+        for one in self.hypotheses:
+            if one.evidence > enough and all(one.shared(other) <= OTHER for other in apart):
+                apart.append(one)
+        return max(len(apart) - 1, 0)
 
     def _try(self, sets: Integers) -> None:
         """Try minimal sets with all their images, and refine the likeliest poses of each."""
