@@ -94,24 +94,6 @@ def test_a_tracker_keeps_to_its_object_when_a_copy_comes_into_view(space: bool) 
         assert set(match.assignment[match.assignment >= 0]) <= set(own[0])
 
 
-@pytest.mark.parametrize("seed", [1, 4, 8])
-def test_frames_do_not_tell_which_of_two_copies_was_asked_for(seed: int) -> None:
-    """Both are followed, each as well as the other: once chance decided, for the wrong one in half of all flights."""
-    rng = np.random.default_rng(seed)
-    points = cloud(rng, 9)
-    first, rate = [Rotation.random(rng=rng) for _ in ACROSS], rng.normal(0.0, 0.5, (2, 3))
-    tracker = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3)
-    for k in range(40):
-        each = []
-        for R, w, t in zip(first, rate, ACROSS, strict=True):
-            places = points @ (Rotation.from_rotvec(w * k / 60.0) * R).as_matrix().T + t
-            each.append(CAMERA.project(places)[rng.random(len(points)) < 0.9])
-        target, _ = seen(rng, each, rng.uniform((0, 0), (1280, 960), (3, 2)), 0.3)
-        match = tracker.update(target, time=k / 60.0)
-        assert match.status is rm.Status.AMBIGUOUS
-    assert match.probability == pytest.approx(0.5, abs=0.1)
-
-
 def test_what_competition_makes_the_first_mode_has_the_sum_over_its_changes() -> None:
     """A body and its mirror image: each explains the other's detections so well that its own seem far behind."""
     rng = np.random.default_rng(2)

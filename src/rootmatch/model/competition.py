@@ -85,17 +85,15 @@ def joint_posterior(
 def _as_copy(model: DetectionModel, modes: Modes, uses: NDArray[np.bool_], options: PosteriorOptions) -> Floats | None:
     """Odds of a body's modes as those of a copy that nobody named; None if two cannot be in one image.
 
-    A place that is followed is expected as one of a copy as well, if the body is followed elsewhere; where the body is
-    expected tells nothing of a copy that is not followed. ``uses`` (M, n'): the detections of each mode.
+    Where the body is expected tells nothing of its copy. ``uses`` (M, n'): the detections of each mode.
     """
     if (uses @ uses.T).all():
         return None
-    mass, prior = modes.log_mass, model.prior
-    if isinstance(prior, Doubted):
+    mass = modes.log_mass
+    if isinstance(model.prior, Doubted):
         at = model.linearised(modes.rotation, modes.position)
-        anywhere = mass - modes.log_odds + evidence(model, modes.assignments, at, prior.without).log_odds
-        of = prior.prediction_of(modes.rotation, modes.position)
-        mass = np.where(of >= 0, mass - np.array(prior.log_shares)[of], anywhere)
+        anywhere = evidence(model, modes.assignments, at, model.prior.without).log_odds
+        mass = mass - modes.log_odds + anywhere
     return np.asarray(mass + math.log(options.copy), np.float64)
 
 

@@ -22,7 +22,6 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.rig_triples import most_triples
 from rootmatch.explain.task import Rivals
-from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import log_detected, settled_about, stepped
@@ -174,10 +173,6 @@ class Belief:
         if self.poses and isinstance(model.prior, Doubted):
             origin = model.prior.prediction_of(modes.rotation, modes.position)
         shown = log_detected(model, modes.assignments >= 0, modes.visible)
-        # either of two places may be that of a copy, which shows the same points
-        beside = apart_from(modes.assignments, modes.assignments[0])
-        beside[0] = False
-        shown[beside] = shown[0]
         each = _log(told.probabilities[: len(origin)])
         weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown)
         nothing = float(_log(np.array(told.clutter)))
