@@ -32,10 +32,9 @@ detections that it may lack, however many there are: of a hundred, ten fewer are
 LITTLE, CROWD = 3_000_000, 1_000
 """Evaluations that may always be spent on other detections, some 30 ms, and how many of those are a crowd."""
 RIVAL_MISSED = 0.08
-"""Probability of having missed such a rival at which none is looked for any more, where all points are seen: two
-minimal sets in every arrangement of those detections. Of an object that shows a k-th of its points, its k-th power:
-with less of it, four in six shuffles of a headset without normals were another side; `tests/test_guided.py` has such
-objects."""
+"""Probability of having missed such a rival at which none is looked for any more, where no normals tell what is
+visible: two minimal sets in every arrangement of those detections, where all points are seen. `tests/test_guided.py`
+has objects that show less of them."""
 RIVAL_RATIO = 0.25
 """Fraction of the likelihood ratio of the best hypothesis, in the same sequential test, that a rival has at least to be
 verified: less than of the evidence, as a minimal set may predict worse than another."""
