@@ -110,12 +110,13 @@ def _wanted(search: Search, tried: TriedSets, least: int, enough: float) -> Iter
     views = detected_views(least, tried.normals)
     met = np.zeros(len(views), np.int64)
     while True:
-        wave: list[NDArray[np.int64]] = []
+        wave, used = list[NDArray[np.int64]](), np.zeros(search.n, np.bool_)
         while len(wave) < LARGEST_WAVE and (tried.lost**met).mean() > enough:
-            members = np.flatnonzero(views[met.argmin()])
-            fresh = np.setdiff1d(members, wave) if wave else members
-            members = fresh if len(fresh) >= search.minimal else members
+            view = views[met.argmin()]
+            fresh = view & ~used
+            members = np.flatnonzero(fresh if np.count_nonzero(fresh) >= search.minimal else view)
             wave.append(wide_set(search.positions, members, search.minimal))
+            used[wave[-1]] = True
             met = met + views[:, wave[-1]].all(axis=1)
         if not wave:
             return
