@@ -149,7 +149,7 @@ def test_figures_are_those_of_the_files() -> None:
 QUOTED = [
     ("README.md", "98 are called matched", "accuracy", "a drone with 6 LEDs"),
     ("docs/faq.md", "98 of 100 simulated matches are called matched", "accuracy", "a drone with 6 LEDs"),
-    ("docs/faq.md", "Ten points among ten clutter detections take 7 ms", "speed", "`P3P`, 10 + 10"),
+    ("docs/faq.md", "Ten points among ten clutter detections take 9 ms", "speed", "`P3P`, 10 + 10"),
     ("docs/howto/photogrammetry.md", "15 to 131 of 157 targets", "accuracy", "157 targets"),
     ("docs/howto/photogrammetry.md", "all 57 recorded views", "accuracy", "157 targets"),
     ("docs/benchmarks.md", "5 of 892 bodies called matched", "accuracy", "a headset and two mirrored controllers"),
