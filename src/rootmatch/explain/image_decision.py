@@ -8,6 +8,7 @@ not certain. Otherwise nothing is trusted.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -57,8 +58,9 @@ def assessed(
     """
     named, base = unjudged(task, sampled, solution)
     if not judging:
-        if sampled.assignments is None:
-            named[1:1] = Candidate.of(task, []).gathered(sampled.tensor)
+        with suppress(OutOfTime):
+            if sampled.assignments is None:
+                named[1:1] = Candidate.of(task, []).gathered(sampled.tensor)
         return replace(base, named=named)
     try:
         body = Candidate.of(task, named, sampled.tensor if sampled.assignments is None else None)

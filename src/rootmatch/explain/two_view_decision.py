@@ -26,7 +26,7 @@ from rootmatch.model.posterior import surest
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 from rootmatch.samplers.base import SampledTensor
-from rootmatch.samplers.two_views.pose_search import OTHER
+from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared
 from rootmatch.solvers.base import Solution
 
 Integers = NDArray[np.int64]
@@ -77,20 +77,14 @@ def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, so
         told = posterior(model, every, task.options.seed)
     except OutOfTime:
         return base
-    return told_by(base, told, sampled.missed, sampled.copies)
+    return told_by(base, told, sampled.missed, sampled.repeated)
 
 
-def shares_few(assignments: Integers, first: Integers) -> NDArray[np.bool_]:
-    """Which assignments (K, n) have hardly a match in common with another one (n,), as of a copy."""
-    common = ((assignments == first) & (first >= 0)).sum(axis=1)
-    return np.asarray(common <= OTHER * np.maximum((assignments >= 0).sum(axis=1), 1))
-
-
-def told_by(base: Finding, told: TwoViewPosterior, missed: float, copies: int = 0) -> Finding:
+def told_by(base: Finding, told: TwoViewPosterior, missed: float, repeated: bool) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior tells them.
 
-    Where the scene shows ``copies`` of what is matched, a period away or half a turn, either may be the right one,
-    however much better one fits: as `rootmatch.model.competition` has it for bodies.
+    Where what is matched is ``repeated``, a period away or half a turn, either may be the right one, however much
+    better one fits: as `rootmatch.model.competition` has it for bodies.
     """
     least = base.task.options.least_probability(MIN_PROBABILITY)
     facts = Facts(present=told.present, contested=True, min_probability=least, missed=missed)
@@ -105,7 +99,7 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, copies: int = 
             confidence=told.confidence_in(nothing),
         )
     first = told.proposals[0] if told.shares[0] >= AGREED else told.likeliest_pairs
-    share = 0.5 if copies else 1.0
+    share = 0.5 if repeated else 1.0
     probability = share * told.probability_of(first)
     confidence = told.confidence_in(first) * np.where(first >= 0, share, 1.0)
     fault = Misfit.of(*told.chi2_of(first))
@@ -121,10 +115,10 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, copies: int = 
         probability = share * told.together(first, kept)
         first, confidence = sure, np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
     different = ((told.proposals >= 0) & (told.proposals != first)).any(axis=1)
-    others = [(other, share * told.probability_of(other)) for other in told.proposals[different]]
-    if copies:
+    others = [(other, share * told.probability_of(other)) for other in told.proposals[different][: TRUST.alternatives]]
+    if repeated:
         named = np.array([base.assignment, *base.others])
-        elsewhere = list(named[shares_few(named, first)])
+        elsewhere = list(named[shared(named, first) <= OTHER])
         others += [(other, (1.0 - share) * told.present / len(elsewhere)) for other in elsewhere]
         others.sort(key=lambda one: -one[1])
     return replace(

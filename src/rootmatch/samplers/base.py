@@ -92,8 +92,8 @@ class SampledTensor(NamedTuple):
     """(K, n) assignments of a search's hypotheses, the highest evidence first; −1 for unmatched, None without any."""
     missed: float = 0.0
     """Probability that a pose which explains as much as the best one was never met."""
-    copies: int = 0
-    """Poses beyond chance, by more than the odds of a copy, whose matches are not those of the best one."""
+    repeated: bool = False
+    """Whether a pose with other matches than the best one is beyond chance, by more than the odds of a copy."""
     consensus: NDArray[np.int64] | None = None
     """(n,) assignment with the most matches that are expected to be right, over all hypotheses; None where unknown."""
 

@@ -192,23 +192,16 @@ class TriedSets:
 
     def __init__(self, normals: Floats, view_cosine: Floats | None = None, lost: float = FAILURE) -> None:
         self.normals, self.view_cosine, self.lost = normals, view_cosine, lost
-        self._sets: list[Integers] = []
-        self._met: dict[int, tuple[int, Integers]] = {}
-        """By the number of detected points: how many of the sets were counted, and how many lie in each view."""
+        self.sets: list[Integers] = []
 
     def add(self, sets: Integers) -> None:
         """Record that these sets (S, m) were tried with all their images."""
-        self._sets.append(sets)
+        self.sets.append(sets)
 
     def missed(self, matched: int) -> float:
         """Probability that a pose with so many detected points was met by none of the sets."""
-        return float((self.lost ** self.met(matched)).mean())
-
-    def met(self, matched: int) -> Integers:
-        """How many sets are wholly detected in each of `detected_views`, (V,)."""
+        if not self.sets:
+            return 1.0
         views = detected_views(matched, self.normals, self.view_cosine)
-        counted, met = self._met.get(matched, (0, np.zeros(len(views), np.int64)))
-        if counted < len(self._sets):
-            met = met + within(np.concatenate(self._sets[counted:]), views).sum(axis=1)
-            self._met[matched] = len(self._sets), met
-        return met
+        met = within(np.concatenate(self.sets), views).sum(axis=1)
+        return float((self.lost**met).mean())

@@ -20,7 +20,7 @@ from rootmatch.samplers.two_views.detection_density import detection_density
 from rootmatch.samplers.two_views.image_pieces import in_pieces
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
-from rootmatch.samplers.two_views.relative_hypothesis import RelativeHypothesis
+from rootmatch.samplers.two_views.relative_hypothesis import OTHER, RelativeHypothesis
 from rootmatch.samplers.two_views.set_kernels import search_pairs, search_triples
 
 Floats = NDArray[np.float64]
@@ -53,8 +53,6 @@ MISSED, RIVALLED = 0.1, 0.02
 """Probability of having missed a pose that explains as many points, above which the search does not end: as in
 `rootmatch.model.two_view_posterior`, and where two poses are no accident. The scene looks like itself then, and a third
 pose may be the right one. Round values."""
-OTHER = 0.3
-"""Share of matches up to which two assignments are of poses that have nothing to do with one another. A round value."""
 REPEATED = 1e-3
 """Odds that a scene looks like itself before it is seen. A stated value: `model.posterior_options.copy` of bodies."""
 POSES, POSES_REFINED = 64, 16
@@ -137,7 +135,7 @@ class PoseSearch:
         """Probability that another pose explains as many points as the likeliest one, and was never met."""
         if not self.hypotheses:
             return 1.0
-        return self._unmet() * (1.0 if self.copies else REPEATED)
+        return self._unmet() * (1.0 if self.repeated else REPEATED)
 
     def _unmet(self) -> float:
         """Probability that a pose which explains as many points as the likeliest one was not met, if there is one."""
@@ -161,23 +159,17 @@ class PoseSearch:
             return False
         if self.hypotheses[0].evidence <= self._chance():
             return True
-        return self._unmet() <= (RIVALLED if self.copies else MISSED)
+        return self._unmet() <= (RIVALLED if self.repeated else MISSED)
 
     def _chance(self) -> float:
         """Evidence that one of the poses tested reaches by chance."""
         return math.log(max(self.tested, 1))
 
     @property
-    def copies(self) -> int:
-        """How many poses that have nothing to do with each other, nor with the likeliest one, are no accident.
-
-        They say that the scene looks like itself.
-        """
-        enough, apart = self._chance() - math.log(REPEATED), self.hypotheses[:1]
-        for one in self.hypotheses:
-            if one.evidence > enough and all(one.shared(other) <= OTHER for other in apart):
-                apart.append(one)
-        return max(len(apart) - 1, 0)
+    def repeated(self) -> bool:
+        """Whether a pose that has nothing to do with the likeliest one is no accident: the scene looks like itself."""
+        enough = self._chance() - math.log(REPEATED)
+        return any(one.evidence > enough and one.shared(self.hypotheses[0]) <= OTHER for one in self.hypotheses)
 
     def _try(self, sets: Integers) -> None:
         """Try minimal sets with all their images, and refine the likeliest poses of each."""

@@ -9,8 +9,16 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-SAME = 0.7
-"""Share of matches from which two assignments are the same. A round value."""
+SAME, OTHER = 0.7, 0.3
+"""Shares of matches from which two assignments are the same, and up to which they are of poses that have nothing to do
+with one another. Round values."""
+
+
+def shared(assignments: Integers, other: Integers) -> Floats:
+    """Share (…,) of the matches of assignments (…, n) that another one (n,) has too."""
+    matched = assignments >= 0
+    common = ((assignments == other) & matched).sum(axis=-1)
+    return np.asarray(common / np.maximum(matched.sum(axis=-1), 1))
 
 
 @dataclass(frozen=True)
@@ -28,8 +36,7 @@ class RelativeHypothesis:
 
     def shared(self, other: RelativeHypothesis) -> float:
         """Share of the matches that another assignment has too."""
-        common = (self.assignment == other.assignment) & (self.assignment >= 0)
-        return float(common.sum() / max((self.assignment >= 0).sum(), 1))
+        return float(shared(self.assignment, other.assignment))
 
     def like(self, other: RelativeHypothesis) -> bool:
         """Whether two assignments have so much in common that they come from one pose."""

@@ -31,7 +31,7 @@ def two_view_tensor(task: SamplingTask, options: GuidedOptions) -> SampledTensor
         later=task.later and single and bool(search.hypotheses) and not task.deadline.is_set,
         conclusive=search.conclusive,
         missed=search.missed if single else 0.0,
-        copies=search.copies if single else 0,
+        repeated=single and search.repeated,
         assignments=search.assignments() if single else None,
         consensus=search.consensus() if single else None,
     )  # fmt: skip
