@@ -1,11 +1,12 @@
-"""Flights through `Tracker`: a room with three bodies, a rig with two controllers, a drone before a fisheye, a board.
+"""Flights through `Tracker`: a room, a rig with two controllers, a drone before a fisheye, a board, a mirror.
 
-    python benchmarks/flights.py --families room rig drone board --flights 6 --first-seed 20000
+    python benchmarks/flights.py --families room rig drone board mirror --flights 6 --first-seed 20000
     python benchmarks/flights.py --families room --merge 3 --resolution 3  # detections within 3 px are one blob
     python benchmarks/flights.py --families rig --off 0.5  # each camera is turned by 0.5 px about each axis
 
 Right: of the bodies that show five LEDs or more in a frame, those with no match wrong and nine tenths of the shown ones
-matched. Wrong: frames of a body that are called matched and have a wrong match; "run": the longest one. "Covered": of
+matched. Wrong: frames of a body that are called matched and have a wrong match; "run": the longest one; "hidden": those
+in which the body shows fewer than five LEDs. "Covered": of
 the frames that are matched and right, those whose pose is within the 95 % region of its covariance. "Flipped": those
 whose pose is more than 20° off, as a board's is with its depth reversed, and the longest run of these. Times are
 processor milliseconds a frame of one thread, all kernels compiled, after `gc.freeze()`, the first frame of each flight
@@ -25,6 +26,7 @@ from typing import Any
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -32,7 +34,7 @@ from shared import parser, scenes_of, squared_error
 
 import rootmatch as rm
 
-FRAMES = {"room": 60, "rig": 150, "drone": 300, "board": 120}
+FRAMES = {"room": 60, "rig": 150, "drone": 300, "board": 120, "mirror": 200}
 VIEW = np.radians(70.0)
 FEW = 5
 """LEDs that a body shows from which its pose is asked for."""
@@ -40,6 +42,10 @@ FLIPPED = np.radians(20.0)
 """Error of a rotation from which a pose counts as another one."""
 BOARD = np.column_stack([np.random.default_rng(1).uniform(-0.1, 0.1, (9, 2)), np.zeros(9)])
 """Nine LEDs in a plane, 20 cm wide."""
+ROUND = np.random.default_rng(7).uniform(-0.08, 0.08, (10, 3))
+"""Ten LEDs that are seen from all sides."""
+OCCLUDED = range(80, 140)
+"""Frames in which a mirror shows them, and nothing else does."""
 BOARD_CAMERA = rm.Camera(500.0, 500.0, 320.0, 240.0)
 
 
@@ -51,6 +57,7 @@ class Tally:
     right: int = 0
     trusted: int = 0
     wrong: int = 0
+    hidden: int = 0
     longest: int = 0
     covered: int = 0
     posed: int = 0
@@ -69,13 +76,15 @@ def tracker_of(
     """
     if family == "board":
         return rm.Tracker(BOARD, rm.P3P(BOARD_CAMERA), noise=0.5, resolution=resolution), [(None, 0)]
+    camera: Any = rm.Camera(900.0, 900.0, 640.0, 480.0)
+    if family == "mirror":
+        return rm.Tracker(ROUND, rm.P3P(camera), noise=0.3, resolution=resolution), [(None, 0)]
     fisheye = rm.Camera.from_opencv_fisheye(xr.FISHEYE_K, xr.FISHEYE_D)
     if family == "drone":
         source = xr.drone()
         return rm.Tracker(source, rm.P3P(fisheye), noise=0.3, resolution=resolution), [(None, 0)]
     kinds = "HLR" if family == "room" else "LR"
     source, normals, labels = xr.bodies(kinds)
-    camera: Any = rm.Camera(900.0, 900.0, 640.0, 480.0)
     if family == "rig":
         rng, views = np.random.default_rng(6), []
         for K, D, R, t in xr.rig_views():
@@ -91,6 +100,7 @@ def tracker_of(
 def frames_of(xr: ModuleType, family: str, seed: int) -> Iterator[dict[str, Any]]:
     """The frames of one flight."""
     made = {"room": xr.room_flight, "rig": xr.rig_flight, "drone": xr.drone_flight, "board": board_flight}
+    made["mirror"] = mirror_flight
     flight: Iterator[dict[str, Any]] = made[family](seed, frames=FRAMES[family])
     return flight
 
@@ -116,6 +126,39 @@ def board_flight(seed: int, frames: int) -> Iterator[dict[str, Any]]:
         order = rng.permutation(len(target))
         yield {
             "target": target[order], "camera": np.zeros(len(target), int), "owner": owner[order], "time": time_,
+            "poses": [(R, t)],
+        }  # fmt: skip
+
+
+def mirror_flight(seed: int, frames: int) -> Iterator[dict[str, Any]]:
+    """A body about 1 m before a camera, and its reflection in a wall behind it; two lamps. It is hidden for a second.
+
+    Without much perspective a reflection is a body in another pose, so that no single image without the body excludes
+    it; in the frames after, the body itself is there again.
+    """
+    rng = np.random.default_rng([seed, 99])
+    knots = np.linspace(-0.2, frames / 60.0 + 0.2, 8)
+    place = CubicSpline(knots, (-0.15, 0.0, 1.0) + rng.uniform(-1.0, 1.0, (8, 3)) * (0.12, 0.15, 0.15))
+    first, turn = Rotation.random(random_state=rng), CubicSpline(knots, rng.uniform(-0.8, 0.8, (8, 3)))
+    across = Rotation.from_euler("y", rng.uniform(-20.0, 20.0), degrees=True).apply((0.0, 0.0, 1.0))
+    lamps = rng.uniform((0.0, 0.0), (1280.0, 300.0), (2, 2))
+    camera = rm.Camera(900.0, 900.0, 640.0, 480.0)
+    for k in range(frames):
+        R, t = (Rotation.from_rotvec(turn(k / 60.0)) * first).as_matrix(), place(k / 60.0)
+        here = ROUND @ R.T + t
+        there = here - 2.0 * np.outer(here @ across - 1.5, across)
+        images, owners = [lamps], [np.full((2, 2), -1)]
+        for number, points in ((0, here), (1, there)):
+            seen = np.flatnonzero(rng.random(len(points)) < 0.97)
+            seen = seen[: 0 if number == 0 and k in OCCLUDED else None]
+            images.append(camera.project(points[seen]))
+            owners.append(np.column_stack([np.full(len(seen), number), seen]))
+        target, owner = np.concatenate(images), np.concatenate(owners)
+        inside = ((target > 0.0) & (target < (1280.0, 960.0))).all(axis=1)
+        target = target + rng.normal(0.0, 0.3, target.shape)
+        order = rng.permutation(np.flatnonzero(inside))
+        yield {
+            "target": target[order], "camera": np.zeros(len(order), int), "owner": owner[order], "time": k / 60.0,
             "poses": [(R, t)],
         }  # fmt: skip
 
@@ -161,6 +204,7 @@ def fly(
             tally.right += shown and right
             tally.trusted += trusted
             tally.wrong += bad
+            tally.hidden += bad and not shown
             runs[place] = runs[place] + 1 if bad else 0
             tally.longest = max(tally.longest, runs[place])
             if bad:
@@ -222,7 +266,7 @@ def main() -> None:
         print(
             f"{family}: {given.flights} flights from {given.first_seed}: right {tally.right} of {tally.shown} "
             f"({tally.right / max(tally.shown, 1):.3f}); trusted {tally.trusted}, of those wrong {tally.wrong}, "
-            f"longest run {tally.longest}; covered {tally.covered} of {tally.posed} "
+            f"{tally.hidden} hidden, longest run {tally.longest}; covered {tally.covered} of {tally.posed} "
             f"({tally.covered / max(tally.posed, 1):.3f}), flipped {tally.flipped}, longest run "
             f"{tally.longest_flipped}; ms a frame: median {np.median(tally.times):.2f}, "
             f"99 % {np.quantile(tally.times, 0.99):.1f}, worst {max(tally.times):.1f}",

@@ -112,7 +112,7 @@ def told_by(
     confidence = told.confidence if k == 0 else told.confidence_in(first)
     surest, lit = surest_points(model, first, (modes.rotation[k], modes.position[k]))
     confidence, probability = confidence * lit, probability * float(lit.prod())
-    fault = _misfit(body, told, k)
+    fault = misfit_of(model, modes, k)
     prediction = -1
     if isinstance(prior, Doubted):
         prediction = int(prior.prediction_of(modes.rotation[k : k + 1], modes.position[k : k + 1])[0])
@@ -167,9 +167,9 @@ def lead_by_odds(probability: float | None) -> float:
     return max(1.0 - (1.0 - probability) / max(probability, 1e-300), 0.0)
 
 
-def _misfit(body: Candidate, told: Posterior, k: int) -> Misfit:
+def misfit_of(model: DetectionModel, modes: Modes, k: int) -> Misfit:
     """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
-    mode, model = told.modes.take(slice(k, k + 1)), body.model
+    mode = modes.take(slice(k, k + 1))
     squared = squared_deviations(model, mode.assignments, model.linearised(mode.rotation, mode.position))
     return Misfit.of(float(squared[0]), round(float(mode.freedom[0])))
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.rig_triples import most_triples
 from rootmatch.explain.task import Rivals
@@ -31,6 +32,7 @@ from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.tracking.averaged_pose import averaged_pose
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
 Floats = NDArray[np.float64]
@@ -59,12 +61,14 @@ class FollowedPose:
     """A hypothesis: the pose and motion of the body, with the logarithm of its weight among the hypotheses.
 
     ``shown``: log-probability that just these of its visible points were seen in the last frame. It is no part of the
-    weight, as the same points are hidden in the next frame, which tells it anew.
+    weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
+    pose of something else.
     """
 
     filter: MotionFilter
     log_weight: float = 0.0
     shown: float = 0.0
+    log_other: float = FLOOR
 
     @property
     def total(self) -> float:
@@ -94,6 +98,11 @@ class Belief:
     def best(self) -> MotionFilter:
         """The filter of the most probable hypothesis."""
         return self.poses[0].filter
+
+    @property
+    def identity(self) -> float:
+        """Probability that the most probable hypothesis is of the body, and not of something else; 1 without any."""
+        return 1.0 / (1.0 + math.exp(self.poses[0].log_other)) if self.poses else 1.0
 
     @property
     def shares(self) -> Floats:
@@ -196,7 +205,8 @@ class Belief:
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
         likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
-        self.poses = [self._after(step, model, modes, time) for step in likely]
+        every = [self._after(step, model, modes, time) for step in likely]
+        self.poses = [one for one in every if one.log_other < GIVEN_UP]
 
     def _take_motion(self, found: Finding, time: float) -> None:
         """Take in a match of two point sets: only one that is trusted tells a pose."""
@@ -212,14 +222,15 @@ class Belief:
     def _after(self, step: _Step, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
         """The hypothesis that a step leads to."""
         if step.mode is None:
-            return FollowedPose(self.poses[step.origin].filter, step.log_weight)
-        pose = averaged_pose(model, modes, step.mode)
+            return replace(self.poses[step.origin], log_weight=step.log_weight, shown=0.0)
+        pose, log_other = averaged_pose(model, modes, step.mode), FLOOR
         if step.origin < 0:
             filter_ = MotionFilter(self.source, pose, time, self.motion)
         else:
             filter_ = self.poses[step.origin].filter.copy()
             filter_.update(pose, time, step.chance)
-        return FollowedPose(filter_, step.log_weight, step.shown)
+            log_other = after_frame(self.poses[step.origin].log_other, misfit_of(model, modes, step.mode), TEMPER)
+        return FollowedPose(filter_, step.log_weight, step.shown, log_other)
 
 
 class _Step(NamedTuple):

@@ -1,0 +1,102 @@
+"""A tracker that follows something else than the body leaves it when the body is in view again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.integrate import quad
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.explain.goodness_of_fit import NOISE_FREEDOM, Misfit
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, SHAPE, after_frame
+
+Floats = NDArray[np.float64]
+
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
+BODY = np.random.default_rng(7).uniform(-0.08, 0.08, (10, 3))
+HIDDEN, FRAMES = range(15, 45), 75
+"""Frames in which only the reflection is in view; 30 a second."""
+
+
+def flight(seed: int) -> Iterator[tuple[Floats, NDArray[np.int64]]]:
+    """Detections of a body and of its reflection in a wall behind it, and the point of each, −1 in the reflection."""
+    rng = np.random.default_rng(seed)
+    first, turn = Rotation.random(random_state=rng), rng.normal(0.0, 0.5, 3)
+    place, speed = rng.uniform((-0.3, -0.1, 0.9), (0.0, 0.1, 1.1)), rng.normal(0.0, 0.05, 3)
+    for k in range(FRAMES):
+        R = (Rotation.from_rotvec(turn * k / 30.0) * first).as_matrix()
+        here = BODY @ R.T + place + speed * k / 30.0
+        there = here * (1.0, 1.0, -1.0) + (0.0, 0.0, 3.0)
+        own = np.arange(len(BODY)) if k not in HIDDEN else np.empty(0, np.int64)
+        target = CAMERA.project(np.concatenate([here[own], there]))
+        owner = np.concatenate([own, np.full(len(there), -1)])
+        yield target + rng.normal(0.0, 0.3, target.shape), owner
+
+
+def test_the_body_is_found_again_beside_its_reflection() -> None:
+    """After a second with its reflection alone: of 12 flights (seeds from 1000) at least 80 % of the last 20 frames."""
+    right = wrong = 0
+    for seed in range(1000, 1012):
+        tracker = rm.Tracker(BODY, rm.P3P(CAMERA), noise=0.3)
+        for k, (target, owner) in enumerate(flight(seed)):
+            match = tracker.update(target, time=k / 30.0)
+            if k < FRAMES - 20:
+                continue
+            points, detections = match.pairs.T
+            good = (owner[detections] == points).all()
+            right += bool(match and good)
+            wrong += bool(match and not good)
+    assert right >= 0.8 * 12 * 20
+    assert wrong <= 0.05 * 12 * 20
+
+
+def test_frames_that_do_not_fit_are_held_against_a_pose_and_others_for_it() -> None:
+    bad, good = Misfit.of(90.0, 14), Misfit.of(10.0, 14)
+    odds, count = FLOOR, 0
+    while odds < GIVEN_UP:
+        odds, count = after_frame(odds, bad, 0.5), count + 1
+    assert 3 <= count <= 10
+    once = after_frame(FLOOR, bad, 0.5)
+    assert once > FLOOR
+    for _ in range(20):
+        once = after_frame(once, good, 0.5)
+    assert once == FLOOR
+    assert after_frame(FLOOR, good, 0.5) == FLOOR
+    assert after_frame(-1.0, Misfit.of(0.0, 0), 0.5) == -1.0  # three points fit anything
+
+
+@pytest.mark.parametrize("dof", [2, 14, 60])
+def test_residuals_as_they_are_expected_speak_for_the_body(dof: int) -> None:
+    """Of frames whose σ is off by as much as is expected, fewer than one in a thousand gives up the body."""
+    rng = np.random.default_rng(3)
+    given_up, ends = 0, []
+    for _ in range(40):
+        odds = FLOOR
+        for _ in range(100):
+            sigma = rng.chisquare(NOISE_FREEDOM) / NOISE_FREEDOM
+            odds = after_frame(odds, Misfit.of(rng.chisquare(dof) / sigma, dof), 0.5)
+            given_up += odds > GIVEN_UP
+        ends.append(odds)
+    assert given_up <= 4
+    assert np.mean(np.array(ends) < FLOOR + 1.0) > 0.8
+
+
+@pytest.mark.parametrize(("chi2", "dof"), [(8.0, 14), (25.0, 14), (60.0, 14), (3.0, 2)])
+def test_the_odds_are_those_of_two_distributions_of_the_chance(chi2: float, dof: int) -> None:
+    """The chance by Student's scale mixture, integrated, and both densities written out."""
+
+    def tail(factor: float) -> float:
+        return float(
+            stats.gamma.pdf(factor, NOISE_FREEDOM / 2, scale=2 / NOISE_FREEDOM) * stats.chi2.sf(chi2 * factor, dof)
+        )
+
+    chance = quad(tail, 0.0, 10.0)[0]
+    other = stats.beta.pdf(chance, SHAPE, 1.0)
+    expected = math.log(other / (0.999 + 0.001 * other))
+    assert after_frame(0.0, Misfit.of(chi2, dof), 1.0) == pytest.approx(max(expected, FLOOR), abs=1e-6)
