@@ -50,6 +50,17 @@ def test_noise_of_each_point_weighs_each_point() -> None:
     assert told > mean + 0.5
 
 
+def test_poses_know_as_much_less_as_their_noise_is_estimated() -> None:
+    """That of a t-distribution: ν / (ν − 2) times the covariance at the same σ."""
+    scene = p3p_scene(n=8, noise=0.5, seed=3)
+    told = rm.match(scene.source, scene.target, scene.problem, noise="auto")
+    known = rm.match(scene.source, scene.target, scene.problem, noise=told.noise)
+    assert told.pose is not None
+    assert known.pose is not None
+    assert told.pose.dof == 2 * 8 - 6
+    np.testing.assert_allclose(told.pose.covariance, known.pose.covariance * (10.0 / 8.0), rtol=1e-3)
+
+
 @pytest.mark.parametrize("dof", [1, 2])
 def test_scale_of_residuals_of_the_law_is_found(dof: int) -> None:
     drawn = np.random.default_rng(0).chisquare(dof, 200_000)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,8 @@ from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose as Pose
 
 Integers = NDArray[np.int64]
+LEAST = 1
+"""Degrees of freedom beyond two that a pose is taken to have at the least, where its noise is estimated."""
 
 
 def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers) -> list[list[Pose | None]]:
@@ -42,8 +46,19 @@ def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers)
     groups = [np.where(labels == label, assignment, -1) for assignment in assignments for label in range(count)]
     enough = [k for k, group in enumerate(groups) if (group >= 0).sum() >= problem.least_for_pose]
     fitted = problem.poses(task.points, np.array([groups[k] for k in enough])) if enough else []
-    poses = {k: pose for k, pose in zip(enough, fitted, strict=True) if pose is not None and _predicts(pose)}
+    poses = {
+        k: with_noise_of(task, pose)
+        for k, pose in zip(enough, fitted, strict=True)
+        if pose is not None and _predicts(pose)
+    }
     return [[poses.get(row * count + label) for label in range(count)] for row in range(len(assignments))]
+
+
+def with_noise_of(task: MatchingTask, pose: Pose) -> Pose:
+    """A pose with the covariance of its t-distribution, if the noise was estimated from its own residuals."""
+    if not task.noise_is_estimated or pose.covariance is None or pose.dof is None:
+        return pose
+    return replace(pose, covariance=pose.covariance * (pose.dof / max(pose.dof - 2, LEAST)))
 
 
 def _predicts(pose: Pose) -> bool:

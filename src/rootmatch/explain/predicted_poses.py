@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.poses import poses_of
+from rootmatch.explain.poses import poses_of, with_noise_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.blob_labels import resolved
 from rootmatch.model.pose_density import Gaussian, Known
@@ -49,7 +49,8 @@ def poses_of_finding(found: Finding) -> list[Pose | None]:
     """The most likely pose of each motion of a finding: polished from that of its model if there is one."""
     matched = np.count_nonzero(found.assignment >= 0)
     if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
-        return [polished_pose(found)]
+        pose = polished_pose(found)
+        return [None if pose is None else with_noise_of(found.task, pose)]
     return poses_of(found.task, [found.assignment], found.motion_labels)[0]
 
 

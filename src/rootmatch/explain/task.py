@@ -58,8 +58,8 @@ class MatchingTask:
     options : MatchOptions
     noise : float, array or pair
         Standard deviation as it was given, or as it was estimated.
-    estimates_noise : bool
-        Whether the noise is to be estimated; the noise of ``points`` is then meaningless.
+    estimates_noise, noise_is_estimated : bool
+        Whether the noise is to be estimated (that of ``points`` is then meaningless), and whether it has been.
     allowed : (n, n') bool, optional
         Correspondences that are possible.
     weights : (n, n') float64, optional
@@ -78,10 +78,8 @@ class MatchingTask:
         Probability that the body is among the targets in space, before they are seen; that of the model if not given.
     present_of : dict
         That of several bodies, by label.
-    known : PosePrior, optional
-        Partial knowledge of the pose.
-    known_of : dict
-        Partial knowledge of the poses of several bodies, by label.
+    known, known_of : PosePrior, optional, and dict
+        Partial knowledge of the pose, and of those of several bodies, by label.
     budget : int, optional
         Evaluations of a guided search that a tracker or the search for several bodies bounds.
     search_camera : int, optional
@@ -98,6 +96,7 @@ class MatchingTask:
     options: MatchOptions = field(default_factory=MatchOptions)
     noise: Any = 1.0
     estimates_noise: bool = False
+    noise_is_estimated: bool = False
     allowed: NDArray[np.bool_] | None = None
     weights: NDArray[np.float64] | None = None
     bodies: BodyLabels | None = None
@@ -308,11 +307,11 @@ class MatchingTask:
         )
 
     def with_noise(self, sigma: float) -> Self:
-        """A copy of the task with one known noise for all points."""
+        """A copy of the task with an estimate of the noise of all points."""
         pixels = self.problem.noise_pixels(self.points.source, self.points.target)
         parsed = parse_noise(sigma, self.shape, self.problem.noisy_source, self.problem.name, pixels)
         points = self.points.with_noise(*parsed)
-        return replace(self, points=points, noise=sigma, estimates_noise=False)
+        return replace(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
 
     def body(self, k: int) -> Self:
         """The task of one of the bodies and all detections, with its predicted pose."""
