@@ -172,7 +172,7 @@ class _Ascent:
         # Odd order: the mean over the D sets of d blocks, of which those with b count here.
         slope = slope / (1 if self.order == self.blocks else self.blocks) + self.unary / self.blocks
         if self.alpha > 0:
-            pairings = list(_pairings(others, b))
+            pairings = list(_pairings(others))
             for partner, pairs in pairings:
                 product = math.prod(float((self.x[p] * self.x[q]).sum()) for p, q in pairs)
                 slope = slope + self.alpha / len(pairings) * product * self.x[partner]
@@ -184,7 +184,7 @@ class _Ascent:
         sets = list(combinations(range(self.blocks), self.order))
         value = sum(float((self.polarised(part[1:]) * x[part[0]]).sum()) for part in sets) / len(sets)
         value += sum(float((self.unary * y).sum()) for y in x) / self.blocks
-        pairings = list(_pairings(list(range(1, self.blocks)), 0))
+        pairings = list(_pairings(list(range(1, self.blocks))))
         for partner, pairs in pairings:
             product = math.prod(float((x[p] * x[q]).sum()) for p, q in pairs)
             value += self.alpha / len(pairings) * product * float((x[0] * x[partner]).sum())
@@ -201,12 +201,12 @@ def _hungarian(slope: NDArray[np.float64]) -> NDArray[np.int64]:
     return assignment
 
 
-def _pairings(others: list[int], b: int) -> Iterator[tuple[int, list[tuple[int, int]]]]:
-    """All ways to pair b with one of an odd number of others, and the rest among themselves."""
+def _pairings(others: list[int]) -> Iterator[tuple[int, list[tuple[int, int]]]]:
+    """All ways to pair a block with one of an odd number of others, and the rest among themselves."""
     for partner in others:
         rest = [c for c in others if c != partner]
         if not rest:
             yield partner, []
             continue
-        for second, pairs in _pairings(rest[1:], rest[0]):
+        for second, pairs in _pairings(rest[1:]):
             yield partner, [(rest[0], second), *pairs]

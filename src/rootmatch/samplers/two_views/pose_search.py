@@ -54,7 +54,7 @@ MISSED, RIVALLED = 0.1, 0.02
 `rootmatch.model.two_view_posterior`, and where two poses are no accident. The scene looks like itself then, and a third
 pose may be the right one. Round values."""
 REPEATED = 1e-3
-"""Odds that a scene looks like itself before it is seen. A stated value: `model.posterior_options.copy` of bodies."""
+"""Odds that a scene looks like itself before it is seen. A stated value: `rootmatch.model.priors.COPY`, of bodies."""
 POSES, POSES_REFINED = 64, 16
 """Poses of a minimal set that are kept, and the likeliest of them, which are refined on all points."""
 ASSIGNMENTS = 12
