@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.deadline import Deadline, Pace
 from rootmatch.explain.decide import TRUST
 from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -24,7 +24,7 @@ def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) 
 
 
 def supported(
-    assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor, deadline: Deadline = NEVER
+    assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor, deadline: Deadline
 ) -> tuple[NDArray[np.int64], float, Alternatives]:
     """Assignments without unsupported points, distinct, best first; as many as the deadline allows."""
     candidates = np.array([assignment, *(other for other, _ in alternatives)])

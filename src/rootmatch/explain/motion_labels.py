@@ -12,34 +12,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.explain.validation import check_motions
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.solvers.base import Solution
 
 EXPECTED_WEIGHT = 0.15
 """Least mean weight of the hyper-edges of one motion. Not tuned: a round value between that of true hyper-edges, 0.5
 for two degrees of freedom, and of false ones, a few hundredths."""
 
 
-def motion_labels(
-    solution: Solution, assignment: NDArray[np.int64], tensor: AffinityTensor, motions: int | str
-) -> NDArray[np.int64]:
-    """Label (n,) of each point's motion by the rule above; −1 where unmatched.
-
-    Parameters
-    ----------
-    solution : Solution
-    assignment : (n,) int64
-        Of the solution, as far as it is supported.
-    tensor : AffinityTensor
-    motions : int or "auto"
-    """
-    if solution.groups is not None:
-        return solution.groups
-    return label_motions(assignment, tensor, motions)
-
-
-def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions: int | str = 1) -> NDArray[np.int64]:
+def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions: int | str) -> NDArray[np.int64]:
     """Motion of each source point, (n,): 0, 1, … by falling size, −1 where unmatched.
 
     Points are merged by the weight of the hyper-edges that hold both (average linkage). With ``"auto"`` the cut is
@@ -50,13 +30,7 @@ def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions
     assignment : (n,) int64
     tensor : AffinityTensor
     motions : int or "auto"
-
-    Raises
-    ------
-    InputError
-        If ``motions`` is neither a positive number nor ``"auto"``.
     """
-    check_motions(motions)
     labels = np.full(len(assignment), -1, dtype=np.int64)
     matched = np.flatnonzero(assignment >= 0)
     if motions == 1 or len(matched) <= tensor.order:

@@ -90,9 +90,6 @@ class Broad(PoseDensity):
     has a unit of length.
     """
 
-    field: float = FIELD
-    depths: float = DEPTHS
-
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
         return _mixture(self.for_kernels, rotation, position)[0]
@@ -104,7 +101,7 @@ class Broad(PoseDensity):
 
     def with_share(self, log_share: float) -> tuple[float, float, float, float]:
         """Its numbers as one of several components."""
-        return ANY_TURN, float(self.field), math.log(self.depths), log_share - math.log(ROTATIONS)
+        return ANY_TURN, FIELD, math.log(DEPTHS), log_share - math.log(ROTATIONS)
 
     def of_position(self, position: Floats) -> tuple[Floats, Floats]:
         """Precision (K, 3, 3) and log density (K,) of positions (K, 3)."""
@@ -121,13 +118,10 @@ class Known(PoseDensity):
     prior : PosePrior
     centre : (3,) array
         Of the body, in its frame.
-    broad : Broad
-        Of what is not known.
     """
 
     prior: PosePrior
     centre: Floats
-    broad: Broad = Broad()
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
@@ -135,7 +129,7 @@ class Known(PoseDensity):
         precision, slope = np.zeros((count, 6, 6)), np.zeros((count, 6))
         precision[:, :3, :3], slope[:, :3], squared, log_density = self._of_rotation(rotation)
         if self._place is None:
-            precision[:, 3:, 3:], log_position = self.broad.of_position(position)
+            precision[:, 3:, 3:], log_position = ANYWHERE.of_position(position)
             return Terms(precision, slope, squared, log_density + log_position)
         place, weight, log_peak = self._place
         arm = rotation @ self.centre

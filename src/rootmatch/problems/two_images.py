@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.vertical import IN_BOTH_IMAGES, Vector, given_direction, rotation_to_vertical
@@ -60,12 +60,17 @@ class TwoImageProblem(Problem):
         """Rotations of the first and of the second camera frame that bring their axes onto the y axis."""
         return rotation_to_vertical(self.axis, "axis"), rotation_to_vertical(self.axis2, "axis2")
 
+    def rays(self, source: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Unit bearings (…, 3) of pixels of the first and of the second image, the axis of either turned onto y."""
+        (camera, camera2), (rotation, rotation2) = self.cameras, self.rotations()
+        return camera.bearings(source) @ rotation.T, camera2.bearings(target) @ rotation2.T
+
     def two_views(self, points: PointSets) -> TwoViews | None:
         """See `Problem.two_views`; what the direction's noise does to a bearing is counted with the source."""
-        (camera, camera2), (rotation, rotation2) = self.cameras, self.rotations()
+        (camera, camera2), (first, second) = self.cameras, self.rays(points.source, points.target)
         return TwoViews(
-            np.ascontiguousarray((camera.bearings(points.source) @ rotation.T).T),
-            np.ascontiguousarray((camera2.bearings(points.target) @ rotation2.T).T),
+            np.ascontiguousarray(first.T),
+            np.ascontiguousarray(second.T),
             camera.angular_noise(points.source, points.source_noise) ** 2 + self.tilt_variance,
             camera2.angular_noise(points.target, points.target_noise) ** 2,
             self.planar,

@@ -92,9 +92,7 @@ class Aligned(NamedTuple):
     """(K,) logarithm, up to a constant."""
 
 
-def aligned(
-    points: Floats, detections: Floats, sigma: float, *, rng: np.random.Generator, levels: tuple[Level, ...] = LEVELS
-) -> Aligned:
+def aligned(points: Floats, detections: Floats, sigma: float, *, rng: np.random.Generator) -> Aligned:
     """Poses at which the projected points are as dense as the detections.
 
     Parameters
@@ -118,7 +116,7 @@ def aligned(
     found = _starts(points, blob)
     size = math.sqrt(0.5 * float(np.trace(blob.covariance)))
     false = max(len(detections) - len(points), FALSE * len(detections)) / blob.area
-    for level in levels:
+    for level in LEVELS:
         blur = math.hypot(level.blur * size, sigma)
         found = _climbed(points, detections, found, blob, blur=blur, false=false, level=level)
         found = _distinct(found, level.kept, math.radians(max(20.0 * level.blur, 0.5)))

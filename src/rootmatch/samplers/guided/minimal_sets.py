@@ -32,20 +32,14 @@ DRAWN_IN_CLUSTER = 64
 """Minimal sets among the points of a cluster of hypotheses, of which the widest are solved."""
 
 
-def minimal_sets(
-    positions: NDArray[np.float64],
-    size: int,
-    rng: np.random.Generator,
-    first_wave: int = FIRST_WAVE,
-    largest_wave: int = LARGEST_WAVE,
-) -> Iterator[Integers]:
+def minimal_sets(positions: NDArray[np.float64], size: int, rng: np.random.Generator) -> Iterator[Integers]:
     """Waves of minimal sets (W, size) of the points (n, 3), wide ones first.
 
     Where there are many the sets are drawn without end (a set may come again); otherwise each comes once.
     """
     n = len(positions)
     every = math.comb(n, size)
-    wave = min(first_wave, max(FEWEST, every // 10))
+    wave = min(FIRST_WAVE, max(FEWEST, every // 10))
     listed = every <= LISTED
     ranked = np.empty((0, size), np.int64)
     while True:
@@ -61,7 +55,7 @@ def minimal_sets(
         while len(ranked) and (listed or len(ranked) >= wave):
             yield np.ascontiguousarray(ranked[:wave])
             ranked = ranked[wave:]
-            wave = min(2 * wave, largest_wave)
+            wave = min(2 * wave, LARGEST_WAVE)
         if listed:
             return
 
