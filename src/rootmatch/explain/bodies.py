@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.errors import UnseenPixelError
 from rootmatch.explain.body_findings import among_all, joined
@@ -26,7 +26,6 @@ from rootmatch.explain.point_set_decision import lead_over_others
 from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.guided.sampler import pays
 
-Integers = NDArray[np.int64]
 Solve = Callable[[MatchingTask], Finding]
 FIRST_BUDGET, FIRST_BUDGET_WITHOUT_NORMALS = 200_000, 600_000
 """Evaluations of the first search for each body, and if normals do not tell which points are visible together: enough
@@ -83,7 +82,7 @@ class _Body:
         known = self.match.probability
         return 1.0 if known is None else known
 
-    def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
+    def worth_a_search(self, free: Bools, budget: int) -> bool:
         """Whether another search among the free detections, with this budget, may find more than the last one."""
         if self.settled:
             return False
@@ -233,9 +232,7 @@ def _shared(found: Finding, lead: float) -> Finding:
     return replace(found.with_facts(contested=True, probability=known * share), confidence=confidence)
 
 
-def _make_exclusive(
-    task: MatchingTask, bodies: list[_Body], free: NDArray[np.bool_], solve: Solve, budget: int
-) -> None:
+def _make_exclusive(task: MatchingTask, bodies: list[_Body], free: Bools, solve: Solve, budget: int) -> None:
     """Give the free detections to the uncertain bodies, first to those whose matches are least likely to be chance."""
     waiting = [body for body in bodies if not body.settled]
     _contest(waiting)

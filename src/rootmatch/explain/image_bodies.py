@@ -15,8 +15,8 @@ from itertools import count
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import LATE, ROUNDS, SURE, Solve, budgets_of, searched_among
 from rootmatch.explain.body_findings import joined
@@ -35,8 +35,6 @@ from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.proposals import Proposals
-
-Integers = NDArray[np.int64]
 
 IN_VIEW, DOUBTED = 0.95, 0.9
 """Probabilities that a body is in view, and of its pose: if the first is higher and the second lower, a longer search
@@ -68,7 +66,7 @@ class _Body:
     """Of its last search, or of its prediction."""
     candidate: Candidate
     told: Posterior
-    free: NDArray[np.bool_]
+    free: Bools
     """Detections among which it may still be found."""
     alike: list[int] = field(default_factory=list)
     """Numbers of the bodies of the same or the mirrored shape."""

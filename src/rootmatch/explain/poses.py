@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose as Pose
-
-Integers = NDArray[np.int64]
 
 
 def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers) -> list[list[Pose | None]]:

@@ -12,8 +12,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Pace
 from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.task import MatchingTask
@@ -23,9 +23,6 @@ from rootmatch.problems.limits import GATE
 from rootmatch.problems.pose_fit.starts import poses_of_triples
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 KNOWN = ("p3p", "up2p")
 """Problems of one calibrated camera and points in space; the vertical of an upright camera enters only the fits."""
@@ -156,7 +153,7 @@ class _Search:
         best = int(np.argmax([len(np.unique(self.target[rows[one]])) for one in agree]))
         return (rotation[best], t[best]), max(float(np.mean(shares)), 1.0 / len(rows))
 
-    def _agree(self, rotation: Floats, t: Floats, rows: Integers) -> NDArray[np.bool_]:
+    def _agree(self, rotation: Floats, t: Floats, rows: Integers) -> Bools:
         """Which pairs (R,) lie within the gate of each pose: (K, R)."""
         with np.errstate(all="ignore"):
             placed = self.points[rows] @ rotation.swapaxes(-1, -2) + t[:, None]

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.image_hypotheses import Candidate, is_enough, model_of
@@ -27,10 +27,6 @@ from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.samplers.guided.stopping import StoppingOptions, false_alarm_level
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-
 
 LIMITS, LIMITS_OF_BOUNDED = (100, 16), (30, 5)
 """Hypotheses of each camera, those of the highest evidence, that are verified in all, and of all of them those kept, by

@@ -12,17 +12,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 KEPT = 16
 """Modes of each body that are weighed together. A round value."""
@@ -77,7 +74,7 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
     return found
 
 
-def _as_copy(model: DetectionModel, modes: Modes, uses: NDArray[np.bool_]) -> Floats | None:
+def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
     """Odds of a body's modes as those of a copy that nobody named; None if two cannot be in one image.
 
     Where the body is expected tells nothing of its copy. ``uses`` (M, n'): the detections of each mode.
@@ -92,7 +89,7 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: NDArray[np.bool_]) -> Fl
     return np.asarray(mass + math.log(COPY), np.float64)
 
 
-def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[NDArray[np.bool_]]) -> Modes:
+def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bools]) -> Modes:
     """The best modes of body k, and what remains of them if others take shared detections.
 
     ``uses``: the detections (M, n') of the best modes of each body.

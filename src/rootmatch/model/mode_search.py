@@ -13,8 +13,8 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint, in_force
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.blobs import of_blobs
@@ -27,9 +27,6 @@ from rootmatch.model.modes import Modes, as_objects, no_modes, nothing_near
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.proposals import Proposals
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 NO_STEP = np.zeros(6)
 SECONDS_PER_DENSITY = 3e-10

@@ -16,16 +16,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 LOG_ROTATIONS = math.log(8.0 * math.pi**2)
 """Logarithm of the volume of all rotations, by rotation vectors."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
@@ -17,9 +17,6 @@ from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import COPY, COUNTS, WRONG_MODEL
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MIRRORED = 0.01
 """Prior probability that the targets are a mirror image of the object, because an axis is flipped or a frame is

@@ -15,15 +15,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.prior_terms import mixture_terms
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import about_point
-
-Floats = NDArray[np.float64]
 
 FIELD = 2.0
 """Solid angle in steradians in which a body may be, if the image's size is not known: about 80° by 80°. A round
@@ -279,7 +277,7 @@ class Doubted(PoseDensity):
         """See `PoseDensity`: one match is one coincidence, which a clutter point that stands still repeats."""
         return 2 if any(isinstance(one, Gaussian) for one in self.predictions) else 3
 
-    def prediction_of(self, rotation: Floats, position: Floats) -> NDArray[np.int64]:
+    def prediction_of(self, rotation: Floats, position: Floats) -> Integers:
         """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""
         first = self._terms(rotation, position)[1]
         return np.where(first < len(self.predictions), first, -1)
@@ -292,7 +290,7 @@ class Doubted(PoseDensity):
             return None
         return _packed(known, self.log_shares), self.without.with_share(math.log(self.doubt))
 
-    def _terms(self, rotation: Floats, position: Floats) -> tuple[Terms, NDArray[np.int64]]:
+    def _terms(self, rotation: Floats, position: Floats) -> tuple[Terms, Integers]:
         """The terms of the largest component about each pose, and which it is."""
         if self.for_kernels is not None:
             return _mixture(self.for_kernels, rotation, position)
@@ -327,7 +325,7 @@ def _packed(predictions: Sequence[Gaussian], log_shares: Sequence[float]) -> tup
     )
 
 
-def _mixture(mixture: Mixture, rotation: Floats, position: Floats) -> tuple[Terms, NDArray[np.int64]]:
+def _mixture(mixture: Mixture, rotation: Floats, position: Floats) -> tuple[Terms, Integers]:
     """The terms of the largest component about poses (K, 3, 3) and (K, 3), and which it is; the broad one is last."""
     count = len(rotation)
     terms = Terms(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count), np.empty(count))

@@ -11,13 +11,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.priors import WRONG_MODEL
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 WRONG = 0.001
 """Part of the matches of a large assignment that may be expected to be wrong. A round value."""

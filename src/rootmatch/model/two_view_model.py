@@ -19,13 +19,10 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross, rotation_about_y, rotation_from_vector
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from rootmatch.arrays import Floats, Integers
 
 NOISE_FREEDOM = 20.0
 """Degrees of freedom for which the given σ counts: it is known to a sixth. As of point sets."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
@@ -26,9 +26,6 @@ from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 PRESENT = 0.5
 """Probability that the two images show the same points, before they are seen. A round value, as of point sets."""

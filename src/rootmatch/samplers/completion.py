@@ -9,8 +9,8 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.deadline import Pace, checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
@@ -21,8 +21,6 @@ from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion_kernels import Completions, can_complete
 from rootmatch.samplers.exhaustive import given_tensor
 from rootmatch.samplers.guided.minimal_sets import width
-
-Integers = NDArray[np.int64]
 
 SEARCHED = 0.6
 """Share of a deadline after which the hyper-edges found so far are evaluated."""

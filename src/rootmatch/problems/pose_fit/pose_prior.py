@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.arrays import Floats
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import checked_rotation, numbers
-
-Floats = NDArray[np.float64]
 
 LEAST_TILT = 1e-5
 """Standard deviation, in radians, of a vertical that is called exact."""

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross, rotation_about_y
-from rootmatch.problems.pose_fit.descent import Floats, Model, State
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.problems.pose_fit.descent import Model, State
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 
 STARTS = 8
@@ -84,7 +85,7 @@ def reflected(state: State, points: Floats, weight: Floats) -> State:
     return turned, middle - (turned @ centre[..., None])[..., 0]
 
 
-def planes(points: Floats, used: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def planes(points: Floats, used: Bools) -> tuple[Floats, Floats]:
     """Centres (K, 3) and normals (K, 3) of the planes nearest to the used (K, n) of some points (K, n, 3)."""
     share = used / np.maximum(used.sum(axis=1), 1)[:, None]
     centre = (points * share[..., None]).sum(axis=1)
@@ -119,7 +120,7 @@ def _plane(rays: Floats) -> Floats:
     return np.asarray(rays[..., :2] / (1.0 + np.maximum(rays[..., 2:], -0.9)))
 
 
-def _random_triples(used: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _random_triples(used: Bools) -> Integers:
     """Random triples (K, T, 3) of the used points (K, n)."""
     random = np.random.default_rng(0).random((len(used), TRIPLES, used.shape[1]))
     return np.argsort(np.where(used[:, None], random, 2.0), axis=2)[..., :3]
@@ -139,7 +140,7 @@ def _spread_rotations(count: int) -> Floats:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def triples(image: Floats, used: NDArray[np.bool_]) -> NDArray[np.int64]:
+def triples(image: Floats, used: Bools) -> Integers:
     """Two wide triples of the used points (K, n) of images (K, n, 2), (K, 2, 3)."""
     every, used = np.arange(len(used)), used.copy()
     out = []

@@ -15,16 +15,7 @@ from numpy.typing import NDArray
 from rootmatch.research.bootstrap import Estimate, difference, estimate
 from rootmatch.research.paper.plan import DENSE, Table
 from rootmatch.research.paper.rho import SPARSE, Rule
-from rootmatch.research.paper.settings import (
-    BASELINES,
-    NOISES,
-    OUTLIERS,
-    PANELS,
-    TITLES,
-    Setting,
-    has_svd,
-    settings_of,
-)
+from rootmatch.research.paper.settings import BASELINES, NOISES, OUTLIERS, PANELS, TITLES, Setting, has_svd, settings_of
 from rootmatch.research.paper.verdict import EQUAL, FEW, FULL, GOOD, LOST, RAPID, Case
 
 NOISY = NOISES[1:]

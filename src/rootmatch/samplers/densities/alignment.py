@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.jit.threads import in_pieces
 from rootmatch.samplers.densities.descent_kernels import ascend
-
-Floats = NDArray[np.float64]
 
 
 class Level(NamedTuple):

@@ -15,7 +15,6 @@ from rootmatch.samplers.guided.triangle_shapes import add_near_shapes, shape_tab
 from rootmatch.samplers.guided.visibility import LOST, covering_order, detected_views, facing_points, sphere, within
 from rootmatch.samplers.guided.visible_triples import VisibleSets
 
-Integers = NDArray[np.int64]
 PREPARED = 4096
 """Triples that are prepared for images to come: some 60 µs and 5 kB each."""
 LARGEST_WAVE = 32
@@ -103,9 +102,7 @@ class ModelViews:
 
 
 def _cameras(
-    positions: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    view_cosine: NDArray[np.float64] | None,
+    positions: NDArray[np.float64], normals: NDArray[np.float64], view_cosine: NDArray[np.float64] | None
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Positions (V, 3) of cameras at several distances in all directions, and which points face each (V, n)."""
     centre = positions.mean(axis=0)
@@ -118,9 +115,7 @@ def _cameras(
 
 
 def model_views(
-    positions: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    view_cosine: NDArray[np.float64] | None = None,
+    positions: NDArray[np.float64], normals: NDArray[np.float64], view_cosine: NDArray[np.float64] | None = None
 ) -> ModelViews:
     """`ModelViews` of points and normals (n, 3), kept for the last few objects: frame after frame asks for them."""
     cosines = None if view_cosine is None else view_cosine.tobytes()

@@ -175,10 +175,7 @@ def _near_tables(points, normals, least, directions, distances, sets, tables):  
 
 
 def shape_tables(
-    points: NDArray[np.float64],
-    cameras: NDArray[np.float64],
-    visible: NDArray[np.bool_],
-    sets: NDArray[np.int64],
+    points: NDArray[np.float64], cameras: NDArray[np.float64], visible: NDArray[np.bool_], sets: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Which shapes (S, CELLS) the triples have in the images of some cameras, and the shapes beside those.
 

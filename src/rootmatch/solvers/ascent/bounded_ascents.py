@@ -156,13 +156,7 @@ class BoundedAscents:
         return found
 
     def in_steps(
-        self,
-        root: State,
-        base: NDArray[np.int64],
-        penalty: float,
-        *,
-        exchanges: bool,
-        stopped: Event | None = None,
+        self, root: State, base: NDArray[np.int64], penalty: float, *, exchanges: bool, stopped: Event | None = None
     ) -> Ascended:
         """One ascent as of `climb_from`, a few moves at a time: it ends where it is at the deadline, or if stopped."""
         state, moves, size, begins = state_of(self.index, base, root), 0, 1, np.ones(1, np.int64)
