@@ -29,7 +29,6 @@ class Outer(Options):
     count: int = option(3, least=1)
     rate: float = option(0.1, least=0.0)
     seconds: float | None = option(None, above=0.0)
-    levels: tuple[float, ...] = option((0.1, 0.9), above=0.0)
     quick: bool = option(False)
     name: str = option("a")
     inner: Inner = option(Inner())
@@ -46,9 +45,6 @@ class Outer(Options):
         ({"rate": float("inf")}, "rate is inf"),
         ({"rate": "fast"}, "rate is 'fast'"),
         ({"seconds": 0.0}, "seconds is 0.0; give a number above 0"),
-        ({"levels": ()}, "levels is ()"),
-        ({"levels": (0.5, 0.0)}, "levels is (0.5, 0.0); give a tuple of numbers above 0"),
-        ({"levels": 0.5}, "levels is 0.5"),
         ({"quick": 1}, "quick is 1; give True or False"),
         ({"inner": 0.5}, "inner is 0.5; give Inner"),
     ],

@@ -39,20 +39,12 @@ class State(NamedTuple):
 
 def empty_state(index: SubsetIndex) -> State:
     """The empty assignment."""
-    order = index.indices.shape[1]
-    return State(
-        image=np.full(index.n, -1, np.int64),
-        owner=np.full(index.n_target, -1, np.int64),
-        inside=np.zeros(index.n * index.n_target, np.bool_),
-        members=np.zeros(index.n, np.int64),
-        size=np.zeros(1, np.int64),
-        gains=np.zeros(index.n * index.n_target),
-        pairs=np.zeros((index.n, index.n)),
-        total=np.zeros(1),
-        reads=np.zeros(1, np.int64),
-        pick=np.empty(order, np.int64),
-        subset=np.empty(order, np.int64),
-    )
+    state = room_for_state(index)
+    state.image.fill(-1)
+    state.owner.fill(-1)
+    for array in (state.inside, state.members, state.size, state.gains, state.pairs, state.total):
+        array.fill(0)
+    return state
 
 
 def room_for_state(index: SubsetIndex) -> State:
