@@ -56,8 +56,8 @@ def test_values_outside_of_their_range_are_refused(given: dict[str, object], tol
 
 
 def test_values_within_their_range_are_kept() -> None:
-    made = Outer(count=1, rate=0, seconds=0.5, levels=(1,), quick=True, inner=Inner(1.0))
-    assert (made.count, made.rate, made.seconds, made.levels, made.inner.part) == (1, 0, 0.5, (1,), 1.0)
+    made = Outer(count=1, rate=0, seconds=0.5, quick=True, inner=Inner(1.0))
+    assert (made.count, made.rate, made.seconds, made.inner.part) == (1, 0, 0.5, 1.0)
     assert Outer(seconds=None) == Outer()
     with pytest.raises(InputError, match="Inner: part is 0"):
         replace(made, inner=Inner(0))

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.tensor import AffinityTensor
 
 EXPECTED_WEIGHT = 0.15
@@ -19,7 +19,7 @@ EXPECTED_WEIGHT = 0.15
 for two degrees of freedom, and of false ones, a few hundredths."""
 
 
-def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions: int | str) -> NDArray[np.int64]:
+def label_motions(assignment: Integers, tensor: AffinityTensor, motions: int | str) -> Integers:
     """Motion of each source point, (n,): 0, 1, … by falling size, −1 where unmatched.
 
     Points are merged by the weight of the hyper-edges that hold both (average linkage). With ``"auto"`` the cut is
@@ -66,7 +66,7 @@ def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions
     return labels
 
 
-def _excess(groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArray[np.float64], order: int) -> float:
+def _excess(groups: Integers, points: Integers, weights: Floats, order: int) -> float:
     """Weight within groups above what their number of hyper-edges must have."""
     labels = groups[points]
     same = (labels == labels[:, :1]).all(axis=1)
@@ -74,9 +74,7 @@ def _excess(groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArr
     return float(weights[same].sum()) - EXPECTED_WEIGHT * tuples
 
 
-def _refined(
-    groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArray[np.float64], order: int
-) -> NDArray[np.int64]:
+def _refined(groups: Integers, points: Integers, weights: Floats, order: int) -> Integers:
     """Groups after each point has moved to where its hyper-edges exceed their expected weight most.
 
     Average linkage sometimes isolates a point that belongs to a group, or puts it into its second-best group.

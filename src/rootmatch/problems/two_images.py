@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.vertical import IN_BOTH_IMAGES, Vector, given_direction, rotation_to_vertical
 from rootmatch.problems.base import Problem
@@ -56,11 +57,11 @@ class TwoImageProblem(Problem):
         """Variance of the axis of one view against that of the other, radians² on each of two directions."""
         return 0.0
 
-    def rotations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rotations(self) -> tuple[Floats, Floats]:
         """Rotations of the first and of the second camera frame that bring their axes onto the y axis."""
         return rotation_to_vertical(self.axis, "axis"), rotation_to_vertical(self.axis2, "axis2")
 
-    def rays(self, source: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rays(self, source: ArrayLike, target: ArrayLike) -> tuple[Floats, Floats]:
         """Unit bearings (…, 3) of pixels of the first and of the second image, the axis of either turned onto y."""
         (camera, camera2), (rotation, rotation2) = self.cameras, self.rotations()
         return camera.bearings(source) @ rotation.T, camera2.bearings(target) @ rotation2.T
@@ -76,7 +77,7 @@ class TwoImageProblem(Problem):
             self.planar,
         )
 
-    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
+    def poses(self, points: PointSets, assignments: Integers) -> list[Pose | None]:
         """Poses of the second view in the first, t of length 1; see `Problem.poses`.
 
         The 6 × 6 covariance has rank 3, that of the angle about the axis and of the direction of t; rank 2 if t is

@@ -14,8 +14,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.internal import internal
 from rootmatch.solvers.ascent.pair_table import place_of_pair
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
@@ -24,17 +24,17 @@ from rootmatch.solvers.ascent.subset_index import SubsetIndex
 class State(NamedTuple):
     """An assignment with its gains and pair weights; changed in place."""
 
-    image: NDArray[np.int64]  # (n,) target or −1
-    owner: NDArray[np.int64]  # (n',) source or −1
-    inside: NDArray[np.bool_]  # (n n',) which correspondences are members
-    members: NDArray[np.int64]  # (n,) their flat indices, the first size[0] of them
-    size: NDArray[np.int64]  # (1,)
-    gains: NDArray[np.float64]  # (n n',)
-    pairs: NDArray[np.float64]  # (n, n) by source point
-    total: NDArray[np.float64]  # (1,) hyper-edge and unary weights inside
-    reads: NDArray[np.int64]  # (1,) subsets looked up and entries of the index read by all changes so far
-    pick: NDArray[np.int64]  # (d,) scratch
-    subset: NDArray[np.int64]  # (d,) scratch
+    image: Integers  # (n,) target or −1
+    owner: Integers  # (n',) source or −1
+    inside: Bools  # (n n',) which correspondences are members
+    members: Integers  # (n,) their flat indices, the first size[0] of them
+    size: Integers  # (1,)
+    gains: Floats  # (n n',)
+    pairs: Floats  # (n, n) by source point
+    total: Floats  # (1,) hyper-edge and unary weights inside
+    reads: Integers  # (1,) subsets looked up and entries of the index read by all changes so far
+    pick: Integers  # (d,) scratch
+    subset: Integers  # (d,) scratch
 
 
 def empty_state(index: SubsetIndex) -> State:
