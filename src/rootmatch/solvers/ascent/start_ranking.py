@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,14 +51,9 @@ def rank_heaviest(index: SubsetIndex, most_reads: int) -> tuple[Integers, Floats
     for share in range(SHARES):
         some = heavy[share::SHARES]
         rank, read = np.empty(len(some)), np.empty(len(some), np.int64)
-
-        def look_up(
-            first: int, last: int, some: Integers = some, rank: Floats = rank,
-            read: Integers = read,
-        ) -> None:  # fmt: skip
-            _rank_by_look_up(index, some, first, last, rank, read)
-
-        in_threads(look_up, len(some), threads_worth(len(some) // WORTH_A_THREAD))
+        in_threads(
+            partial(_rank_by_look_up, index, some, rank, read), len(some), threads_worth(len(some) // WORTH_A_THREAD)
+        )
         numbers.append(some)
         ranks.append(rank)
         reads += int(read.sum())
@@ -80,7 +77,7 @@ def heaviest(weights: Floats, count: int) -> Integers:
 
 
 @driver(nogil=True)
-def _rank_by_look_up(index, numbers, first, last, rank, read):  # type: ignore[no-untyped-def]
+def _rank_by_look_up(index, numbers, rank, read, first, last):  # type: ignore[no-untyped-def]
     """Ranks of the hyper-edges numbers[first … last − 1], and how many entries were read for each."""
     index = borrowed(index)
     numbers, rank, read = borrowed((numbers, rank, read))
