@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 import rootmatch as rm
 from rootmatch.explain.bodies import _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
 from rootmatch.explain.body_labels import twin_points
-from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.decide import Facts
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
@@ -124,11 +123,11 @@ def test_twins_are_found_whatever_the_order_of_their_points() -> None:
     shape = body(4)
     order = np.random.default_rng(0).permutation(7)
     R, t = pose(1, 2.0, 3.0)
-    found = twin_points(shape, ((shape * MIRROR) @ R.T + t)[order], 0.01)
+    found = twin_points(shape, ((shape * MIRROR) @ R.T + t)[order])
     assert found is not None
     assert np.array_equal(order[found], np.arange(7))
-    assert twin_points(shape, body(5), 0.02) is None
-    assert twin_points(shape, shape[1:], 0.02) is None
+    assert twin_points(shape, body(5)) is None
+    assert twin_points(shape, shape[1:]) is None
 
 
 @pytest.mark.parametrize("again", [rm.Status.MATCHED, rm.Status.AMBIGUOUS])
@@ -146,12 +145,12 @@ def test_a_search_cut_short_is_confirmed_where_its_detections_allow_no_other_pos
         return judged(explain(part), again)
 
     one = _Body(0, 0, np.arange(7), match=unsure, cut=True, budget=1)
-    _confirm(task, one, solve, OPTIONS)
+    _confirm(task, one, solve)
     assert asked == [(7, 7)]  # its own detections, without the clutter
     assert one.match is not None
     assert one.match.status is again
     assert np.array_equal(one.match.assignment, expected)
-    _confirm(task, _Body(0, 0, np.arange(7), match=unsure), solve, OPTIONS)
+    _confirm(task, _Body(0, 0, np.arange(7), match=unsure), solve)
     assert len(asked) == 1  # a search that came to its end has looked for other poses itself
 
 

@@ -207,7 +207,7 @@ def log_evidence(model: DetectionModel, assignment: NDArray[np.int64], R: Floats
     taken = np.zeros((1, len(model.target)), np.bool_)
     taken[0, [j for _, j in pairs]] = True
     total += float(model.clutter.log_first(taken)[0])
-    half = 0.5 * model.options.noise_freedom
+    half = 0.5 * model.noise_freedom
     total += gammaln(half + freedom / 2.0) - gammaln(half) - freedom / 2.0 * math.log(half)
     total -= (half + freedom / 2.0) * math.log1p(squared / (2.0 * half))
     total += 3.0 * math.log(2.0 * math.pi) - 0.5 * np.linalg.slogdet(precision)[1] + float(terms.log_density[0])

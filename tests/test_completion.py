@@ -188,6 +188,4 @@ def test_what_cannot_be_completed_says_so() -> None:
     weigh = affinity("joint", None)
     with pytest.raises(rm.InputError, match="no predictions"):
         Completion()(SamplingTask(tables, weigh.residual.kernel_kind(2), weigh, (6, 6), 4))
-    with pytest.raises(rm.InputError, match=r"gate is 0\.0; give a number above 0"):
-        Completion(gate=0.0)
     assert not Completion().pays(SamplingTask(tables, weigh.residual.kernel_kind(2), weigh, (40, 40), 4))

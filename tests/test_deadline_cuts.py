@@ -24,7 +24,6 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Gaussian
-from rootmatch.model.posterior_options import PosteriorOptions
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.two_view_model import TwoViewModel
@@ -41,8 +40,6 @@ from rootmatch.samplers.point_sets.motion_search import MotionSearch
 from rootmatch.solvers.base import SECONDS_PER_PAIR, Solution, empty_solution, solved
 
 CAMERA = Camera(900.0, 900.0, 640.0, 480.0)
-EVERY = PosteriorOptions(negligible=1e6, hopeless=1e6)
-"""No mode and no proposal is left out for what it says."""
 
 
 class Clock:
@@ -85,6 +82,14 @@ def assert_same(one: Modes, other: Modes) -> None:
     assert np.array_equal(one.log_mass, other.log_mass)
 
 
+@pytest.fixture
+def every_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No mode and no proposal is left out for what it says."""
+    monkeypatch.setattr(mode_search, "NEGLIGIBLE", 1e6)
+    monkeypatch.setattr(mode_search, "HOPELESS", 1e6)
+
+
+@pytest.mark.usefixtures("every_mode")
 @pytest.mark.parametrize(("wanted", "weighed"), [(2.5, 2), (1.0, 1), (0.3, 1), (1e6, 6)])
 def test_as_many_proposals_are_weighed_as_end_in_time(
     body: Body, wanted: float, weighed: int, monkeypatch: pytest.MonkeyPatch
@@ -99,10 +104,10 @@ def test_as_many_proposals_are_weighed_as_end_in_time(
     each = mode_search.SECONDS_PER_DENSITY * body.model.shape[1] * len(body.model.clutter.centres)
     deadline = Deadline(wanted * each, clock=Clock())
     with deadline.enforced():
-        found = modes_of(body.model, body.proposals, options=EVERY)
+        found = modes_of(body.model, body.proposals)
     assert seen == [weighed]
     assert deadline.stopped_early == (weighed < 6)
-    assert_same(found, modes_of(body.model, body.proposals.take(np.arange(weighed)), options=EVERY))
+    assert_same(found, modes_of(body.model, body.proposals.take(np.arange(weighed))))
 
 
 def test_no_proposal_is_weighed_after_the_deadline(body: Body) -> None:
@@ -110,6 +115,7 @@ def test_no_proposal_is_weighed_after_the_deadline(body: Body) -> None:
         modes_of(body.model, body.proposals)
 
 
+@pytest.mark.usefixtures("every_mode")
 def test_modes_are_grown_until_the_deadline_the_strongest_first(body: Body, monkeypatch: pytest.MonkeyPatch) -> None:
     clock, taken, before = Clock(), [], mode_search._with
 
@@ -120,7 +126,7 @@ def test_modes_are_grown_until_the_deadline_the_strongest_first(body: Body, monk
         return grown
 
     monkeypatch.setattr(mode_search, "_with", slow)
-    modes_of(body.model, body.proposals, options=EVERY)
+    modes_of(body.model, body.proposals)
     every = taken.copy()
     assert len(every) > 3
     assert every == sorted(every, reverse=True)
@@ -129,7 +135,7 @@ def test_modes_are_grown_until_the_deadline_the_strongest_first(body: Body, monk
         taken.clear()
         deadline = Deadline(seconds, clock=clock)
         with deadline.enforced():
-            found = modes_of(body.model, body.proposals, options=EVERY)
+            found = modes_of(body.model, body.proposals)
         assert taken == every[:count]
         assert deadline.stopped_early
         assert (found.assignments[0] == np.arange(8)).all()
@@ -179,13 +185,13 @@ def test_congruent_bodies_are_compared_until_the_deadline() -> None:
     second = (first @ Rotation.random(random_state=7).as_matrix().T)[order]
     body_labels._twin_points.cache_clear()  # of another test
     with Deadline(6.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
-        body_labels.twin_points(first, second, 1e-6)  # in the midst of the rows
+        body_labels.twin_points(first, second)  # in the midst of the rows
     late = Deadline(0.9 * SECONDS_PER_STEP * 12**3, clock=Clock())
     with late.enforced(), pytest.raises(OutOfTime):
-        body_labels.twin_points(first, second, 1e-6)  # before the assignment, which is made whole
+        body_labels.twin_points(first, second)  # before the assignment, which is made whole
     assert late.stopped_early
     with Deadline(1.1 * SECONDS_PER_STEP * 12**3, clock=Clock()).enforced():
-        found = body_labels.twin_points(first, second, 1e-6)
+        found = body_labels.twin_points(first, second)
     assert found is not None  # what was cut off is not remembered as none
     assert np.array_equal(order[found], np.arange(12))
 

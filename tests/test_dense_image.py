@@ -11,11 +11,12 @@ from scipy.signal import convolve2d
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.algebra.rotation import spread_rotations
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.explain import dense_image
 from rootmatch.research.blind.run import ROTATION
 from rootmatch.research.blind.scenes import surface_scene
-from rootmatch.samplers.densities.alignment import Blob, aligned, histogram, rotation_grid
+from rootmatch.samplers.densities.alignment import Blob, aligned, histogram
 from rootmatch.samplers.densities.descent_kernels import ascend
 from rootmatch.samplers.guided.crowding import VAGUE, crowding
 
@@ -147,7 +148,7 @@ def test_a_histogram_keeps_count_and_centre() -> None:
 
 
 def test_the_grid_of_rotations_has_no_holes() -> None:
-    grid = rotation_grid(4600)
+    grid = spread_rotations(4600)
     np.testing.assert_allclose(grid @ grid.swapaxes(1, 2), np.broadcast_to(np.eye(3), grid.shape), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(grid), 1.0)
     wanted = Rotation.random(2000, random_state=1).as_matrix().reshape(-1, 9)

@@ -18,13 +18,13 @@ from rootmatch.cameras.rig_image import RigImage
 from rootmatch.model.clutter import clutter_of
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.compiled.evidence import log_of_squared
-from rootmatch.model.detection_model import DetectionModel, ModelOptions
+from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, evidence, settled
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_density import Broad, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
-from rootmatch.model.posterior_options import PosteriorOptions
+from rootmatch.model.priors import COPY, PRESENT_ODDS
 from rootmatch.model.proposals import Proposals, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
@@ -435,23 +435,23 @@ def test_bodies_share_no_detection_as_all_joint_hypotheses_say() -> None:
     target = np.random.default_rng(0).uniform((0, 0), (1280, 960), (8, 2))
     models = [DetectionModel(CAMERA, np.eye(3) * 0.1, target, np.full(8, SIGMA)) for _ in range(2)]
     modes = [made_modes([6.0, 4.0], [[0, 1, 2], [3, 4, 5]]), made_modes([5.0, 1.0], [[2, 1, 0], [5, 6, 7]])]
-    options = PosteriorOptions(present=0.5, copy=0.01)
-    told = joint_posterior(models, modes, options=options)
+    told = joint_posterior(models, modes)
     # a mode of each body and of a copy of each, or none, by hand; −1 is none
     weights = {}
     for chosen in itertools.product((-1, 0, 1), repeat=4):
         shown = [(modes[k % 2], mode) for k, mode in enumerate(chosen) if mode >= 0]
         used = np.concatenate([[], *(one.assignments[mode] for one, mode in shown)])
         if len(np.unique(used)) == len(used):
-            copies = sum(mode >= 0 for mode in chosen[2:])
-            weights[chosen] = options.copy**copies * math.exp(sum(one.log_odds[mode] for one, mode in shown))
+            named, copies = (sum(mode >= 0 for mode in some) for some in (chosen[:2], chosen[2:]))
+            prior = named * PRESENT_ODDS + copies * math.log(COPY)
+            weights[chosen] = math.exp(prior + sum(one.log_odds[mode] for one, mode in shown))
     total = sum(weights.values())
     for k in range(2):
         for mode in range(2):
             exact = 0.999 * sum(w for pair, w in weights.items() if pair[k] == mode) / total
             (place,) = np.flatnonzero((told[k].modes.assignments == modes[k].assignments[mode]).all(axis=1))
             assert told[k].probabilities[place] == pytest.approx(exact)
-    (alone,) = joint_posterior(models[1:], modes[1:], options)
+    (alone,) = joint_posterior(models[1:], modes[1:])
     assert alone.probability > 0.9, "without the other body it is believed"
     assert told[1].probabilities[0] < 0.9
 
@@ -471,7 +471,7 @@ def test_of_a_body_and_its_mirror_image_the_one_in_view_is_believed() -> None:
 
 def test_a_flat_noise_prior_is_an_option() -> None:
     model, R, position, assignment = made(1000, 8, normals=False)
-    exact = DetectionModel(CAMERA, model.points, model.target, model.sigma, options=ModelOptions(noise_freedom=1e9))
+    exact = DetectionModel(CAMERA, model.points, model.target, model.sigma, noise_freedom=1e9)
     one, _, _ = best(model, R, position, assignment)
     other, _, _ = best(exact, R, position, assignment)
     assert one.log_odds[0] == pytest.approx(other.log_odds[0], abs=2.0)

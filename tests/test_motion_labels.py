@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import rootmatch as rm
 from rootmatch.explain.motion_labels import label_motions
 from rootmatch.hypergraph.tensor import AffinityTensor
 
@@ -39,10 +38,3 @@ def test_one_motion_is_one_label_and_unmatched_points_have_none() -> None:
     assignment = np.append(np.arange(len(truth)), [-1, -1])
     np.testing.assert_array_equal(label_motions(assignment, tensor, 1), [0] * 10 + [-1, -1])
     assert set(label_motions(assignment, tensor, 2)[-2:]) == {-1}
-
-
-@pytest.mark.parametrize("motions", [0, -1, 1.5, "two", None])
-def test_other_requests_are_refused(motions: object) -> None:
-    _, tensor = blocks([5])
-    with pytest.raises(rm.InputError, match="auto"):
-        label_motions(np.arange(5), tensor, motions)  # type: ignore[arg-type]

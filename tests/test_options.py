@@ -29,7 +29,6 @@ class Outer(Options):
     count: int = option(3, least=1)
     rate: float = option(0.1, least=0.0)
     seconds: float | None = option(None, above=0.0)
-    levels: tuple[float, ...] = option((0.1, 0.9), above=0.0)
     quick: bool = option(False)
     name: str = option("a")
     inner: Inner = option(Inner())
@@ -46,9 +45,6 @@ class Outer(Options):
         ({"rate": float("inf")}, "rate is inf"),
         ({"rate": "fast"}, "rate is 'fast'"),
         ({"seconds": 0.0}, "seconds is 0.0; give a number above 0"),
-        ({"levels": ()}, "levels is ()"),
-        ({"levels": (0.5, 0.0)}, "levels is (0.5, 0.0); give a tuple of numbers above 0"),
-        ({"levels": 0.5}, "levels is 0.5"),
         ({"quick": 1}, "quick is 1; give True or False"),
         ({"inner": 0.5}, "inner is 0.5; give Inner"),
     ],
@@ -60,8 +56,8 @@ def test_values_outside_of_their_range_are_refused(given: dict[str, object], tol
 
 
 def test_values_within_their_range_are_kept() -> None:
-    made = Outer(count=1, rate=0, seconds=0.5, levels=(1,), quick=True, inner=Inner(1.0))
-    assert (made.count, made.rate, made.seconds, made.levels, made.inner.part) == (1, 0, 0.5, (1,), 1.0)
+    made = Outer(count=1, rate=0, seconds=0.5, quick=True, inner=Inner(1.0))
+    assert (made.count, made.rate, made.seconds, made.inner.part) == (1, 0, 0.5, 1.0)
     assert Outer(seconds=None) == Outer()
     with pytest.raises(InputError, match="Inner: part is 0"):
         replace(made, inner=Inner(0))

@@ -18,7 +18,7 @@ def option(default: Any, *, above: float | None = None, least: float | None = No
 class Options:
     """Base of every options class; making one checks its fields.
 
-    The kind of a field is that of its annotation (``int``, ``float``, a tuple of them, or other `Options`); the range
+    The kind of a field is that of its annotation (``int``, ``float``, ``bool``, or other `Options`); the range
     is that of `option`. What is annotated ``… | None`` may be None.
 
     Raises
@@ -34,9 +34,6 @@ class Options:
                 continue
             if isinstance(entry.default, Options):
                 usable, expected = isinstance(value, type(entry.default)), type(entry.default).__name__
-            elif kind.startswith("tuple"):
-                usable = isinstance(value, tuple) and len(value) > 0 and all(_within(v, "float", entry) for v in value)
-                expected = f"a tuple of numbers{_range(entry)}"
             elif kind.startswith(("int", "float")):
                 number = kind.split(" ")[0]
                 usable, expected = _within(value, number, entry), f"{_NUMBERS[number]}{_range(entry)}"

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
@@ -29,8 +30,6 @@ from rootmatch.sightings import Sightings, of_first_cameras
 
 __all__ = ["Match", "Status", "report"]
 
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 ADVISED = 0.5
 """Seconds at most for mistakes that an advice may name; those of point sets take some 0.03. A round value."""
@@ -188,7 +187,7 @@ class Match:
         return self._told("probability", np.prod)
 
     @cached_property
-    def confidence(self) -> NDArray[np.float64]:
+    def confidence(self) -> Floats:
         """Posterior probability (n,) that each point's match is right or, if it is unmatched, that it has none.
 
         Summed over the poses that were weighed and their local changes (a point left out, moved to another detection or

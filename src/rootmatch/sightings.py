@@ -6,15 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.predicted_poses import poses_of_finding
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.pose_fit.pose import Pose
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.algebra.bezout import (
-    NO_INFORMATION,
-    unit_last_entry_quadratic,
-    unit_last_entry_quartic,
-)
+from rootmatch.algebra.bezout import NO_INFORMATION, unit_last_entry_quadratic, unit_last_entry_quartic
 from rootmatch.algebra.polynomial import roots_quadratic, roots_quartic
 from rootmatch.algebra.sylvester import smallest_singular_value_quadratic, smallest_singular_value_quartic
 from rootmatch.jit.decorators import kernel, scalar

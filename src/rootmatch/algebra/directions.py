@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross
-
-Floats = NDArray[np.float64]
+from rootmatch.arrays import Floats
 
 
 def tangent_basis_of(x: Any, y: Any, z: Any) -> Any:

@@ -1,13 +1,12 @@
-"""Rotation matrices for NumPy: from rotation vectors, about the y axis, onto it, and random ones."""
+"""Rotation matrices for NumPy: from rotation vectors, about the y axis, onto it, random ones, and a grid."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from rootmatch.arrays import Floats
 
 
 def cross(first: Floats, second: Floats) -> Floats:
@@ -113,3 +112,17 @@ def one_rotation_vector(R: Floats) -> Floats:
     sine = math.sqrt(x * x + y * y + z * z)
     ratio = math.atan2(sine, 0.5 * (a + e + i - 1.0)) / sine if sine > 1e-12 else 1.0
     return np.array([ratio * x, ratio * y, ratio * z])
+
+
+def spread_rotations(count: int) -> Floats:
+    """Rotations (count, 3, 3) that are spread evenly: a super-Fibonacci spiral of quaternions (Alexa, CVPR 2022)."""
+    t = np.arange(count) + 0.5
+    first, second = 2.0 * np.pi * t / math.sqrt(2.0), 2.0 * np.pi * t / 1.533751168755204288118041
+    low, high = np.sqrt(t / count), np.sqrt(1.0 - t / count)
+    x, y, z, w = low * np.sin(first), low * np.cos(first), high * np.sin(second), high * np.cos(second)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)

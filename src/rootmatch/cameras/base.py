@@ -5,12 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import cross
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError
-
-Floats = NDArray[np.float64]
 
 
 class CameraModel(ABC):
@@ -41,10 +40,10 @@ class CameraModel(ABC):
         """Detections (…, 2) of points (…, 3) in the camera frame; see `sees` for those that have none."""
 
     @abstractmethod
-    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def sees(self, points: ArrayLike) -> Bools:
         """Whether the model holds at points (…, 3) of the camera frame: in front of the lens and within its field."""
 
-    def shows(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+    def shows(self, pixels: ArrayLike) -> Bools:
         """Whether each of the detections (…, 2) is the image of some direction, so that `bearings` accepts it."""
         return np.ones(np.shape(pixels)[:-1], np.bool_)
 
@@ -100,7 +99,7 @@ class CameraModel(ABC):
         """Area (C,) in px² of the image, or of each of several, in which detections (n', 2) lie, if it is known."""
         return None
 
-    def images(self) -> list[NDArray[np.int64]]:
+    def images(self) -> list[Integers]:
         """Which detections lie in which of several images that share a plane; none where there is but one image."""
         return []
 

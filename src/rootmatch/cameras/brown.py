@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rootmatch.cameras.lens import Floats, Lens, coefficients, first_positive_root, increasing_root
+from rootmatch.arrays import Bools, Floats
+from rootmatch.cameras.lens import Lens, coefficients, first_positive_root, increasing_root
 
 COUNTS = (4, 5, 8, 12, 14)
 """OpenCV's: k1 k2 p1 p2, then k3, then k4 k5 k6, then s1 s2 s3 s4, then τx τy."""
@@ -85,7 +85,7 @@ class Brown(Lens):
         by_point[..., 2] = -plane * inverse[..., None]
         return np.asarray(self.by_plane(plane)[1] @ by_point)
 
-    def sees(self, points: Floats) -> NDArray[np.bool_]:
+    def sees(self, points: Floats) -> Bools:
         """See `Lens.sees`."""
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
         return np.asarray((z > 0.0) & (x * x + y * y < (self.fold * z) ** 2 if np.isfinite(self.fold) else z > 0.0))

@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rootmatch.cameras.lens import Floats, Lens
+from rootmatch.arrays import Bools, Floats
+from rootmatch.cameras.lens import Lens
 from rootmatch.errors import InputError, RootmatchError, quoted
 
 AGREES = 1e-7
@@ -75,7 +75,7 @@ class Colmap(Lens):
         moved = [(self.image(points + step * e) - self.image(points - step * e)) / (2.0 * step) for e in np.eye(3)]
         return np.stack(moved, axis=-1)
 
-    def sees(self, points: Floats) -> NDArray[np.bool_]:
+    def sees(self, points: Floats) -> Bools:
         """See `Lens.sees`."""
         with np.errstate(all="ignore"):
             plane = points[..., :2] / points[..., 2:]

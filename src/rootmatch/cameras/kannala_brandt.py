@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rootmatch.cameras.lens import Floats, Lens, coefficients, first_positive_root, increasing_root
+from rootmatch.arrays import Bools, Floats
+from rootmatch.cameras.lens import Lens, coefficients, first_positive_root, increasing_root
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class KannalaBrandt(Lens):
         out[..., :2] += scale[..., None, None] * (np.eye(2) - unit[..., :, None] * unit[..., None, :])
         return np.asarray(out)
 
-    def sees(self, points: Floats) -> NDArray[np.bool_]:
+    def sees(self, points: Floats) -> Bools:
         """See `Lens.sees`."""
         return np.asarray(np.arctan2(np.hypot(points[..., 0], points[..., 1]), points[..., 2]) < self.angle)
 

@@ -6,11 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Bools, Floats
 from rootmatch.errors import InputError
-
-Floats = NDArray[np.float64]
 
 STEPS = 60
 """Maximum number of steps of a root finder: a bisection over the whole range of a double takes about as many."""
@@ -33,7 +32,7 @@ class Lens(ABC):
         """Derivatives (…, 2, 3) of the image by the points."""
 
     @abstractmethod
-    def sees(self, points: Floats) -> NDArray[np.bool_]:
+    def sees(self, points: Floats) -> Bools:
         """Whether points (…, 3) are on the near side of the fold."""
 
     @abstractmethod

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rootmatch.cameras.base import CameraModel, Floats, tangent_axes
+from rootmatch.arrays import Bools, Floats
+from rootmatch.cameras.base import CameraModel, tangent_axes
 from rootmatch.cameras.base import check_camera as check_camera
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -203,12 +204,12 @@ class Camera(CameraModel):
             [self.fx * xyz[..., 0] / xyz[..., 2] + self.cx, self.fy * xyz[..., 1] / xyz[..., 2] + self.cy], axis=-1
         )
 
-    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def sees(self, points: ArrayLike) -> Bools:
         """Whether points (…, 3) are in front of the camera; with a lens, where its model holds."""
         xyz = np.asarray(points, dtype=float)
         return np.asarray(xyz[..., 2] > 0.0) if self.lens is None else self.lens.sees(xyz)
 
-    def shows(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+    def shows(self, pixels: ArrayLike) -> Bools:
         """Whether some direction projects to pixels (…, 2): on the near side of the lens' fold."""
         if self.lens is None:
             return super().shows(pixels)

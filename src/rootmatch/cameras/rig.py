@@ -8,9 +8,10 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rootmatch.cameras.base import CameraModel, Floats, tangent_axes
+from rootmatch.arrays import Bools, Floats
+from rootmatch.cameras.base import CameraModel, tangent_axes
 from rootmatch.errors import InputError
 
 ORTHONORMAL = 1e-6
@@ -180,7 +181,7 @@ class Rig(CameraModel):
         """
         raise InputError("rig: a point has an image in each camera; project with Rig.cameras, rotations, translations")
 
-    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def sees(self, points: ArrayLike) -> Bools:
         """Refused, as `project` is: a rig has several images."""
         raise InputError("rig: each camera sees different points; ask Rig.cameras")
 

@@ -9,14 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +77,7 @@ class RigImage(CameraModel):
         ]
         return np.concatenate(parts, axis=-2)
 
-    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def sees(self, points: ArrayLike) -> Bools:
         """Whether each sighting (…, C n, 3) is seen by its camera."""
         positions = np.asarray(points, dtype=float)
         parts = [camera.sees(self.of_camera(positions, k)) for k, camera in enumerate(self.rig.cameras)]

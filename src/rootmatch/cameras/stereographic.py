@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rootmatch.algebra.directions import tangent_basis_of
-from rootmatch.cameras.base import CameraModel, Floats, tangent_axes
+from rootmatch.arrays import Bools, Floats
+from rootmatch.cameras.base import CameraModel, tangent_axes
 
 ANTIPODE = 1e-12
 """1 + cosine to the axis below which a direction is opposite to it, and infinitely far away. Rounding; not tuned."""
@@ -57,7 +58,7 @@ class Stereographic(CameraModel):
         size = np.linalg.norm(rotated, axis=-1, keepdims=True)
         return np.asarray(2.0 * rotated[..., :2] / (size + rotated[..., 2:]))
 
-    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def sees(self, points: ArrayLike) -> Bools:
         """See `CameraModel.sees`."""
         xyz = np.asarray(points, dtype=float)
         size = np.linalg.norm(xyz, axis=-1)

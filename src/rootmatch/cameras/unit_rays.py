@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rootmatch.algebra.directions import tangent_bases
-from rootmatch.cameras.base import CameraModel, Floats
+from rootmatch.arrays import Bools, Floats
+from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.errors import InputError
 
@@ -36,7 +37,7 @@ class UnitRays(CameraModel):
         """Unit rays (…, 3) to points (…, 3)."""
         return self.bearings(points)
 
-    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def sees(self, points: ArrayLike) -> Bools:
         """Everything."""
         return np.asarray(np.linalg.norm(np.asarray(points, dtype=float), axis=-1) > 0.0)
 

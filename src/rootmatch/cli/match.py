@@ -108,20 +108,10 @@ def match(
     else:
         outputs.check(str(problem), inputs, as_json)
     posed = build_problem(
-        str(problem),
-        {
-            "camera": camera,
-            "vertical_camera": vertical_camera,
-            "vertical_world": vertical_world,
-            "vertical_noise": vertical_noise,
-            "camera2": camera2,
-            "axis": axis,
-            "axis2": axis2,
-            "axis_noise": axis_noise,
-            "centre": centre,
-            "dimension": dimension,
-        },
-    )
+        str(problem), camera=camera, vertical_camera=vertical_camera, vertical_world=vertical_world,
+        vertical_noise=vertical_noise, camera2=camera2, axis=axis, axis2=axis2, axis_noise=axis_noise, centre=centre,
+        dimension=dimension,
+    )  # fmt: skip
     of_rig = rig_of(posed) is not None
     if of_rig:
         for name, path in (("plot", plot), ("report", report)):

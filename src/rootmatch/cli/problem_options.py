@@ -21,14 +21,14 @@ else:
 Option = str | float | int | None
 
 
-def build_problem(name: str, options: dict[str, Option]) -> Problem:
+def build_problem(name: str, **options: Option) -> Problem:
     """The problem of that name; options left out come from the camera file, else from the defaults.
 
     Parameters
     ----------
     name : str
         A key of `rootmatch.problems.PROBLEMS`.
-    options : dict
+    **options
         Values of the options that only some problems have, as text or number, None where left out. Each sets the field
         of the same name.
     """
@@ -41,8 +41,8 @@ def build_problem(name: str, options: dict[str, Option]) -> Problem:
             owners = " or ".join(_owners(option))
             raise InputError(f"{flag(option)}: it applies to --problem {owners}, not to {name}; leave it out")
     calibration: Calibration | None = None
-    if options["camera"] is not None:
-        calibration = parse_camera(str(options["camera"]), "--camera")
+    if options.get("camera") is not None:
+        calibration = parse_camera(str(options.get("camera")), "--camera")
     settings: dict[str, Any] = {}
     for option, field in known.items():
         text = options.get(option)

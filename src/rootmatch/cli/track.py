@@ -99,14 +99,9 @@ def track(
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
     given_noise = noise_option(noise)
     posed = build_problem(
-        str(problem),
-        {
-            "camera": camera,
-            "vertical_camera": vertical_camera,
-            "vertical_world": vertical_world,
-            "vertical_noise": vertical_noise,
-        },
-    )
+        str(problem), camera=camera, vertical_camera=vertical_camera, vertical_world=vertical_world,
+        vertical_noise=vertical_noise,
+    )  # fmt: skip
     from rootmatch.cli.frame_outputs import (
         COVARIANCES,
         MATCH_COLUMNS,

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.derivation.instances import Instance
 from rootmatch.errors import RootmatchError
 from rootmatch.problems.derived.evaluator import Evaluator
 from rootmatch.problems.derived.text import root_order
 
-Floats = NDArray[np.float64]
 Order = tuple[int, ...]
 TOLERANCE = 1e-6
 """Value at the true root, relative to the sum of the terms' sizes, that counts as zero."""

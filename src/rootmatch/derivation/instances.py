@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from rootmatch.arrays import Floats
 from rootmatch.derivation.leaves import COMMON, Expr
 from rootmatch.derivation.statement import Statement, places_of
 from rootmatch.errors import InputError, RootmatchError
 
-Floats = NDArray[np.float64]
 Sampler = Callable[[np.random.Generator], Any]
 ATTEMPTS = 60
 """Starts of the numerical solution for one instance."""

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.derivation.elimination import Definitions, horner
 from rootmatch.derivation.leaves import Expr, Leaves
 from rootmatch.derivation.straight_line import Program, function_text
@@ -32,13 +32,13 @@ FACTOR_TERMS = 400
 
 def coefficients_at_random(
     leaves: Leaves, definitions: dict[Expr, Expr], coefficients: Sequence[Expr], rng: np.random.Generator
-) -> NDArray[np.float64]:
+) -> Floats:
     """Coefficients (DRAWS, k + 1) at random measurements, each row of unit norm."""
     program = Program(definitions)
     inputs = sorted(set().union(*(program.inputs(c) for c in coefficients)), key=str)
     text = function_text("polynomial", inputs, list(coefficients), program, "")
     function = vetted("plan = {}\n" + text).functions["polynomial"]
-    values: dict[Expr, NDArray[np.float64]] = {}
+    values: dict[Expr, Floats] = {}
     for side, what in (("s", leaves.source), ("t", leaves.target)):
         for slot in range(leaves.minimal):
             measured = what.measure(what.sample(rng, DRAWS))
@@ -50,16 +50,16 @@ def coefficients_at_random(
     norms = np.linalg.norm(rows, axis=1, keepdims=True)
     if not np.all(np.isfinite(rows)) or np.any(norms == 0.0):
         raise InputError("elimination: the polynomial vanishes for all measurements; the equations are dependent")
-    unit: NDArray[np.float64] = rows / norms
+    unit: Floats = rows / norms
     return unit
 
 
-def _evaluated(expression: Expr, values: dict[Expr, NDArray[np.float64]]) -> NDArray[np.float64]:
+def _evaluated(expression: Expr, values: dict[Expr, Floats]) -> Floats:
     symbols = sorted(expression.free_symbols, key=str)
     return np.asarray(sp.lambdify(symbols, expression, "numpy")(*(values[s] for s in symbols)))
 
 
-def constant_roots(rows: NDArray[np.float64]) -> list[complex]:
+def constant_roots(rows: Floats) -> list[complex]:
     """Roots that all rows share, each once."""
     common = []
     for root in np.roots(rows[0]):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.arrays import Floats, Integers
+from rootmatch.deadline import Deadline, Pace
 from rootmatch.explain.decide import TRUST
 from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -17,15 +17,15 @@ SUPPORTED = 0.5
 """Share of the time left at a deadline for the support of the alternatives; the rest is for fits of poses."""
 
 
-def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) -> list[float]:
+def agreement(tensor: AffinityTensor, assignments: Sequence[Integers]) -> list[float]:
     """Scores of assignments by hyper-edges alone, because prior weights do not say whether the points agree."""
     alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
     return [float(value) for value in scores_of(alone, np.array(assignments))]
 
 
 def supported(
-    assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor, deadline: Deadline = NEVER
-) -> tuple[NDArray[np.int64], float, Alternatives]:
+    assignment: Integers, alternatives: Alternatives, tensor: AffinityTensor, deadline: Deadline
+) -> tuple[Integers, float, Alternatives]:
     """Assignments without unsupported points, distinct, best first; as many as the deadline allows."""
     candidates = np.array([assignment, *(other for other, _ in alternatives)])
     pace = Pace(deadline.part(SUPPORTED))
@@ -45,7 +45,7 @@ def supported(
     return best, score, different
 
 
-def _supported(candidates: NDArray[np.int64], tensor: AffinityTensor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _supported(candidates: Integers, tensor: AffinityTensor) -> tuple[Integers, Floats]:
     """Assignments (K, n) without unsupported points, and their scores (K,)."""
     kept, scores = drop_unsupported(tensor, candidates, TRUST.support)
     matched = (kept >= 0).sum(axis=1)

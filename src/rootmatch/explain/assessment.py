@@ -6,13 +6,14 @@ That is so with several motions, for problems of one's own, and with the residua
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.agreement import agreement, supported
 from rootmatch.explain.decide import TRUST, Facts
 from rootmatch.explain.false_alarms import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.motion_labels import motion_labels
+from rootmatch.explain.motion_labels import label_motions
 from rootmatch.explain.multi_motion import log10_false_alarms_of_groups
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
@@ -29,60 +30,38 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Fi
     try:
         return _assessed(task, solution, sampled)
     except OutOfTime:
-        return Finding(
-            task=task,
-            assignment=solution.assignment,
-            others=[other for other, _ in solution.alternatives],
-            facts=Facts(confirmed=False, lead=solution.margin),
-            tensor=sampled.tensor,
-            scores=[solution.score, *(value for _, value in solution.alternatives)],
-            soft=solution.soft,
-            converged=solution.converged,
-            evaluated=sampled.evaluated,
-        )
+        return _finding(task, solution, sampled, Facts(confirmed=False, lead=solution.margin))
 
 
 def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
-    """See `assess`."""
+    """See `assess`; the score of groups of one motion each is the evidence of their packing."""
     if task.options.packs_motions:
-        return _of_motions(task, solution, sampled)
-    assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
-    if not task.options.is_paper:
-        assignment, score, alternatives = supported(assignment, alternatives, sampled.tensor, task.deadline)
-    scores = agreement(sampled.tensor, [assignment, *(other for other, _ in alternatives)])
-    lead = margin(score, alternatives, assignment)
-    return Finding(
-        task=task,
-        assignment=assignment,
-        others=[other for other, _ in alternatives],
-        facts=Facts(
-            support=scores[0],
-            false_alarms=false_alarms(task, scores[0], scores, sampled),
-            lead=lead,
-            missed=sampled.missed,
-        ),
-        tensor=sampled.tensor,
-        scores=[score, *(value for _, value in alternatives)],
-        soft=solution.soft,
-        labels=motion_labels(solution, assignment, sampled.tensor, task.options.motions),
-        converged=solution.converged,
-        evaluated=sampled.evaluated,
-    )
+        alarms, lead = log10_false_alarms_of_groups(solution, task.shape), solution.statistics.get("lead", 0.0)
+        facts = Facts(support=solution.score, false_alarms=alarms, lead=lead)
+    else:
+        if not task.options.is_paper:
+            kept = supported(solution.assignment, solution.alternatives, sampled.tensor, task.deadline)
+            solution = replace(solution, assignment=kept[0], score=kept[1], alternatives=kept[2])
+        scores = agreement(sampled.tensor, [solution.assignment, *(other for other, _ in solution.alternatives)])
+        lead = margin(solution.score, solution.alternatives, solution.assignment)
+        alarms = false_alarms(task, scores[0], scores, sampled)
+        facts = Facts(support=scores[0], false_alarms=alarms, lead=lead, missed=sampled.missed)
+    labels = solution.groups
+    if labels is None:
+        labels = label_motions(solution.assignment, sampled.tensor, task.options.motions)
+    return replace(_finding(task, solution, sampled, facts), labels=labels)
 
 
-def _of_motions(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
-    """The finding of groups of one motion each; its score is the evidence of the packing."""
-    lead = solution.statistics.get("lead", 0.0)
-    alarms = log10_false_alarms_of_groups(solution, task.shape)
+def _finding(task: MatchingTask, solution: Solution, sampled: SampledTensor, facts: Facts) -> Finding:
+    """The finding of a solution."""
     return Finding(
         task=task,
         assignment=solution.assignment,
         others=[other for other, _ in solution.alternatives],
-        facts=Facts(support=solution.score, false_alarms=alarms, lead=lead),
+        facts=facts,
         tensor=sampled.tensor,
         scores=[solution.score, *(value for _, value in solution.alternatives)],
         soft=solution.soft,
-        labels=motion_labels(solution, solution.assignment, sampled.tensor, task.options.motions),
         converged=solution.converged,
         evaluated=sampled.evaluated,
     )

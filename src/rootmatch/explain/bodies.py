@@ -14,21 +14,32 @@ from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.errors import UnseenPixelError
 from rootmatch.explain.body_findings import among_all, joined
 from rootmatch.explain.body_labels import Label
-from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.point_set_decision import lead_over_others
 from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.guided.sampler import pays
 
-Integers = NDArray[np.int64]
 Solve = Callable[[MatchingTask], Finding]
+FIRST_BUDGET, FIRST_BUDGET_WITHOUT_NORMALS = 200_000, 600_000
+"""Evaluations of the first search for each body, and if normals do not tell which points are visible together: enough
+for most bodies that show much. On tuning seeds (benchmarks/bodies.py) the first finds as many as 400,000 or 3,000,000
+do, in less time."""
+BUDGET_GROWTH, ROUNDS = 3.0, 4
+"""Factor from one round of searches to the next, and the largest number of rounds in which it grows. Round values."""
+SURE = 0.98
+"""Probability from which a body takes its detections before the others are known."""
+CONFIRMED = 6
+"""Number of matches from which a certain body whose search was cut short is called matched if its detections allow no
+other pose. A round value; none on the tuning seeds was wrong."""
+DOUBT = 0.1
+"""Probability of another body at the same detections from which the first is in doubt."""
 BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
 LATE = "max_seconds were over before it was searched for"
@@ -71,7 +82,7 @@ class _Body:
         known = self.match.probability
         return 1.0 if known is None else known
 
-    def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
+    def worth_a_search(self, free: Bools, budget: int) -> bool:
         """Whether another search among the free detections, with this budget, may find more than the last one."""
         if self.settled:
             return False
@@ -87,7 +98,7 @@ class _Body:
         return fewer and not all(free[one[one >= 0]].all() for one in listed)
 
 
-def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS) -> Finding:
+def match_bodies(task: MatchingTask, solve: Solve) -> Finding:
     """The match of a task whose source points are of several bodies.
 
     Parameters
@@ -96,24 +107,23 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
         With labels.
     solve : callable
         From the task of one body to its match.
-    options : BodyOptions
     """
     assert task.bodies is not None
     bodies = [_Body(k, label, task.bodies.points_of(k)) for k, label in enumerate(task.bodies.names)]
     with suppress(OutOfTime):
-        _match_each(task, bodies, solve, options)
+        _match_each(task, bodies, solve)
     for body in bodies:
         body.match = body.match or nothing_found(task.body(body.number), LATE)
     found = [(body.label, body.points, body.match) for body in bodies if body.match is not None]
     return joined(task, found, sum(body.evaluated for body in bodies))
 
 
-def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
+def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
     """Match each of the bodies."""
     free = np.ones(task.shape[1], np.bool_)
-    budgets = budgets_of(task, options)
+    budgets = budgets_of(task)
     for turn in count():
-        budget = budgets[min(turn, options.rounds - 1)]
+        budget = budgets[min(turn, ROUNDS - 1)]
         searched = False
         for body in bodies:
             if not body.worth_a_search(free, budget):
@@ -123,24 +133,22 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: 
             body.match, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
             _keep_trusted(body, before)
             body.budget, body.among = budget, int(free.sum())
-            body.evaluated += body.match.evaluated + _confirm(task, body, solve, options)
+            body.evaluated += body.match.evaluated + _confirm(task, body, solve)
             predicted = body.match.prior_holds and body.label in task.prior_poses  # no other body is there
             if body.match.status is Status.MATCHED and not predicted:
-                _check_rivals(
-                    task, body, [other for other in bodies if not other.settled and other is not body], options
-                )
-            if body.match.status is Status.MATCHED and body.probability >= options.sure:
+                _check_rivals(task, body, [other for other in bodies if not other.settled and other is not body])
+            if body.match.status is Status.MATCHED and body.probability >= SURE:
                 body.settled = True
                 free[body.detections] = False
-        if (not searched and turn + 1 >= options.rounds) or task.deadline.passed():
+        if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():
             break
     _make_exclusive(task, bodies, free, solve, budgets[-1])
 
 
-def budgets_of(task: MatchingTask, options: BodyOptions) -> list[int]:
+def budgets_of(task: MatchingTask) -> list[int]:
     """Evaluations of the searches for a body, round after round."""
-    first = options.first_budget if task.points.normals is not None else options.first_budget_without_normals
-    return [int(first * options.budget_growth**k) for k in range(options.rounds)]
+    first = FIRST_BUDGET if task.points.normals is not None else FIRST_BUDGET_WITHOUT_NORMALS
+    return [int(first * BUDGET_GROWTH**k) for k in range(ROUNDS)]
 
 
 def searched_among(
@@ -188,7 +196,7 @@ def _keep_trusted(body: _Body, before: Finding | None) -> None:
         body.match = body.match.with_facts(was_ambiguous=True)
 
 
-def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions) -> int:
+def _confirm(task: MatchingTask, body: _Body, solve: Solve) -> int:
     """Match a sure body whose search was cut short before it looked for other poses with the same detections.
 
     Other bodies may be elsewhere, but these detections have one owner, so only they are searched. Returns the number of
@@ -196,8 +204,8 @@ def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions
     """
     found = body.match
     assert found is not None
-    sure = found.status is Status.AMBIGUOUS and body.probability >= options.sure
-    if not (sure and body.cut and len(body.detections) >= options.confirmed):
+    sure = found.status is Status.AMBIGUOUS and body.probability >= SURE
+    if not (sure and body.cut and len(body.detections) >= CONFIRMED):
         return 0
     again, _ = searched_among(task, body.number, np.sort(body.detections), body.budget, solve)
     if again.status is Status.MATCHED and np.array_equal(again.assignment, found.assignment):
@@ -205,12 +213,12 @@ def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions
     return again.evaluated
 
 
-def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options: BodyOptions) -> None:
+def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body]) -> None:
     """Call a body's labelling of points in space ambiguous where another body explains its targets nearly as well."""
     assert body.match is not None
     rivals = [task.body(other.number) for other in others]
     lead = lead_over_others(task.body(body.number), body.match.assignment, rivals)
-    if lead is not None and lead < math.log(1.0 / options.doubt - 1.0):
+    if lead is not None and lead < math.log(1.0 / DOUBT - 1.0):
         body.match = _shared(body.match, lead)
 
 
@@ -224,9 +232,7 @@ def _shared(found: Finding, lead: float) -> Finding:
     return replace(found.with_facts(contested=True, probability=known * share), confidence=confidence)
 
 
-def _make_exclusive(
-    task: MatchingTask, bodies: list[_Body], free: NDArray[np.bool_], solve: Solve, budget: int
-) -> None:
+def _make_exclusive(task: MatchingTask, bodies: list[_Body], free: Bools, solve: Solve, budget: int) -> None:
     """Give the free detections to the uncertain bodies, first to those whose matches are least likely to be chance."""
     waiting = [body for body in bodies if not body.settled]
     _contest(waiting)

@@ -6,16 +6,14 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.modes import as_objects
-
-Integers = NDArray[np.int64]
 
 
 def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], evaluated: int) -> Finding:

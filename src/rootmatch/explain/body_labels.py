@@ -7,8 +7,8 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
@@ -16,6 +16,8 @@ from rootmatch.problems.checks import repeated
 from rootmatch.problems.points import distances
 
 Label = int | str
+SAME_SHAPE = 0.02
+"""Distance of their points, over their size, up to which two bodies are one shape or mirror images. A round value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,18 +33,18 @@ class BodyLabels:
     """
 
     names: tuple[Label, ...]
-    index: NDArray[np.int64]
+    index: Integers
 
-    def points_of(self, k: int) -> NDArray[np.int64]:
+    def points_of(self, k: int) -> Integers:
         """Source points of one body, ascending."""
         return self._points[k]
 
     @cached_property
-    def _points(self) -> list[NDArray[np.int64]]:
+    def _points(self) -> list[Integers]:
         return [np.flatnonzero(self.index == k) for k in range(len(self.names))]
 
 
-def check_bodies(labels: Any, source: NDArray[np.float64], least: int) -> BodyLabels:
+def check_bodies(labels: Any, source: Floats, least: int) -> BodyLabels:
     """Labels of source points (n, k), at least ``least`` of which belong to each body.
 
     Raises
@@ -81,11 +83,11 @@ def check_bodies(labels: Any, source: NDArray[np.float64], least: int) -> BodyLa
     return BodyLabels(names, index)
 
 
-def twin_points(first: NDArray[np.float64], second: NDArray[np.float64], tolerance: float) -> NDArray[np.int64] | None:
+def twin_points(first: Floats, second: Floats) -> Integers | None:
     """Index (n,) of the point of the second body (n, 3) for each of the first, if they are congruent or mirror images.
 
     Points correspond by their sorted distances to all others, and equal distances confirm it. None for bodies of
-    different shape: beyond ``tolerance`` times the size of the first.
+    different shape: beyond `SAME_SHAPE` times the size of the first.
 
     Raises
     ------
@@ -94,15 +96,15 @@ def twin_points(first: NDArray[np.float64], second: NDArray[np.float64], toleran
     """
     if len(first) != len(second):
         return None
-    found = _twin_points(*(np.ascontiguousarray(body, np.float64).tobytes() for body in (first, second)), tolerance)
+    found = _twin_points(*(np.ascontiguousarray(body, np.float64).tobytes() for body in (first, second)))
     return None if found is None else found.copy()
 
 
 @lru_cache(maxsize=64)
-def _twin_points(first_bytes: bytes, second_bytes: bytes, tolerance: float) -> NDArray[np.int64] | None:
+def _twin_points(first_bytes: bytes, second_bytes: bytes) -> Integers | None:
     """`twin_points` of bodies by their values: every search asks for the same ones."""
     one, two = (distances(np.frombuffer(body).reshape(-1, 3)) for body in (first_bytes, second_bytes))
-    most = tolerance * float(one.max())
+    most = SAME_SHAPE * float(one.max())
     if np.abs(np.sort(one, axis=None) - np.sort(two, axis=None)).max() > most:
         return None
     profiles, others = np.sort(one, axis=1), np.sort(two, axis=1)

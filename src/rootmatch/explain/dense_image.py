@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, nothing_found
@@ -22,8 +22,6 @@ from rootmatch.model.views import rays_of
 from rootmatch.problems.p3p import P3P
 from rootmatch.samplers.densities.alignment import ROTATIONS, Aligned, aligned
 from rootmatch.samplers.guided.crowding import crowding
-
-Floats = NDArray[np.float64]
 
 CROWDED, LARGE = 1.0, 100
 """`crowding` of the detections and number of points from which densities are aligned. With fewer points the search by

@@ -191,7 +191,7 @@ def _mistakes(task: MatchingTask) -> Iterator[Mistake]:
         return posed(**{name: _changed(camera, change) for name, camera in cameras.items()})
 
     if isinstance(problem, Similarity):  # Rigid too
-        yield from _of_point_sets(problem, task, pointed, posed)
+        yield from _of_point_sets(problem, task, pointed)
     else:
         yield from _of_axes(task, cameras, pointed)
     if points.normals is not None:
@@ -215,9 +215,7 @@ def _mistakes(task: MatchingTask) -> Iterator[Mistake]:
             yield mistake, f"give noise= {factor:g} times as large", noisier
 
 
-def _of_point_sets(
-    problem: Similarity, task: MatchingTask, pointed: Callable[..., Change], posed: Callable[..., Change]
-) -> Iterator[Mistake]:
+def _of_point_sets(problem: Similarity, task: MatchingTask, pointed: Callable[..., Change]) -> Iterator[Mistake]:
     mirror = np.array([-1.0, 1.0, 1.0])[: task.points.source.shape[1]]
     remedy = "negate one coordinate of one of the sets"
     yield "one of the sets is left-handed", remedy, pointed(source=task.points.source * mirror)

@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Facts, Status, least_trusted
 from rootmatch.explain.task import MatchingTask
@@ -27,9 +27,6 @@ from rootmatch.solvers.base import Alternatives, Solution
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

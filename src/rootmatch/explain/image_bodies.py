@@ -15,13 +15,12 @@ from itertools import count
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import LATE, Solve, budgets_of, searched_among
+from rootmatch.explain.bodies import LATE, ROUNDS, SURE, Solve, budgets_of, searched_among
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import Label, twin_points
-from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import (
@@ -36,8 +35,6 @@ from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.proposals import Proposals
-
-Integers = NDArray[np.int64]
 
 IN_VIEW, DOUBTED = 0.95, 0.9
 """Probabilities that a body is in view, and of its pose: if the first is higher and the second lower, a longer search
@@ -69,7 +66,7 @@ class _Body:
     """Of its last search, or of its prediction."""
     candidate: Candidate
     told: Posterior
-    free: NDArray[np.bool_]
+    free: Bools
     """Detections among which it may still be found."""
     alike: list[int] = field(default_factory=list)
     """Numbers of the bodies of the same or the mirrored shape."""
@@ -133,9 +130,7 @@ class _Body:
             self.candidate = self.candidate.also(found.named[:NAMED])
 
 
-def match_bodies_in_image(
-    task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS, choice: Choice | None = None
-) -> Finding:
+def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | None = None) -> Finding:
     """The match of a task of one image whose source points are of several bodies.
 
     Parameters
@@ -144,7 +139,6 @@ def match_bodies_in_image(
         With labels, and of poses of its camera.
     solve : callable
         From the task of one body to its match.
-    options : BodyOptions
     choice : callable, optional
         What to search; everything if not given.
     """
@@ -152,21 +146,21 @@ def match_bodies_in_image(
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
     for body in bodies:
         others = [other for other in bodies if other is not body]
-        body.alike = [other.number for other in others if _is_alike(body.task, other.task, options.alike)]
+        body.alike = [other.number for other in others if _is_alike(body.task, other.task)]
         # a tracker's earlier frames have tried all of them
         body.rivals = [other.number for other in others] if choice is None else body.alike
     with suppress(OutOfTime):
-        _predict(task, bodies, options)
+        _predict(task, bodies)
         if choice is None:
-            _search(task, bodies, solve, options)
+            _search(task, bodies, solve)
         else:
             predicted = _finding(task, bodies)
             if (part := choice(predicted)) is None or bodies[part.body].settled:
                 return predicted
             body, before = bodies[part.body], bodies[part.body].candidate
-            body.search(replace(task, search_camera=part.camera), solve, budgets_of(task, options)[0])
+            body.search(replace(task, search_camera=part.camera), solve, budgets_of(task)[0])
             if body.candidate is not before:
-                _weigh(bodies, options)
+                _weigh(bodies)
     return _finding(task, bodies)
 
 
@@ -195,35 +189,35 @@ def _body(task: MatchingTask, number: int) -> _Body:
     return _Body(number, own, rows, nothing, Candidate.of(own, []), told=unknown(own.rows), free=free)
 
 
-def _is_alike(first: MatchingTask, second: MatchingTask, tolerance: float) -> bool:
+def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
     """Whether two bodies have the same or the mirrored shape."""
-    return twin_points(first.points.source, second.points.source, tolerance) is not None
+    return twin_points(first.points.source, second.points.source) is not None
 
 
-def _predict(task: MatchingTask, bodies: list[_Body], options: BodyOptions) -> None:
+def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted poses."""
     with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
         for body in bodies:
             body.predict()
-        _weigh(bodies, options)
+        _weigh(bodies)
 
 
-def _search(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
+def _search(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
     """Search for each body until nothing more can be expected."""
-    budgets = budgets_of(task, options)
+    budgets = budgets_of(task)
     for turn in count():
-        budget = budgets[min(turn, options.rounds - 1)]
+        budget = budgets[min(turn, ROUNDS - 1)]
         searched = False
         for body in bodies:
             if body.worth_a_search(budget):
                 searched = True
                 body.search(task, solve, budget)
-                _weigh(bodies, options)
-        if (not searched and turn + 1 >= options.rounds) or task.deadline.passed():
+                _weigh(bodies)
+        if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():
             break
 
 
-def _weigh(bodies: list[_Body], options: BodyOptions) -> None:
+def _weigh(bodies: list[_Body]) -> None:
     """Weigh all bodies together, settle those that are sure, and say which detections are left for each."""
     for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
@@ -231,13 +225,13 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> None:
             body.candidate.model, told, body.task.minimal, of_several=True
         )
         # a known rotation proposes every pose that agrees with it
-        body.enough |= body.task.known is not None and body.predicted is not None and body.pose >= options.sure
+        body.enough |= body.task.known is not None and body.predicted is not None and body.pose >= SURE
     used = np.zeros((len(bodies), bodies[0].task.shape[1]))
     for k, body in enumerate(bodies):
         if all(bodies[number].is_known for number in (k, *body.rivals)):
-            body.settled = body.pose >= options.sure
+            body.settled = body.pose >= SURE
             used[k] = body.told.used(used.shape[1])
     for k, body in enumerate(bodies):
         # bodies of one shape share the places that any of them was found in; each needs one more of them
         others = used.sum(axis=0) if body.alike else used.sum(axis=0) - used[k]
-        body.free = others < options.sure
+        body.free = others < SURE

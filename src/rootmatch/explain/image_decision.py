@@ -29,7 +29,7 @@ from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Others, Posterior
-from rootmatch.model.posterior_options import DEFAULT_POSTERIOR
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.samplers.base import SampledTensor
@@ -189,7 +189,7 @@ def other_poses(found: Finding) -> list[tuple[Pose, float]]:
         return []
     modes, chances, own = found.posterior.modes, found.posterior.probabilities, found.assignment >= 0
     same = (modes.assignments[:, own] == found.assignment[own]).all(axis=1)
-    likely = np.flatnonzero(same & (chances >= DEFAULT_POSTERIOR.wrong_model))
+    likely = np.flatnonzero(same & (chances >= WRONG_MODEL))
     out = []
     for k in likely[1:].tolist():
         pose = pose_of_mode(found.model, modes, k)

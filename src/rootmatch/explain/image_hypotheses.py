@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.body_labels import twin_points
-from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
@@ -140,7 +139,7 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
         more = []
         for other in bodies:
             sources = other.task.points.source, body.task.points.source
-            twin = None if other is body else twin_points(*sources, OPTIONS.alike)
+            twin = None if other is body else twin_points(*sources)
             if twin is not None and len(other.modes.log_odds):
                 image = body.task.sightings_of(twin)
                 more.append(look_alikes(_best(other.modes), other.model.points, body.model.points, image[None]))

@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.body_findings import among_all
 from rootmatch.explain.decide import Status
@@ -26,9 +26,6 @@ from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.problems.up2p import UP2P
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SURE = 0.1
 """Standard deviation of a direction, in radians, up to which a search takes it for a vertical. A round value."""

@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.compiled.evidence import LOG_2PI
@@ -25,9 +25,6 @@ from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, deviations, 
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 GATE = 3.5
 """Standard deviations by which a pair may contradict the rotation. A round value."""
@@ -132,7 +129,7 @@ def _agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) ->
 
 def _possible(
     task: MatchingTask, known: PosePrior, turned: Floats, rays: Floats, *, origins: Floats, sigma: float
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Correspondences (n, n') that normals and a known position leave, with the rotation."""
     points = task.points
     allowed = np.ones(task.shape, np.bool_) if task.allowed is None else task.allowed

@@ -10,36 +10,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rootmatch.explain.validation import check_motions
+from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.solvers.base import Solution
 
 EXPECTED_WEIGHT = 0.15
 """Least mean weight of the hyper-edges of one motion. Not tuned: a round value between that of true hyper-edges, 0.5
 for two degrees of freedom, and of false ones, a few hundredths."""
 
 
-def motion_labels(
-    solution: Solution, assignment: NDArray[np.int64], tensor: AffinityTensor, motions: int | str
-) -> NDArray[np.int64]:
-    """Label (n,) of each point's motion by the rule above; −1 where unmatched.
-
-    Parameters
-    ----------
-    solution : Solution
-    assignment : (n,) int64
-        Of the solution, as far as it is supported.
-    tensor : AffinityTensor
-    motions : int or "auto"
-    """
-    if solution.groups is not None:
-        return solution.groups
-    return label_motions(assignment, tensor, motions)
-
-
-def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions: int | str = 1) -> NDArray[np.int64]:
+def label_motions(assignment: Integers, tensor: AffinityTensor, motions: int | str) -> Integers:
     """Motion of each source point, (n,): 0, 1, … by falling size, −1 where unmatched.
 
     Points are merged by the weight of the hyper-edges that hold both (average linkage). With ``"auto"`` the cut is
@@ -50,13 +30,7 @@ def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions
     assignment : (n,) int64
     tensor : AffinityTensor
     motions : int or "auto"
-
-    Raises
-    ------
-    InputError
-        If ``motions`` is neither a positive number nor ``"auto"``.
     """
-    check_motions(motions)
     labels = np.full(len(assignment), -1, dtype=np.int64)
     matched = np.flatnonzero(assignment >= 0)
     if motions == 1 or len(matched) <= tensor.order:
@@ -92,7 +66,7 @@ def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions
     return labels
 
 
-def _excess(groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArray[np.float64], order: int) -> float:
+def _excess(groups: Integers, points: Integers, weights: Floats, order: int) -> float:
     """Weight within groups above what their number of hyper-edges must have."""
     labels = groups[points]
     same = (labels == labels[:, :1]).all(axis=1)
@@ -100,9 +74,7 @@ def _excess(groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArr
     return float(weights[same].sum()) - EXPECTED_WEIGHT * tuples
 
 
-def _refined(
-    groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArray[np.float64], order: int
-) -> NDArray[np.int64]:
+def _refined(groups: Integers, points: Integers, weights: Floats, order: int) -> Integers:
     """Groups after each point has moved to where its hyper-edges exceed their expected weight most.
 
     Average linkage sometimes isolates a point that belongs to a group, or puts it into its second-best group.

@@ -13,10 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.samplers.point_sets.motions import fitted_motions
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 TOLERANCE = 0.01
 """Distance between a point's image and another point, over the body's radius, up to which they are the same. A round
@@ -200,13 +198,13 @@ def _triples(source: Floats) -> tuple[Integers, Integers, Integers]:
     return first, second, third
 
 
-def _same(steps: NDArray[np.int16], sides: NDArray[np.int16]) -> NDArray[np.bool_]:
+def _same(steps: NDArray[np.int16], sides: NDArray[np.int16]) -> Bools:
     """Which of all distances (n, n) are that of a side (T,), as (T, n, n); all in steps."""
     # what is less than the least is a large number without its sign: one comparison instead of two
     return np.asarray((steps - (sides - STEPS)[:, None, None]).view(np.uint16) <= np.uint16(2 * STEPS))
 
 
-def _bits(mask: NDArray[np.bool_]) -> NDArray[np.uint64]:
+def _bits(mask: Bools) -> NDArray[np.uint64]:
     """Rows (..., n) of at most 64 truth values as words (...)."""
     packed = np.packbits(mask, axis=-1, bitorder="little")
     words = np.zeros((*mask.shape[:-1], 8), np.uint8)
@@ -269,12 +267,12 @@ def _image(body: _Body, rotation: Floats, shift: Floats, near: float) -> Integer
     return np.where(possible.any(axis=1) & (back[to] == place), to, -1)
 
 
-def _unknown(unit: Floats) -> NDArray[np.bool_]:
+def _unknown(unit: Floats) -> Bools:
     """Pairs (n, n) of points of which one has no normal."""
     known = unit.any(axis=1)
     return np.asarray(~np.logical_and.outer(known, known))
 
 
-def _alike(first: Floats, second: Floats) -> NDArray[np.bool_]:
+def _alike(first: Floats, second: Floats) -> Bools:
     """Whether rotations (..., 3, 3) are nearly the same."""
     return np.asarray((first * second).sum(axis=(-2, -1)) > 1.0 + 2.0 * math.cos(ANGLE))

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.backends import cpu
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.finding import Finding
@@ -101,7 +101,7 @@ def _round(task: MatchingTask, sigma: float) -> MatchingTask:
     return replace(task.with_noise(sigma), deadline=task.deadline.part(ROUND))
 
 
-def first_guess(target: NDArray[np.float64], camera_of: NDArray[np.int64]) -> float:
+def first_guess(target: Floats, camera_of: Integers) -> float:
     """An initial, generous σ for points (n', 2), each of one image: by the widest of those."""
     images = [target[camera_of == k] for k in np.unique(camera_of)]
     return FIRST_GUESS * max(float(np.linalg.norm(np.ptp(image, axis=0))) for image in images)
@@ -129,7 +129,7 @@ def estimated_noise(match: Finding, sigma: float) -> float:
     return sigma * math.sqrt(sum(squares) / sum(freedom))
 
 
-def _scale(match: Finding, members: NDArray[np.int64], sigma: float) -> float:
+def _scale(match: Finding, members: Integers, sigma: float) -> float:
     """Square of the ratio of the true σ to the assumed one, estimated from one group."""
     problem, points = match.task.problem, match.task.points
     one_motion = replace(match.task, options=replace(match.task.options, motions=1))
@@ -151,7 +151,7 @@ def _scale(match: Finding, members: NDArray[np.int64], sigma: float) -> float:
     return scale_of(residuals**2, mean_cut(problem.constraints))
 
 
-def _scale_in_image(task: MatchingTask, assignments: NDArray[np.int64], sigma: float) -> float:
+def _scale_in_image(task: MatchingTask, assignments: Integers, sigma: float) -> float:
     """As `_scale`, from the assignment (of K, n) whose pose explains most, each with the noise about its own pose."""
     proposals, found, _ = fitted(model_of(task), assignments)
     scale = np.maximum(found.squared / found.freedom, LEAST**2)
@@ -172,7 +172,7 @@ def mean_cut(freedom: int) -> float:
     return freedom * weighted + CUT * (1.0 - below)
 
 
-def scale_of(squared: NDArray[np.float64], mean: float) -> float:
+def scale_of(squared: Floats, mean: float) -> float:
     """The s with mean(min(squared / s, CUT)) = mean, by bisection."""
     low, high = 1e-12, 1e12
     for _ in range(100):

@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
@@ -29,8 +29,6 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grown, is_small
 from rootmatch.solvers.base import Solution
-
-Integers = NDArray[np.int64]
 
 LEAST = 3
 """Fewest matches that determine a motion."""
@@ -175,7 +173,7 @@ def assessed(
     sampled: SampledTensor,
     proposals: Integers,
     mirrored: Integers | None = None,
-    soft: NDArray[np.float64] | None = None,
+    soft: Floats | None = None,
 ) -> Finding:
     """The finding of proposed labellings; their scores are computed when they are asked for."""
     found = posterior(model, proposals, mirrored)

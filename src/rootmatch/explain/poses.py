@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose as Pose
 
-Integers = NDArray[np.int64]
 LEAST = 1
 """Degrees of freedom beyond two that a pose is taken to have at the least, where its noise is estimated."""
 

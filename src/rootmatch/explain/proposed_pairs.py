@@ -9,71 +9,56 @@ are removed, and the next one is sought among the rest (sequential RANSAC; Vince
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Pace
 from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.proposals import fitted
-from rootmatch.options import Options, option
 from rootmatch.problems.limits import GATE
 from rootmatch.problems.pose_fit.starts import poses_of_triples
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
 
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-
 KNOWN = ("p3p", "up2p")
 """Problems of one calibrated camera and points in space; the vertical of an upright camera enters only the fits."""
 
 
-@dataclass(frozen=True)
-class ProposedPairsOptions(Options):
-    """How poses are sought among proposed pairs; measured in benchmarks/candidates.py."""
-
-    pairs_per_point: float = option(3.0, above=0.0)
-    """Mean number of candidates per point up to which pairs are enumerated. A round value."""
-    least_pairs: int = option(60, least=4)
-    """Number of pairs below which the usual search is as quick. A round value."""
-    neighbours: int = option(100, least=2)
-    """Pairs nearest in space to the first one of a set, among which the others are drawn. A round value."""
-    sets: int = option(4_000, least=1)
-    """Minimal sets drawn for each motion: where a tenth of the neighbours agrees, one is missed in 50 searches; where a
-    fifth does, none. A round value."""
-    screened: int = option(400, least=1)
-    """Pairs on which all poses are screened."""
-    verified: int = option(64, least=1)
-    """Poses, those of the most screened pairs, that are verified on all pairs."""
-    rounds: int = option(6, least=1)
-    """Fits of a pose to the pairs that agree with it, at most."""
-    claimed: float = option(3.0, least=1.0)
-    """Distance from a pose, in gates, within which its pairs are no evidence for another motion."""
-    beyond_chance: float = option(7.0, above=0.0)
-    """Evidence above the logarithm of the number of poses from which a motion is no accident: one in a thousand."""
-    edges: int = option(2_000, least=1)
-    """Hyper-edges of each motion that the tensor holds, as a sample."""
+PAIRS_PER_POINT, LEAST_PAIRS = 3.0, 60
+"""Mean number of candidates per point up to which pairs are enumerated, and number of pairs below which the usual
+search is as quick. Round values; what these and those below find: benchmarks/candidates.py."""
+NEIGHBOURS = 100
+"""Pairs nearest in space to the first one of a set, among which the others are drawn. A round value."""
+SETS = 4_000
+"""Minimal sets drawn for each motion: where a tenth of the neighbours agrees, one is missed in 50 searches; where a
+fifth does, none. A round value."""
+SCREENED, VERIFIED = 400, 64
+"""Pairs on which all poses are screened, and poses, those of the most such pairs, that are verified on all pairs."""
+ROUNDS = 6
+"""Fits of a pose to the pairs that agree with it, at most."""
+CLAIMED = 3.0
+"""Distance from a pose, in gates, within which its pairs are no evidence for another motion."""
+BEYOND_CHANCE = 7.0
+"""Evidence above the logarithm of the number of poses from which a motion is no accident: one in a thousand."""
+EDGES = 2_000
+"""Hyper-edges of each motion that the tensor holds, as a sample."""
 
 
-OPTIONS = ProposedPairsOptions()
-
-
-def pays(task: MatchingTask, options: ProposedPairsOptions = OPTIONS) -> bool:
+def pays(task: MatchingTask) -> bool:
     """Whether several motions are to be found among few proposed pairs."""
     if task.allowed is None or task.problem.name not in KNOWN or task.options.chosen_sampler != "auto":
         return False
     count = int(task.allowed.sum())
-    return count >= options.least_pairs and count <= options.pairs_per_point * int(task.allowed.any(axis=1).sum())
+    return count >= LEAST_PAIRS and count <= PAIRS_PER_POINT * int(task.allowed.any(axis=1).sum())
 
 
-def motions_of_pairs(task: MatchingTask, options: ProposedPairsOptions = OPTIONS) -> tuple[Solution, SampledTensor]:
+def motions_of_pairs(task: MatchingTask) -> tuple[Solution, SampledTensor]:
     """Groups of one motion each among the candidates, and a tensor of some of their hyper-edges."""
-    search = _Search(task, options)
+    search = _Search(task)
     most = math.inf if task.options.motions == "auto" else float(task.options.motions)
     groups: list[Integers] = []
     evidence: list[float] = []
@@ -86,7 +71,7 @@ def motions_of_pairs(task: MatchingTask, options: ProposedPairsOptions = OPTIONS
     labels, assignment = np.full(task.shape[0], -1, np.int64), np.full(task.shape[0], -1, np.int64)
     for label, group in enumerate(groups):
         labels[group >= 0], assignment[group >= 0] = label, group[group >= 0]
-    tensor = _sample_of_hyperedges(task, groups, search.rng, options)
+    tensor = _sample_of_hyperedges(task, groups, search.rng)
     soft = np.zeros(task.shape)
     matched = np.flatnonzero(assignment >= 0)
     soft[matched, assignment[matched]] = 1.0
@@ -101,9 +86,9 @@ def motions_of_pairs(task: MatchingTask, options: ProposedPairsOptions = OPTIONS
 class _Search:
     """The pairs that are left, and the poses that they propose."""
 
-    def __init__(self, task: MatchingTask, options: ProposedPairsOptions) -> None:
+    def __init__(self, task: MatchingTask) -> None:
         assert task.allowed is not None
-        self.task, self.options = task, options
+        self.task = task
         self.rng = np.random.default_rng(task.options.seed)
         self.source, self.target = np.nonzero(task.allowed)
         problem: Any = task.problem
@@ -135,12 +120,11 @@ class _Search:
         """The pose of a minimal set that most pairs agree with, and the share that agrees with any."""
         from scipy.spatial import cKDTree  # slow to import
 
-        options = self.options
-        _, near = cKDTree(self.points[rows]).query(self.points[rows], min(options.neighbours, len(rows)))
-        screened = self.rng.permutation(rows)[: options.screened]
+        _, near = cKDTree(self.points[rows]).query(self.points[rows], min(NEIGHBOURS, len(rows)))
+        screened = self.rng.permutation(rows)[:SCREENED]
         kept_r, kept_t, kept_count, shares = [], [], [], []
         pace, done = Pace(self.task.deadline.part(0.5), 64), 0
-        while done < options.sets and (few := pace.block(min(500, options.sets - done))):
+        while done < SETS and (few := pace.block(min(500, SETS - done))):
             done += few
             first = self.rng.integers(0, len(rows), few)
             others = near[first[:, None], self.rng.integers(0, near.shape[1], (few, 2))]
@@ -155,7 +139,7 @@ class _Search:
             rotation, t = rotation[real], t[real]
             self.tried += len(t)
             count = self._agree(rotation, t, screened).sum(axis=1)
-            strongest = np.argsort(-count, kind="stable")[: options.verified]
+            strongest = np.argsort(-count, kind="stable")[:VERIFIED]
             kept_r.append(rotation[strongest])
             kept_t.append(t[strongest])
             kept_count.append(count[strongest])
@@ -163,13 +147,13 @@ class _Search:
         if not kept_r:
             return None, 1.0
         rotation, t, count = np.concatenate(kept_r), np.concatenate(kept_t), np.concatenate(kept_count)
-        strongest = np.argsort(-count, kind="stable")[: options.verified]
+        strongest = np.argsort(-count, kind="stable")[:VERIFIED]
         rotation, t = rotation[strongest], t[strongest]
         agree = self._agree(rotation, t, rows)
         best = int(np.argmax([len(np.unique(self.target[rows[one]])) for one in agree]))
         return (rotation[best], t[best]), max(float(np.mean(shares)), 1.0 / len(rows))
 
-    def _agree(self, rotation: Floats, t: Floats, rows: Integers) -> NDArray[np.bool_]:
+    def _agree(self, rotation: Floats, t: Floats, rows: Integers) -> Bools:
         """Which pairs (R,) lie within the gate of each pose: (K, R)."""
         with np.errstate(all="ignore"):
             placed = self.points[rows] @ rotation.swapaxes(-1, -2) + t[:, None]
@@ -184,7 +168,7 @@ class _Search:
             distance = np.linalg.norm(self.camera.project(placed) - self.pixels[rows], axis=1) / self.sigma[rows]
         distance[~(placed[:, 2] > 0.0)] = np.inf
         group = self._one_to_one(rows, distance)
-        for _ in range(self.options.rounds):
+        for _ in range(ROUNDS):
             if (group >= 0).sum() <= self.task.problem.order:
                 break
             _, _, at = fitted(self.model, group[None])
@@ -195,7 +179,7 @@ class _Search:
             before, group = group, self._one_to_one(rows, distance)
             if np.array_equal(before, group):
                 break
-        return group, rows[distance <= self.options.claimed * GATE]
+        return group, rows[distance <= CLAIMED * GATE]
 
     def _one_to_one(self, rows: Integers, distance: Floats) -> Integers:
         """The assignment (n,) of pairs within the gate, the nearest first, each point and detection once."""
@@ -217,12 +201,10 @@ class _Search:
         if share <= chance:
             return -math.inf
         tail = share * math.log(share / chance) + (1.0 - share) * math.log((1.0 - share) / max(1.0 - chance, 1e-12))
-        return pairs * tail - math.log(max(self.tried, 1)) - self.options.beyond_chance
+        return pairs * tail - math.log(max(self.tried, 1)) - BEYOND_CHANCE
 
 
-def _sample_of_hyperedges(
-    task: MatchingTask, groups: list[Integers], rng: np.random.Generator, options: ProposedPairsOptions
-) -> AffinityTensor:
+def _sample_of_hyperedges(task: MatchingTask, groups: list[Integers], rng: np.random.Generator) -> AffinityTensor:
     """Random hyper-edges within each group, with their weights."""
     from rootmatch.backends import cpu
     from rootmatch.hypergraph.random_tuples import permuted_tuples
@@ -231,7 +213,7 @@ def _sample_of_hyperedges(
     kind = task.affinity.residual.kernel_kind(task.problem.pair_count)
     for group in groups:
         members = np.flatnonzero(group >= 0)
-        source = members[np.sort(permuted_tuples(rng, options.edges, len(members), task.problem.order), axis=1)]
+        source = members[np.sort(permuted_tuples(rng, EDGES, len(members), task.problem.order), axis=1)]
         residuals = cpu.residuals(task.tables_as_given, kind, source, group[source])
         keep = residuals <= task.affinity.gate
         indices.append((source[keep] * task.shape[1] + group[source[keep]]).astype(np.int32))

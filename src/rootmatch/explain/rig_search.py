@@ -6,11 +6,11 @@ cameras; those that it gathers there are what the model of all images judges.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.image_hypotheses import Candidate, is_enough, model_of
@@ -22,53 +22,35 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.gathering import gathered
 from rootmatch.model.proposals import poses_of_sets, refitted
-from rootmatch.options import Options, option
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.samplers.guided.stopping import StoppingOptions, false_alarm_level
 
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RigOptions(Options):
-    """Options for verifying hypotheses of single cameras in all cameras; results and cost: benchmarks/rigs.py."""
-
-    hypotheses: int = option(100, least=1)
-    """Of each camera, those of the highest evidence. A round value: with 30 as many of the benchmark's scenes are
-    right, but of 40 with four of ten detections right in each camera (σ 1, seeds from 2000) one instead of three."""
-    kept: int = option(16, least=1)
-    """Of all, by what they gather. A round value."""
-    few: float = option(0.3, above=0.0, most=1.0)
-    """Part of both if the search is bounded, as those for bodies and of a tracker are: two thirds of the time. As many
-    are right on development seeds, also among eight clutter points in each image."""
-    budget: int = option(3_000_000, least=1)
-    """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
-
-
-OPTIONS = RigOptions()
+LIMITS, LIMITS_OF_BOUNDED = (100, 16), (30, 5)
+"""Hypotheses of each camera, those of the highest evidence, that are verified in all, and of all of them those kept, by
+what they gather (benchmarks/rigs.py). Round values: with 30 as many of the benchmark's scenes are right, but of 40 with
+four of ten detections right in each camera (σ 1, seeds from 2000) one instead of three. A search that is bounded, as
+those for bodies and of a tracker are, takes fewer: two thirds of the time. As many are right on development seeds, also
+among eight clutter points in each image."""
+BUDGET = 3_000_000
+"""Evaluations of the search in one camera, unless a `Guided` is given with its own."""
 SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 
 
-def match_rig(task: MatchingTask, options: RigOptions = OPTIONS, *, judging: bool = True) -> Finding:
+def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
     """The match of a task of a rig, searched without a prediction.
 
     `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
     """
-    if task.budget is not None:
-        few = (max(round(options.few * number), 1) for number in (options.hypotheses, options.kept))
-        options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
-    model = model_of(task)
-    sampled, whole = _searched(task, model, options)
+    sampled, whole = _searched(task, model_of(task), LIMITS if task.budget is None else LIMITS_OF_BOUNDED)
     found = assessed(task, sampled, judging=judging)
     return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
-def _searched(task: MatchingTask, model: DetectionModel, options: RigOptions) -> tuple[SampledTensor, bool]:
+def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]) -> tuple[SampledTensor, bool]:
     """Hyper-edges within the cameras, with the verified assignments that hypotheses of single cameras lead to.
 
     The second value says whether every camera's search ended before its budget. A pose that one camera's search would
@@ -78,7 +60,7 @@ def _searched(task: MatchingTask, model: DetectionModel, options: RigOptions) ->
     n, n_target = task.shape
     guided = task.options.sampler
     if not isinstance(guided, Guided):
-        guided = Guided(budget=task.budget or options.budget, hypotheses=options.hypotheses)
+        guided = Guided(budget=task.budget or BUDGET, hypotheses=limits[0])
     indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
     searching = task.deadline.part(SEARCHED)
     views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
@@ -105,7 +87,7 @@ def _searched(task: MatchingTask, model: DetectionModel, options: RigOptions) ->
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
-    verified = _verified(model, hypotheses, options)
+    verified = _verified(model, hypotheses, limits)
     if task.search_camera is None and not _is_enough(task, model, verified, evaluated):
         met = len(hypotheses)
         for k, own, part in parts:
@@ -114,7 +96,7 @@ def _searched(task: MatchingTask, model: DetectionModel, options: RigOptions) ->
                 hypotheses += more
                 missed = 0.0 if all_triples else missed
         if len(hypotheses) > met:
-            verified = _verified(model, hypotheses, options)
+            verified = _verified(model, hypotheses, limits)
     joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
     tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.row_shape, task.row_weights)
@@ -155,7 +137,7 @@ def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, ev
     return beyond_chance and is_enough(model, told, task.minimal, of_several=task.budget is not None)
 
 
-def _verified(model: DetectionModel, hypotheses: list[Integers], options: RigOptions) -> Integers:
+def _verified(model: DetectionModel, hypotheses: list[Integers], limits: tuple[int, int]) -> Integers:
     """Assignments that the poses of hypotheses gather in all cameras, the most probable first.
 
     Poses of minimal sets, so that a match among many that is wrong is not taken along.
@@ -163,5 +145,5 @@ def _verified(model: DetectionModel, hypotheses: list[Integers], options: RigOpt
     if not hypotheses:
         return np.empty((0, model.shape[0]), np.int64)
     sets = poses_of_sets(model, np.array(hypotheses), model.shape[0])
-    every, found, _ = refitted(model, gathered(model, sets.alone, least=LEAST, most=options.hypotheses))
-    return every.assignments[np.argsort(-found.log_odds, kind="stable")[: options.kept]]
+    every, found, _ = refitted(model, gathered(model, sets.alone, least=LEAST, most=limits[0]))
+    return every.assignments[np.argsort(-found.log_odds, kind="stable")[: limits[1]]]

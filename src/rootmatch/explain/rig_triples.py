@@ -9,16 +9,14 @@ from __future__ import annotations
 from itertools import combinations, permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel, triples_of
 from rootmatch.model.gathering import gathered
 from rootmatch.model.proposals import poses_of_sets
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.visible_search import VisibleSearch, search_of
-
-Integers = NDArray[np.int64]
 
 TRIPLES, FEW_TRIPLES, KEPT = 4096, 128, 8
 """Triples whose poses are looked at, those that explain most of their own image; how many where a search is bounded, as

@@ -9,12 +9,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.near_symmetries import body_radius
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 TOLERANCE = 0.15
 """Difference of two distances, over the body's radius, up to which a few points may be taken for others: depths are

@@ -10,7 +10,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
@@ -28,8 +27,6 @@ from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared
 from rootmatch.solvers.base import Solution
-
-Integers = NDArray[np.int64]
 
 AGREED = 0.5
 """Probability from which the likeliest assignment is told; else the one with the most matches expected to be right."""

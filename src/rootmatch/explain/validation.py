@@ -6,8 +6,9 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError, quoted
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import as_floats
@@ -17,9 +18,7 @@ LARGEST_PRIOR = 1e9
 to rounding."""
 
 
-def split_candidates(
-    candidates: ArrayLike | None, n: int, n_target: int
-) -> tuple[NDArray[np.bool_] | None, NDArray[np.float64] | None]:
+def split_candidates(candidates: ArrayLike | None, n: int, n_target: int) -> tuple[Bools | None, Floats | None]:
     """Mask and prior weights of the candidates argument."""
     if candidates is None:
         return None, None
@@ -38,7 +37,7 @@ def split_candidates(
     return mask, None if np.asarray(candidates).dtype == np.bool_ else unary
 
 
-def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> NDArray[np.int64]:
+def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> Integers:
     """Indices (E, order) of points, distinct within each hyper-edge."""
     array = np.asarray(indices)
     if array.ndim != 2 or array.shape[1] != order or not np.issubdtype(array.dtype, np.integer):
@@ -53,7 +52,7 @@ def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> N
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
-def check_assignment(assignment: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
+def check_assignment(assignment: ArrayLike, shape: tuple[int, int]) -> Integers:
     """An assignment (n,) of a caller between n and n' points."""
     array = np.asarray(assignment)
     n, n_target = shape

@@ -173,13 +173,7 @@ def _wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def random_hyperedges(
-    n: int,
-    n_target: int,
-    order: int,
-    count: int,
-    seed: int,
-    block: int = 65536,
-    mask: NDArray[np.bool_] | None = None,
+    n: int, n_target: int, order: int, count: int, seed: int, block: int = 65536, mask: NDArray[np.bool_] | None = None
 ) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32]]]:
     """Uniformly random hyper-edges from one seeded stream (paper, section "Overall Algorithm", step 3a).
 

@@ -15,10 +15,10 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.problems.checks import check_points
 
-Floats = NDArray[np.float64]
 TARGET_TUPLES = 2_000_000
 """Target tuples beyond which a random part of them is used. Not tuned: a round value."""
 
@@ -240,7 +240,7 @@ def _count(given: int | None, default: int, name: str) -> int:
     return int(given)
 
 
-def _tuples(points: int, order: int, most: int, rng: np.random.Generator) -> NDArray[np.int64]:
+def _tuples(points: int, order: int, most: int, rng: np.random.Generator) -> Integers:
     """All increasing tuples (T, order) of indices, or so many different random ones where there are more."""
     count = math.comb(points, order)
     if count <= most:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Integers = NDArray[np.int64]
+from rootmatch.arrays import Bools, Floats, Integers
 
 
 class Changes(NamedTuple):
@@ -22,7 +22,7 @@ class Changes(NamedTuple):
     other_target: Integers
     """(K,) the new target of the second point, −1 for none."""
 
-    def take(self, which: NDArray[np.integer] | NDArray[np.bool_]) -> Changes:
+    def take(self, which: NDArray[np.integer] | Bools) -> Changes:
         """A subset of the changes."""
         return Changes(*(column[which] for column in self))
 
@@ -35,9 +35,7 @@ class Changes(NamedTuple):
         return changed
 
 
-def likely_changes(
-    assignment: Integers, gains: NDArray[np.float64], least: float
-) -> tuple[Changes, NDArray[np.float64]]:
+def likely_changes(assignment: Integers, gains: Floats, least: float) -> tuple[Changes, Floats]:
     """The one-change neighbours whose gain to first order is above ``least``, and those gains.
 
     An assignment is a neighbour if a point is moved to a free target, becomes unmatched or hands its target to an

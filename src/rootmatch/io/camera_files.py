@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import unit_direction
@@ -32,10 +32,10 @@ class Calibration:
 
     camera: CameraModel
     camera2: CameraModel | None = None
-    vertical_camera: NDArray[np.float64] | None = None
-    vertical_world: NDArray[np.float64] | None = None
-    axis: NDArray[np.float64] | None = None
-    axis2: NDArray[np.float64] | None = None
+    vertical_camera: Floats | None = None
+    vertical_world: Floats | None = None
+    axis: Floats | None = None
+    axis2: Floats | None = None
 
 
 def read_camera(path: Path, name: str | None = None) -> Calibration:
@@ -101,7 +101,7 @@ def parse_numbers(text: str, count: int, name: str, example: str) -> list[float]
     return values
 
 
-def parse_direction(text: str, name: str) -> NDArray[np.float64]:
+def parse_direction(text: str, name: str) -> Floats:
     """Parse ``"x,y,z"`` as a unit vector (3,)."""
     return unit_direction(parse_numbers(text, 3, name, "0,1,0"), name)
 
@@ -138,9 +138,9 @@ def _listed(found: dict[str, CameraModel]) -> str:
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
-def _directions(path: Path, content: dict[str, Any]) -> dict[str, NDArray[np.float64]]:
+def _directions(path: Path, content: dict[str, Any]) -> dict[str, Floats]:
     """The measured directions of a JSON object."""
-    directions: dict[str, NDArray[np.float64]] = {}
+    directions: dict[str, Floats] = {}
     for name in DIRECTIONS:
         if content.get(name) is not None:
             value = content[name]

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.appended_table import MOST_DIGITS
 from rootmatch.io.csv_tables import number, positive, table_rows
@@ -44,9 +44,9 @@ class Frame:
     """
 
     number: int
-    points: NDArray[np.float64]
+    points: Floats
     time: float | None = None
-    sigma: NDArray[np.float64] | None = None
+    sigma: Floats | None = None
     known: PosePrior | None = None
 
 

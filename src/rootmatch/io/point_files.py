@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.csv_tables import number, positive, read_table, read_text, refuse_repeats, write_table
 from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
@@ -44,11 +44,11 @@ class PointSet:
         What is known of the pose of an image, where its file has such columns (`rootmatch.io.known_files`).
     """
 
-    points: NDArray[np.float64]
+    points: Floats
     ids: tuple[str, ...] | None = None
-    normals: NDArray[np.float64] | None = None
+    normals: Floats | None = None
     bodies: tuple[str, ...] | None = None
-    sigma: NDArray[np.float64] | None = None
+    sigma: Floats | None = None
     known: PosePrior | None = None
 
     @property
@@ -157,7 +157,7 @@ def _labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, ver
     return tuple(cells[column] for _, cells in rows)
 
 
-def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int64]:
+def read_truth(path: Path, source: PointSet, target: PointSet) -> Integers:
     """Read the true assignment from a CSV file with columns ``source,target`` (ids, or zero-based row numbers).
 
     Returns
@@ -175,7 +175,7 @@ def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int
     return truth
 
 
-def read_candidates(path: Path, source: PointSet, target: PointSet) -> NDArray[np.bool_] | NDArray[np.float64]:
+def read_candidates(path: Path, source: PointSet, target: PointSet) -> Bools | Floats:
     """Read the possible correspondences, one per row: columns ``source,target`` and optionally ``weight``.
 
     Returns
@@ -230,13 +230,13 @@ def write_points(path: Path, points: PointSet) -> None:
 
 def write_matches(
     path: Path,
-    assignment: NDArray[np.int64],
-    weights: NDArray[np.float64],
-    motions: NDArray[np.int64],
-    confidence: NDArray[np.float64],
+    assignment: Integers,
+    weights: Floats,
+    motions: Integers,
+    confidence: Floats,
     source: PointSet,
     target: PointSet,
-    residuals: NDArray[np.float64],
+    residuals: Floats,
 ) -> None:
     """Write ``source,target,weight,motion,residual,confidence``, one row per matched source point.
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.blobs import lit_chances
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def surest_points(model: DetectionModel, assignment: Integers, pose: tuple[Floats, Floats]) -> tuple[Integers, Floats]:

@@ -12,11 +12,8 @@ points are lit equally, that is a tenth more than the variance of the mixture.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from rootmatch.arrays import Bools, Floats, Integers
 
 ENTRIES = 2_000_000
 """Distances that are computed at once: some tens of megabytes."""

@@ -8,12 +8,9 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.compiled.crowds import densities_of_crowds, shares_of_crowds
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 FEW = 3
 """Smallest number of detections that determine the area of their image: fewer span none. By construction."""
@@ -93,7 +90,7 @@ class Clutter:
         """As `rootmatch.model.compiled.evidence.weigh` takes it."""
         return self.log_density, self.about, self.centres, self.uniform, self.alone
 
-    def log_first(self, taken: NDArray[np.bool_]) -> Floats:
+    def log_first(self, taken: Bools) -> Floats:
         """Correction (K,) of the log-densities for detections (K, n') that are taken away together.
 
         If a whole crowd is taken, its first member was not predicted by the others: it is predicted by the remaining

@@ -12,17 +12,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.posterior import Posterior, prior_odds
-from rootmatch.model.posterior_options import DEFAULT_POSTERIOR, PosteriorOptions
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from rootmatch.model.posterior import Posterior
+from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
 
 KEPT = 16
 """Modes of each body that are weighed together. A round value."""
@@ -30,11 +27,7 @@ BEAM = 4096
 """Most joint hypotheses that are kept from one body to the next, the most probable ones. A round value."""
 
 
-def joint_posterior(
-    models: Sequence[DetectionModel],
-    every: Sequence[Modes],
-    options: PosteriorOptions = DEFAULT_POSTERIOR,
-) -> list[Posterior]:
+def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) -> list[Posterior]:
     """The marginal posteriors of several bodies in one image.
 
     Parameters
@@ -43,19 +36,18 @@ def joint_posterior(
         Of the bodies, with the same detections.
     every : sequence of Modes
         The modes of each body, proposed without regard to the others.
-    options : PosteriorOptions
 
     Returns
     -------
     list of Posterior
         The modes of each, those among them that leave detections to others, and the marginal of each.
     """
-    odds, count = prior_odds(options), models[0].shape[1]
+    count = models[0].shape[1]
     uses = [modes.uses(count)[:KEPT] for modes in every]
     parts = [_with_parts(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))]
     uses = [modes.uses(count) for modes in parts]
-    masses = [modes.log_mass + odds for modes in parts]
-    copies = [_as_copy(*each, options) for each in zip(models, parts, uses, strict=True)]
+    masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
+    copies = [_as_copy(*each) for each in zip(models, parts, uses, strict=True)]
     absent = np.zeros((1, count), np.bool_)
     (taken, value), *others = [
         (np.concatenate([used, absent]), np.concatenate([mass, [0.0]]))
@@ -76,13 +68,13 @@ def joint_posterior(
     shares /= shares.sum()
     found = []
     for k, modes in enumerate(parts):
-        each = (1.0 - options.wrong_model) * np.bincount(chosen[:, k], shares, len(modes.log_mass) + 1)
+        each = (1.0 - WRONG_MODEL) * np.bincount(chosen[:, k], shares, len(modes.log_mass) + 1)
         order = np.argsort(-each[:-1], kind="stable")
         found.append(Posterior(modes.take(order), np.asarray(each[:-1][order], np.float64), float(each[-1])))
     return found
 
 
-def _as_copy(model: DetectionModel, modes: Modes, uses: NDArray[np.bool_], options: PosteriorOptions) -> Floats | None:
+def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
     """Odds of a body's modes as those of a copy that nobody named; None if two cannot be in one image.
 
     Where the body is expected tells nothing of its copy. ``uses`` (M, n'): the detections of each mode.
@@ -94,10 +86,10 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: NDArray[np.bool_], optio
         at = model.linearised(modes.rotation, modes.position)
         anywhere = evidence(model, modes.assignments, at, model.prior.without).log_odds
         mass = mass - modes.log_odds + anywhere
-    return np.asarray(mass + math.log(options.copy), np.float64)
+    return np.asarray(mass + math.log(COPY), np.float64)
 
 
-def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[NDArray[np.bool_]]) -> Modes:
+def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bools]) -> Modes:
     """The best modes of body k, and what remains of them if others take shared detections.
 
     ``uses``: the detections (M, n') of the best modes of each body.

@@ -27,7 +27,6 @@ from rootmatch.model.linearised import Linearised, linearised
 from rootmatch.model.pose_density import Broad, PoseDensity
 from rootmatch.model.views import Views, rays_of, views_of
 from rootmatch.model.visibility import BARELY, UNSEEN, within
-from rootmatch.options import Options, option
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -43,25 +42,14 @@ USUAL_RATE = 0.9
 """Detection rate assumed of each point of a blob, if none is given."""
 
 
-@dataclass(frozen=True)
-class ModelOptions(Options):
-    """Priors of what is not known exactly; their effects are measured in docs/model.md."""
-
-    rate_prior: tuple[float, ...] = option((9.0, 1.0), above=0.0)
-    """Beta distribution of the rate at which a visible point is detected if normals tell which are visible: nine in
-    ten."""
-    rate_prior_without_normals: tuple[float, ...] = option((1.0, 1.0), above=0.0)
-    """Beta distribution of that rate without normals: it then also covers how much of the body hides the rest."""
-    rate_nodes: int = option(10, least=1)
-    """Nodes of the quadrature over the rate, exact for twice as many points."""
-    noise_freedom: float = option(20.0, above=0.0)
-    """Number of residuals that the stated σ is worth as evidence of its own scale: the residuals of a body say by how
-    much it is too small. A round value."""
-
-
-DEFAULT_MODEL = ModelOptions()
-
-
+RATE_PRIOR, RATE_PRIOR_WITHOUT_NORMALS = (9.0, 1.0), (1.0, 1.0)
+"""Beta distributions of the rate at which a visible point is detected: nine in ten if normals tell which are visible;
+without them it also covers how much of the body hides the rest. Their effects are measured in docs/model.md."""
+RATE_NODES = 10
+"""Nodes of the quadrature over the rate, exact for twice as many points."""
+NOISE_FREEDOM = 20.0
+"""Number of residuals that the stated σ is worth as evidence of its own scale: the residuals of a body say by how much
+it is too small. A round value."""
 MORE_SIGHTINGS = 2
 """Sightings by other cameras beside a minimal set in one, at least: with one, hundreds of false sets have as many."""
 
@@ -98,7 +86,8 @@ class DetectionModel:
         Width and height of the image.
     resolution : float
         Distance in px below which two points are one detection.
-    options : ModelOptions
+    noise_freedom : float
+        See `NOISE_FREEDOM`.
     """
 
     camera: CameraModel
@@ -114,7 +103,7 @@ class DetectionModel:
     log_weights: Floats | None = None
     size: tuple[float, float] | None = None
     resolution: float = 0.0
-    options: ModelOptions = DEFAULT_MODEL
+    noise_freedom: float = NOISE_FREEDOM
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -200,8 +189,8 @@ class DetectionModel:
         if self.rate is not None:
             return np.array([min(self.rate, HIGHEST_RATE)]), np.zeros(1)
         known = self.normals is not None
-        first, second = self.options.rate_prior if known else self.options.rate_prior_without_normals
-        return beta_quadrature(first, second, self.options.rate_nodes)
+        first, second = RATE_PRIOR if known else RATE_PRIOR_WITHOUT_NORMALS
+        return beta_quadrature(first, second, RATE_NODES)
 
     def centred(self, rotation: ArrayLike, translation: ArrayLike) -> tuple[Floats, Floats]:
         """Rotations (K, 3, 3) and positions (K, 3) of the body's centre, of poses x = R X + t."""
@@ -279,7 +268,7 @@ class DetectionModel:
         """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
         if self._views is None or self.size is not None or self.resolution or self.source_covariance is not None:
             return None
-        clutter, rates = self.clutter.for_kernels, (*self.rates, float(self.options.noise_freedom))
+        clutter, rates = self.clutter.for_kernels, (*self.rates, self.noise_freedom)
         return self.about_centre, self._views, self.image_for_kernels, clutter, rates
 
     @cached_property

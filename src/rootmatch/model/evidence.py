@@ -111,7 +111,7 @@ def evidence(
         tuple(np.array(one) for one in prior.terms(at.rotation, at.position)),
         model.image_for_kernels,
         model.clutter.for_kernels,
-        (*model.rates, model.options.noise_freedom),
+        (*model.rates, model.noise_freedom),
         tuple(found),
     )
     return found

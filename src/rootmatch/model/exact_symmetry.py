@@ -10,15 +10,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix
+from rootmatch.arrays import Integers
 from rootmatch.model.point_set_model import NOISE_FREEDOM, student
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.motions import fitted_motions
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 EXACT = 0.5
 """Prior probability that a self-motion is an exact symmetry. A round value."""

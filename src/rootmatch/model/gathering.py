@@ -5,17 +5,14 @@ from __future__ import annotations
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.jit.threads import in_pieces
 from rootmatch.model.compiled.gathering import gather, gather_about
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import Proposals
 from rootmatch.problems.limits import GATE
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 RATE = 0.7
 """Detection rate that their order supposes; the model of the image judges them later. A round value."""

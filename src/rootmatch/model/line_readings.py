@@ -11,14 +11,11 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import Proposals, joined, no_proposals
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 FLAT = 0.02
 """Width of matched points over their length up to which they are on a line: of a wand of 20 cm whose line is bent by
@@ -53,7 +50,7 @@ def line_readings(model: DetectionModel, assignments: Integers) -> Proposals:
     return joined(parts)
 
 
-def _on_lines(model: DetectionModel, assignments: Integers) -> NDArray[np.bool_]:
+def _on_lines(model: DetectionModel, assignments: Integers) -> Bools:
     """Whether the detections of assignments (K, n), three or more, are on a line: their rays are in a plane."""
     used = assignments >= 0
     rays = np.where(used[..., None], model.rays[np.maximum(assignments, 0)], 0.0)

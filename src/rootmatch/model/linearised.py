@@ -5,16 +5,13 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.model.compiled.projection import linearise
 from rootmatch.model.views import Views
 from rootmatch.model.visibility import facing
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 NO_ROWS, NO_LABELS = np.empty((0, 0)), np.empty((0, 0), np.int64)
 """What a kernel gets in the place of None."""
@@ -48,7 +45,7 @@ class Linearised(NamedTuple):
     pixels: Floats
     jacobian: Floats
     by_position: Floats
-    seen: NDArray[np.bool_]
+    seen: Bools
     cosine: Floats | None
     expected: Floats
     rotation: Floats

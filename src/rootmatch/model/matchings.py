@@ -9,10 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from rootmatch.arrays import Floats, Integers
 
 MOST = 3000
 """Steps from one state to another. Of more the least odds are left out. A round value: it bounds time."""

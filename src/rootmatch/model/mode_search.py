@@ -13,8 +13,8 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint, in_force
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.blobs import of_blobs
@@ -25,22 +25,36 @@ from rootmatch.model.evidence import Evidence, about, evidence, settled, settled
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, as_objects, no_modes, nothing_near
 from rootmatch.model.pose_density import LEAST
-from rootmatch.model.posterior_options import COUNTS, DEFAULT_POSTERIOR, PosteriorOptions
+from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.proposals import Proposals
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 NO_STEP = np.zeros(6)
 SECONDS_PER_DENSITY = 3e-10
 """To weigh and settle a proposal, for each detection and centre of a crowd (benchmarks/deadlines.py, task 785)."""
+GROWN, ROUNDS = 6, 6
+"""Number of modes that grow by their best changes and whose changes are summed, and largest number of changes by which
+one grows. Round values."""
+WEIGHED = 32
+"""Number of changes of a mode that are weighed with the pose they lead to; the others count to first order. A round
+value."""
+INDEPENDENT = 9
+"""Number of matches from which changes of different points hardly move the pose and are therefore independent; with
+fewer, only single changes are summed. A round value: two minimal sets more than one."""
+NEGLIGIBLE = 9.0
+"""Log-odds against a change or a mode at which it is left out: e⁻⁹ is a tenth of `WRONG_MODEL`."""
+HOPELESS = 30.0
+"""Log-odds against a proposal at which it is not fitted, to first order about its given pose, and at which what a
+prediction or another body's pose proposes does not grow, against clutter alone: of 181 such modes two grew to be more
+probable than clutter, by .2 (benchmarks/flights.py, rooms and rigs, 3 flights each from 1100). A round value."""
+SAME_POSE = 2.0
+"""Difference in standard deviations up to which two poses count as one. With 5, the two poses of a board that faces the
+camera were one, and a tracker kept to the wrong one; 1 finds the same as 2.5 (benchmarks/flights.py, board)."""
 
 
 def modes_of(
     model: DetectionModel,
     proposals: Proposals,
     known: Modes | None = None,
-    options: PosteriorOptions = DEFAULT_POSTERIOR,
     *,
     of_several: bool = False,
     damaged: bool = True,
@@ -53,7 +67,6 @@ def modes_of(
     proposals : Proposals
     known : Modes, optional
         Modes found before, which are among the result.
-    options : PosteriorOptions
     of_several : bool
         Whether other bodies may take the detections of better modes: whatever is better than clutter is kept then.
     damaged : bool
@@ -65,78 +78,72 @@ def modes_of(
     kept = [] if known is None else _Mode.every(known)
     enough = 0.0 if of_several else math.inf
     """Log-odds from which a mode counts, however much better others are."""
-    of_copy = min(enough, -math.log(options.copy) - COUNTS)
+    of_copy = min(enough, -math.log(COPY) - COUNTS)
     """The same of one with other detections than the best."""
-    floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * options.negligible
+    floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * NEGLIGIBLE
     checkpoint()
     each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
     proposals = proposals.take(slice(in_force().cut(len(proposals.assignments), each)))
-    assignments, found, at = _possible(model, proposals, floor, of_copy, options=options)
+    assignments, found, at = _possible(model, proposals, floor, of_copy)
     found, at = settled(model, assignments, found, at)
     order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
     for k in order[np.isfinite(found.log_odds[order])].tolist():
         log_odds = float(found.log_odds[k])
-        behind = bool(kept) and log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
+        behind = bool(kept) and log_odds < min(kept[0].log_mass - 2.0 * NEGLIGIBLE, enough)
         if kept and ((behind and log_odds < of_copy) or in_force().passed()):
             break
         if behind and not apart_from(assignments[[k]], kept[0].assignment)[0]:
             continue
         mode = _Mode.of(assignments[k], found, poses, k)
         if kept:
-            least = min(kept[0].log_mass - options.negligible, enough)
+            least = min(kept[0].log_mass - NEGLIGIBLE, enough)
         else:
-            least = -math.inf if damaged else -options.hopeless
-        kept = _with(kept, mode, model, (at, k), least=least, options=options)
+            least = -math.inf if damaged else -HOPELESS
+        kept = _with(kept, mode, model, (at, k), least=least)
     return _as_arrays(kept, model.shape[0])
 
 
 def _with(
-    kept: list[_Mode],
-    mode: _Mode,
-    model: DetectionModel,
-    place: tuple[Linearised, int],
-    *,
-    least: float,
-    options: PosteriorOptions,
+    kept: list[_Mode], mode: _Mode, model: DetectionModel, place: tuple[Linearised, int], *, least: float
 ) -> list[_Mode]:
     """Modes with another one, grown if it may count, unless it is one of them.
 
     ``place``: images in several poses, and which of them is its own; ``least``: log-odds from which it may count.
     """
-    if _is_known(mode, kept, options):
+    if _is_known(mode, kept):
         return kept
-    if len(kept) < options.grown and mode.log_odds > least:
+    if len(kept) < GROWN and mode.log_odds > least:
         at, k = place
-        return _joined(kept, _grown(model, mode, at.one(k), options), options)
-    return _beside(kept, mode, options)
+        return _joined(kept, _grown(model, mode, at.one(k)))
+    return _beside(kept, mode)
 
 
-def _joined(kept: list[_Mode], mode: _Mode, options: PosteriorOptions) -> list[_Mode]:
+def _joined(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
     """Modes with another one, unless it is one of them."""
-    return kept if _is_known(mode, kept, options) else _beside(kept, mode, options)
+    return kept if _is_known(mode, kept) else _beside(kept, mode)
 
 
-def _beside(kept: list[_Mode], mode: _Mode, options: PosteriorOptions) -> list[_Mode]:
+def _beside(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
     """Modes with another one that is none of them, but without those that are part of it."""
-    kept = [other for other in kept if not _is_part(other, mode, options)]
+    kept = [other for other in kept if not _is_part(other, mode)]
     return sorted([*kept, mode], key=lambda one: -one.log_mass)
 
 
-def with_sums(model: DetectionModel, modes: Modes, which: int, options: PosteriorOptions = DEFAULT_POSTERIOR) -> Modes:
+def with_sums(model: DetectionModel, modes: Modes, which: int) -> Modes:
     """Modes of which one is grown that seemed too far behind the best: other bodies may have taken its detections."""
     kept = _Mode.every(modes)
     mode = kept.pop(which)
     at = model.linearised(mode.rotation[None], mode.position[None])
-    return _as_arrays(_joined(kept, _grown(model, mode, at, options), options), model.shape[0])
+    return _as_arrays(_joined(kept, _grown(model, mode, at)), model.shape[0])
 
 
-def _is_known(mode: _Mode, kept: list[_Mode], options: PosteriorOptions) -> bool:
+def _is_known(mode: _Mode, kept: list[_Mode]) -> bool:
     """Whether a mode is part of one that is no worse; a worse one, known from a search among less, gives way to it."""
-    return any(mode.log_odds <= other.log_mass and _is_part(mode, other, options) for other in kept)
+    return any(mode.log_odds <= other.log_mass and _is_part(mode, other) for other in kept)
 
 
 def _possible(
-    model: DetectionModel, proposals: Proposals, floor: float, enough: float, *, options: PosteriorOptions
+    model: DetectionModel, proposals: Proposals, floor: float, enough: float
 ) -> tuple[Integers, Evidence, Linearised]:
     """The proposals that may be worth a fit, with their evidence to first order about their given poses."""
     assignments = proposals.assignments
@@ -147,7 +154,7 @@ def _possible(
         assignments = assignments if at.blob is None else of_blobs(assignments, at.blob)
         rough = evidence(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
-    worth = rough.log_odds > min(best - options.hopeless, enough)
+    worth = rough.log_odds > min(best - HOPELESS, enough)
     if worth.all():
         return assignments, rough, at
     (some,) = np.nonzero(worth)
@@ -207,16 +214,16 @@ class _Mode:
         )
 
 
-def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
+def _is_part(mode: _Mode, other: _Mode) -> bool:
     """Whether a mode has the pose of another one, or that of a change of its assignment that was weighed there."""
     if mode is other:
         return False
-    if is_same_pose(mode.pose, other.pose, NO_STEP, options.same_pose):
+    if is_same_pose(mode.pose, other.pose, NO_STEP, SAME_POSE):
         return True
     if np.vdot(mode.rotation, other.rotation) < ALIKE:
         return False
     value, moved = other.changes.get(mode.assignment.tobytes(), (-math.inf, NO_STEP))
-    return mode.log_odds < value + 1.0 and bool(is_same_pose(mode.pose, other.pose, moved, options.same_pose))
+    return mode.log_odds < value + 1.0 and bool(is_same_pose(mode.pose, other.pose, moved, SAME_POSE))
 
 
 def _step(turn: Floats, shift: Floats) -> Floats:
@@ -225,11 +232,11 @@ def _step(turn: Floats, shift: Floats) -> Floats:
     return np.concatenate([half, shift])
 
 
-def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: PosteriorOptions) -> _Mode:
+def _grown(model: DetectionModel, mode: _Mode, at: Linearised) -> _Mode:
     """A mode after its best changes, with the sum over the others."""
-    for turn in range(options.rounds + 1):
+    for turn in range(ROUNDS + 1):
         checkpoint()
-        columns, gains, order, changed = _changes_of(model, mode, at, options)
+        columns, gains, order, changed = _changes_of(model, mode, at)
         if len(order):
             weighed = evidence(model, changed, at)
             values = np.maximum(weighed.log_odds, IMPOSSIBLE)
@@ -239,7 +246,7 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
             vars(mode).pop("changes", None)
             enough = (changed >= 0).sum(axis=1) >= model.prior.least
             best = int(np.where(enough, values, -np.inf).argmax())
-            if enough[best] and values[best] > mode.log_odds and turn < options.rounds:
+            if enough[best] and values[best] > mode.log_odds and turn < ROUNDS:
                 found, settled_at = settled_about(model, changed[[best]], mode.rotation[None], mode.position[None])
                 better = _Mode.of(changed[best], found, stepped(found, settled_at), 0)
                 if better.log_odds > mode.log_odds:
@@ -247,14 +254,12 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
                     continue
         break
     mode.local, mode.unmatched = np.empty(len(mode.assignment)), np.empty(len(mode.assignment))
-    sums = sum_over(mode.assignment, columns, gains, options.independent, mode.local, mode.unmatched)
+    sums = sum_over(mode.assignment, columns, gains, INDEPENDENT, mode.local, mode.unmatched)
     mode.log_mass, mode.summed = mode.log_odds + sums, True
     return mode
 
 
-def _changes_of(
-    model: DetectionModel, mode: _Mode, at: Linearised, options: PosteriorOptions
-) -> tuple[Integers, Floats, Integers, Integers]:
+def _changes_of(model: DetectionModel, mode: _Mode, at: Linearised) -> tuple[Integers, Floats, Integers, Integers]:
     """The changes of a mode that are not negligible to first order in its pose, see `changes_of`."""
     of_points, least = model.of_points(at), model.prior.least
     target, sigma, log_weights, _, log_counts, image_of = model.image_for_kernels
@@ -264,7 +269,7 @@ def _changes_of(
         (at.pixels[0], at.jacobian[0], EXACT if of_points is None else of_points[0].copy(), mode.visible, at.seen[0]),
         mode.covariance,
         (target, sigma, model.clutter.log_density, log_weights, log_counts, image_of),
-        (math.nan if model.rate is None else model.rate, -options.negligible, may_lose, options.weighed, least),
+        (math.nan if model.rate is None else model.rate, -NEGLIGIBLE, may_lose, WEIGHED, least),
     )
     return found
 

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from rootmatch.arrays import Bools, Floats, Integers
 
 
 class Modes(NamedTuple):
@@ -49,10 +48,10 @@ class Modes(NamedTuple):
     freedom: Floats
     visible: Floats
     unmatched: Floats
-    summed: NDArray[np.bool_]
+    summed: Bools
     near: NDArray[np.object_]
 
-    def uses(self, count: int) -> NDArray[np.bool_]:
+    def uses(self, count: int) -> Bools:
         """Which of so many detections (M, n') each mode takes."""
         return uses_of(self.assignments, count)
 
@@ -65,7 +64,7 @@ class Modes(NamedTuple):
         return Modes._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
 
 
-def uses_of(assignments: Integers, count: int) -> NDArray[np.bool_]:
+def uses_of(assignments: Integers, count: int) -> Bools:
     """Which of so many detections or targets each assignment (K, n) takes, (K, count)."""
     out = np.zeros((len(assignments), count + 1), np.bool_)
     out[np.arange(len(out))[:, None], assignments] = True  # −1 is the last place

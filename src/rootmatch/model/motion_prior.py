@@ -16,16 +16,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.algebra.rotation import cross_matrix, rotation_vector
+from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
 
 LOG_ROTATIONS = math.log(8.0 * math.pi**2)
 """Logarithm of the volume of all rotations, by rotation vectors."""
@@ -129,13 +126,9 @@ def fused(fit: Pose, known: Pose | PosePrior) -> Pose:
     """A fitted motion and what is known of it together, to first order."""
     if isinstance(known, PosePrior):
         return known.with_prediction(fit)
-    assert fit.covariance is not None
     assert known.covariance is not None
     off = np.concatenate([rotation_vector((known.R @ fit.R.T)[None])[0], known.t - fit.t])
-    gain = fit.covariance @ np.linalg.pinv(fit.covariance + known.covariance, hermitian=True)
-    step, covariance = gain @ off, fit.covariance - gain @ fit.covariance
-    R = rotation_from_vector(step[None, :3])[0] @ fit.R
-    return Pose.unchecked(R, fit.t + step[3:], 0.5 * (covariance + covariance.T))
+    return updated(fit, np.eye(6), off, known.covariance)
 
 
 def _off(known: Pose | PosePrior, fit: PointSetFit, log_volume: float) -> _Off:

@@ -29,16 +29,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.clutter import Clutter, clutter_in_space
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_sets
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 PRESENT = 0.5
 """Prior probability that the object is among the targets. A round value."""
@@ -70,7 +67,7 @@ class PointSetModel:
 
     clouds: PointClouds
     mirror: bool = False
-    allowed: NDArray[np.bool_] | None = None
+    allowed: Bools | None = None
     weights: Floats | None = None
     detection_rate: float | None = None
     prior: MotionPrior | None = None

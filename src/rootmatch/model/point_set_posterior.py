@@ -7,27 +7,20 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.exact_symmetry import exactly_symmetric
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.posterior_options import COUNTS, DEFAULT_POSTERIOR
+from rootmatch.model.priors import COPY, COUNTS, WRONG_MODEL
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MIRRORED = 0.01
 """Prior probability that the targets are a mirror image of the object, because an axis is flipped or a frame is
 left-handed, although no reflection was asked for. If that explains them, nothing is trusted. A round value."""
-WRONG_MODEL = DEFAULT_POSTERIOR.wrong_model
-"""Probability that the model is wrong, whatever the evidence: no probability exceeds 1 minus this."""
-COPY = DEFAULT_POSTERIOR.copy
-"""Prior odds that another copy of the object, which nobody named, is among the targets."""
 KEPT = 64
 """Largest number of hypotheses whose shares are summed, and of those elsewhere. A round value."""
 NEGLIGIBLE = 12.0

@@ -15,15 +15,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.prior_terms import mixture_terms
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import about_point
-
-Floats = NDArray[np.float64]
 
 FIELD = 2.0
 """Solid angle in steradians in which a body may be, if the image's size is not known: about 80° by 80°. A round
@@ -90,9 +88,6 @@ class Broad(PoseDensity):
     has a unit of length.
     """
 
-    field: float = FIELD
-    depths: float = DEPTHS
-
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
         return _mixture(self.for_kernels, rotation, position)[0]
@@ -104,7 +99,7 @@ class Broad(PoseDensity):
 
     def with_share(self, log_share: float) -> tuple[float, float, float, float]:
         """Its numbers as one of several components."""
-        return ANY_TURN, float(self.field), math.log(self.depths), log_share - math.log(ROTATIONS)
+        return ANY_TURN, FIELD, math.log(DEPTHS), log_share - math.log(ROTATIONS)
 
     def of_position(self, position: Floats) -> tuple[Floats, Floats]:
         """Precision (K, 3, 3) and log density (K,) of positions (K, 3)."""
@@ -121,13 +116,10 @@ class Known(PoseDensity):
     prior : PosePrior
     centre : (3,) array
         Of the body, in its frame.
-    broad : Broad
-        Of what is not known.
     """
 
     prior: PosePrior
     centre: Floats
-    broad: Broad = Broad()
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
@@ -135,7 +127,7 @@ class Known(PoseDensity):
         precision, slope = np.zeros((count, 6, 6)), np.zeros((count, 6))
         precision[:, :3, :3], slope[:, :3], squared, log_density = self._of_rotation(rotation)
         if self._place is None:
-            precision[:, 3:, 3:], log_position = self.broad.of_position(position)
+            precision[:, 3:, 3:], log_position = ANYWHERE.of_position(position)
             return Terms(precision, slope, squared, log_density + log_position)
         place, weight, log_peak = self._place
         arm = rotation @ self.centre
@@ -285,7 +277,7 @@ class Doubted(PoseDensity):
         """See `PoseDensity`: one match is one coincidence, which a clutter point that stands still repeats."""
         return 2 if any(isinstance(one, Gaussian) for one in self.predictions) else 3
 
-    def prediction_of(self, rotation: Floats, position: Floats) -> NDArray[np.int64]:
+    def prediction_of(self, rotation: Floats, position: Floats) -> Integers:
         """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""
         first = self._terms(rotation, position)[1]
         return np.where(first < len(self.predictions), first, -1)
@@ -298,7 +290,7 @@ class Doubted(PoseDensity):
             return None
         return _packed(known, self.log_shares), self.without.with_share(math.log(self.doubt))
 
-    def _terms(self, rotation: Floats, position: Floats) -> tuple[Terms, NDArray[np.int64]]:
+    def _terms(self, rotation: Floats, position: Floats) -> tuple[Terms, Integers]:
         """The terms of the largest component about each pose, and which it is."""
         if self.for_kernels is not None:
             return _mixture(self.for_kernels, rotation, position)
@@ -333,7 +325,7 @@ def _packed(predictions: Sequence[Gaussian], log_shares: Sequence[float]) -> tup
     )
 
 
-def _mixture(mixture: Mixture, rotation: Floats, position: Floats) -> tuple[Terms, NDArray[np.int64]]:
+def _mixture(mixture: Mixture, rotation: Floats, position: Floats) -> tuple[Terms, Integers]:
     """The terms of the largest component about poses (K, 3, 3) and (K, 3), and which it is; the broad one is last."""
     count = len(rotation)
     terms = Terms(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count), np.empty(count))

@@ -5,20 +5,16 @@ The probability of an assignment is never above that of its pose, nor above the 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.modes import Modes, no_modes
-from rootmatch.model.posterior_options import DEFAULT_POSTERIOR, PosteriorOptions
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from rootmatch.model.priors import WRONG_MODEL
 
 WRONG = 0.001
 """Part of the matches of a large assignment that may be expected to be wrong. A round value."""
@@ -159,11 +155,6 @@ def surest(confidence: Floats, wrong: float) -> Integers:
     return np.asarray(order[np.cumsum(1.0 - confidence[order]) <= max(wrong, WRONG * len(confidence))])
 
 
-def prior_odds(options: PosteriorOptions = DEFAULT_POSTERIOR) -> float:
-    """Logarithm of the prior odds that an image shows the body."""
-    return math.log(options.present) - math.log1p(-min(options.present, 1.0 - 1e-15))
-
-
 def unknown(n: int) -> Posterior:
     """The posterior of a body of n points for which nothing was proposed."""
-    return Posterior(no_modes(n), np.empty(0), 1.0 - DEFAULT_POSTERIOR.wrong_model)
+    return Posterior(no_modes(n), np.empty(0), 1.0 - WRONG_MODEL)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
@@ -15,9 +16,6 @@ from rootmatch.model.evidence import STEEP, Evidence, about, settled_about
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.views import frames_of
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 FEW = 6
 """Number of matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the
@@ -34,7 +32,7 @@ class Proposals(NamedTuple):
     position: Floats
     """(K, 3) of the body's centre in the camera frame."""
 
-    def take(self, which: Integers | NDArray[np.bool_] | slice) -> Proposals:
+    def take(self, which: Integers | Bools | slice) -> Proposals:
         """A subset of the proposals."""
         return Proposals(self.assignments[which], self.rotation[which], self.position[which])
 

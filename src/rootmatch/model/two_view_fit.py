@@ -10,14 +10,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.two_view_model import SCALES, SPREADS, Relative, Seen, TwoViewModel
 from rootmatch.problems.pose_fit.base import invertible
 from rootmatch.problems.pose_fit.two_view_pose import ANGLES, OPEN
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 VALLEYS = 4
 """The best of them, from which epipolar planes are fitted. A round value."""
@@ -128,13 +125,13 @@ def _moved(
     return Relative(states[:, 0], states[:, 1:4], states[:, 4:6], states[:, 6], poses.spread), normals
 
 
-def _doubts(e: Floats, used: NDArray[np.bool_]) -> Floats:
+def _doubts(e: Floats, used: Bools) -> Floats:
     """Roots (…, n) of the weights of matches with deviations e: less from `DOUBTED` on, or from medians as large."""
     middle = _middle(np.abs(e), used)[..., None]
     return np.asarray(1.0 / np.sqrt(1.0 + (e / (DOUBTED * np.maximum(middle, 1.0))) ** 2))
 
 
-def _middle(values: Floats, used: NDArray[np.bool_]) -> Floats:
+def _middle(values: Floats, used: Bools) -> Floats:
     """Medians (…,) of those of some values (…, n) that are used, the lower one of two; 1 without any."""
     order = np.sort(np.where(used, values, np.inf), axis=-1)
     place = (np.maximum(np.count_nonzero(used, axis=-1), 1) - 1) // 2
@@ -142,7 +139,7 @@ def _middle(values: Floats, used: NDArray[np.bool_]) -> Floats:
     return np.where(np.isfinite(middle), middle, 1.0)
 
 
-def _scaled(poses: Relative, seen: Seen, used: NDArray[np.bool_]) -> Relative:
+def _scaled(poses: Relative, seen: Seen, used: Bools) -> Relative:
     """Poses with the median of the log inverse distances of their matches, and the spread about it."""
     front = np.asarray(used & (seen.ahead > 0.0) & (seen.parallax > 0.0) & (seen.r2 > 4.0 * seen.floor2), np.bool_)
     with np.errstate(all="ignore"):

@@ -19,13 +19,10 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross, rotation_about_y, rotation_from_vector
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from rootmatch.arrays import Floats, Integers
 
 NOISE_FREEDOM = 20.0
 """Degrees of freedom for which the given σ counts: it is known to a sixth. As of point sets."""
@@ -193,8 +190,8 @@ class TwoViewModel:
         e = _dot(cross(t, u), p) / (sine * np.sqrt(across))
         behind = np.minimum(parallax / sine, 0.0) / np.sqrt(noise)
         return Seen(
-            u=u, p=p, k=k, pt=pt, pu=pu, sine=sine, parallax=parallax, ahead=ahead, across=across, noise=noise,
-            slope=slope, floor2=floor2, r2=r2, mean2=mean2, spread2=spread2, e=e, z=z, behind=behind,
+            sine=sine, parallax=parallax, ahead=ahead, across=across, slope=slope,
+            floor2=floor2, r2=r2, spread2=spread2, e=e, z=z, behind=behind,
         )  # fmt: skip
 
     def moved(self, poses: Relative, step: Floats) -> Relative:
@@ -233,32 +230,22 @@ class TwoViewModel:
 
 
 class Seen(NamedTuple):
-    """What a detection p is as the image of a point seen along u after the rotation; all (K, P), vectors (…, 3)."""
+    """What a detection p is as the image of a point seen along u after the rotation; all (K, P)."""
 
-    u: Floats
-    p: Floats
-    k: Floats
-    """Cosine of the angle β between u and t."""
-    pt: Floats
-    pu: Floats
     sine: Floats
-    """Of β."""
+    """Of the angle β between u and t."""
     parallax: Floats
     """sin β sin φ."""
     ahead: Floats
     """sin β sin(β − φ): positive in front of both cameras."""
     across: Floats
     """Variance of the angle from the epipolar plane."""
-    noise: Floats
-    """Variance of φ."""
     slope: Floats
     """dr / dφ."""
     floor2: Floats
     """Square of the noise of r."""
     r2: Floats
     """Square of r, not below that."""
-    mean2: Floats
-    """Square of e^μ, not below the square of the noise of r there."""
     spread2: Floats
     """Variance of log r, by the scene and by noise."""
     e: Floats

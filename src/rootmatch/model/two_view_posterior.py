@@ -17,25 +17,21 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 PRESENT = 0.5
 """Probability that the two images show the same points, before they are seen. A round value, as of point sets."""
 MISSED = 0.1
 """Probability that a search proposes no pose near the right one. It bounds how sure it is that the images have
 nothing in common: what was missed may explain them. A stated value, not measured."""
-WRONG_MODEL = 1e-3
-"""Chance that all of it is wrong, whatever the evidence. A round value."""
 FIRST = 128
 """First samples, which tell where to draw. A round value."""
 FEWEST = 16

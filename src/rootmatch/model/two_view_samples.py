@@ -11,13 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.two_view_fit import Fitted
 from rootmatch.model.two_view_model import NOISE_FREEDOM, Relative, TwoViewModel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 POSES = 8
 """Most fits about which samples are drawn. A round value."""

@@ -6,8 +6,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -19,8 +19,6 @@ from rootmatch.errors import UnseenPixelError
 from rootmatch.model.compiled.projection import BROWN, KANNALA_BRANDT, NUMBERS, PINHOLE, STEREOGRAPHIC
 from rootmatch.model.compiled.unprojection import unproject
 
-Floats = NDArray[np.float64]
-
 INVERTED = {PINHOLE, KANNALA_BRANDT}
 """Kinds of cameras whose rays are compiled."""
 
@@ -28,7 +26,7 @@ INVERTED = {PINHOLE, KANNALA_BRANDT}
 class Views(NamedTuple):
     """C cameras in one frame; see `rootmatch.model.compiled.projection.linearise`."""
 
-    kinds: NDArray[np.int64]
+    kinds: Integers
     numbers: Floats
     rotations: Floats
     translations: Floats

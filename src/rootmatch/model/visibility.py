@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from rootmatch.arrays import Floats
 
 FULLY = 0.5
 """Cosine between a normal and the direction to the camera up to which a point is as visible as from its front, if no

@@ -8,10 +8,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from rootmatch.algebra.rotation import one_rotation_matrix
+from rootmatch.arrays import Floats
 from rootmatch.backends.strongest import Progress
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
@@ -24,7 +25,6 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.tracking.tracker import Tracker
 
-Floats = NDArray[np.float64]
 Step = Callable[[], object]
 SIGMA, SIGMA_RADIANS = 0.5, 5e-4
 """Noise of the simulated detections, in pixels and in radians."""

@@ -17,13 +17,7 @@ from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
 from rootmatch.problems.limits import MOST_PAIRS
-from rootmatch.problems.noise import (
-    check_source_noise,
-    mean_deviation,
-    parse_noise,
-    split_noise,
-    with_model_noise,
-)
+from rootmatch.problems.noise import check_source_noise, mean_deviation, parse_noise, split_noise, with_model_noise
 from rootmatch.problems.points import CheckedSource, PointClouds, PointSets, TwoViews
 from rootmatch.problems.pose_fit.pose import Pose
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
 
 MOST, LEAST = 1e100, 1e-100
@@ -14,7 +15,7 @@ MOST_POINTS = 10_000
 """Points of a set: their distances, three numbers for each two points, then take 2.4 GB."""
 
 
-def as_floats(value: ArrayLike, name: str, expected: str) -> NDArray[np.float64]:
+def as_floats(value: ArrayLike, name: str, expected: str) -> Floats:
     """An array of float64, or one clear error for what holds no real numbers or hides some of them."""
     try:
         given = np.asarray(value)
@@ -28,9 +29,7 @@ def as_floats(value: ArrayLike, name: str, expected: str) -> NDArray[np.float64]
     return array
 
 
-def check_points(
-    points: ArrayLike, dimension: int, name: str, least: int, distinct: bool = True
-) -> NDArray[np.float64]:
+def check_points(points: ArrayLike, dimension: int, name: str, least: int, distinct: bool = True) -> Floats:
     """Points as a contiguous float array, or one clear error that says what is wrong with them.
 
     Parameters
@@ -66,13 +65,13 @@ def check_points(
     return array
 
 
-def as_points(points: ArrayLike, dimension: int, name: str) -> NDArray[np.float64]:
+def as_points(points: ArrayLike, dimension: int, name: str) -> Floats:
     """Points as a contiguous float array, those that OpenCV nests as (m, 1, dimension) too; of any shape yet."""
     array = np.ascontiguousarray(as_floats(points, name, f"shape (m, {dimension})"))
     return array[:, 0] if array.ndim == 3 and array.shape[1:] == (1, dimension) else array
 
 
-def repeated(points: NDArray[np.float64]) -> tuple[int, int] | None:
+def repeated(points: Floats) -> tuple[int, int] | None:
     """Indices of two points with the same coordinates; None if all differ."""
     ascending = np.sort(points[:, 0])
     if (ascending[1:] != ascending[:-1]).all():
@@ -85,7 +84,7 @@ def repeated(points: NDArray[np.float64]) -> tuple[int, int] | None:
     return first, second
 
 
-def check_normals(normals: ArrayLike | None, count: int) -> NDArray[np.float64]:
+def check_normals(normals: ArrayLike | None, count: int) -> Floats:
     """Checked normals (count, 3); zeros if none are given."""
     if normals is None:
         return np.zeros((count, 3))
@@ -97,7 +96,7 @@ def check_normals(normals: ArrayLike | None, count: int) -> NDArray[np.float64]:
     return array
 
 
-def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> NDArray[np.float64] | None:
+def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> Floats | None:
     """Cosines (count,) of view angles from the normals, in radians; None where no angle is given."""
     if angle is None:
         return None
@@ -118,7 +117,7 @@ def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> ND
     return np.ascontiguousarray(np.broadcast_to(np.cos(radians), (count,)))
 
 
-def check_not_collinear(points: NDArray[np.float64], name: str) -> None:
+def check_not_collinear(points: Floats, name: str) -> None:
     """Refuse points that all lie on one line: every rotation about it looks the same."""
     centred = points - points.mean(axis=0)
     values = np.linalg.svd(centred, compute_uv=False)
@@ -133,7 +132,7 @@ LEAST_NOISE, MOST_NOISE = 1e-6, 1e4
 the unit is the caller's, a thousandth of the extent of the points stands for a pixel."""
 
 
-def check_noise(noise: ArrayLike, count: int, pixel: float, name: str = "noise") -> NDArray[np.float64]:
+def check_noise(noise: ArrayLike, count: int, pixel: float, name: str = "noise") -> Floats:
     """Standard deviations (count,) of a scalar or an array.
 
     Zero is taken as a millionth of a pixel: exact data then still yields finite normalised residuals.

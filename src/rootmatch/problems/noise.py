@@ -10,16 +10,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Bools, Floats
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_floats, check_noise
 from rootmatch.problems.points import PointSets
-
-Floats = NDArray[np.float64]
 
 FARTHER = 3.0
 """Distance at which the noise of a model is taken to be seen, over the least plausible one. On seeds from 1000 of
@@ -162,7 +161,7 @@ def with_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
     if points.source_covariance is None:
         return points
     own, total = points.detection_noise, points.detection_noise.copy()
-    parts: list[tuple[CameraModel, NDArray[np.bool_]]] = [(camera, np.ones(len(own), np.bool_))]
+    parts: list[tuple[CameraModel, Bools]] = [(camera, np.ones(len(own), np.bool_))]
     if isinstance(camera, Rig):
         parts = [(one, points.target[:, 2] == k) for k, one in enumerate(camera.cameras)]
     centred = points.source - points.source.mean(axis=0)

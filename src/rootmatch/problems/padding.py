@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 from numba.extending import overload
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.jit.dispatch import class_of
 from rootmatch.problems.kernels import kernels_of
 
@@ -27,12 +27,12 @@ def padded(tables: Any, targets: int) -> Any:
     return with_targets(tables, padded_places(targets), targets)
 
 
-def padded_places(targets: int) -> NDArray[np.int64]:
+def padded_places(targets: int) -> Integers:
     """Target indices with padding behind them: the last index repeated."""
     return np.minimum(np.arange(targets + -targets % LANES), targets - 1)
 
 
-def with_targets(tables: Any, chosen: NDArray[np.int64], targets: int) -> Any:
+def with_targets(tables: Any, chosen: Integers, targets: int) -> Any:
     """Tables of some of the n' = ``targets`` target points, one of them more than once if need be."""
     fewer = {}
     for name in kernels_of(tables).target_fields:
@@ -44,7 +44,7 @@ def with_targets(tables: Any, chosen: NDArray[np.int64], targets: int) -> Any:
     return tables._replace(**fewer)
 
 
-def with_sources(tables: Any, chosen: NDArray[np.int64], sources: int) -> Any:
+def with_sources(tables: Any, chosen: Integers, sources: int) -> Any:
     """Tables of some of the n = ``sources`` source points, whose record names the fields that have such an axis."""
     fewer = {}
     for name in kernels_of(tables).source_fields:
@@ -56,7 +56,7 @@ def with_sources(tables: Any, chosen: NDArray[np.int64], sources: int) -> Any:
     return tables._replace(**fewer)
 
 
-def padded_rows(rows: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
+def padded_rows(rows: Floats, columns: int) -> Floats:
     """An array (k, n') that repeats its last column up to ``columns``; itself where it has as many."""
     if rows.shape[1] == columns:
         return rows

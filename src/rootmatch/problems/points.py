@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.deadline import checkpoint
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 SLACK = math.radians(10.0)
 """Added to a view angle where a pose is known from a minimal set alone: the headset of benchmarks/constellations.py at

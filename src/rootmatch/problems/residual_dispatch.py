@@ -15,9 +15,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rootmatch.arrays import Floats, Integers
 from rootmatch.jit.decorators import kernel
 from rootmatch.jit.dispatch import calls, chooses, class_of
 from rootmatch.jit.float32 import serving
@@ -43,7 +41,7 @@ def edge_residual(tables: Any, kind: Any, i: Any, j: Any) -> float:
     return float(serving(tables, residual_kernels(tables, kind).edge)(tables, kind, i, j))
 
 
-def fill_panel(tables: Any, kind: Any, i: NDArray[np.int64], j: NDArray[np.int64], panel: NDArray[np.float64]) -> None:
+def fill_panel(tables: Any, kind: Any, i: Integers, j: Integers, panel: Floats) -> None:
     """Fill ``panel`` (PANEL_ROWS, n') with what slabs share whose minimal sets differ in the last image only.
 
     ``i[:d - 1]`` are the minimal set's source points and ``j[:d - 2]`` the images of all but its last point; the panel
@@ -55,14 +53,7 @@ def fill_panel(tables: Any, kind: Any, i: NDArray[np.int64], j: NDArray[np.int64
 
 
 def slab_residual(
-    tables: Any,
-    kind: Any,
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-    first: int,
-    panel: NDArray[np.float64],
-    scratch: NDArray[np.float64],
-    out: NDArray[np.float64],
+    tables: Any, kind: Any, i: Integers, j: Integers, first: int, panel: Floats, scratch: Floats, out: Floats
 ) -> None:
     """Residuals ``out`` (m, n') of a minimal set with every last correspondence (first + r, k), r < m, k < n'.
 
@@ -87,13 +78,7 @@ def gives_squares(tables: Any, kind: Any) -> bool:
 
 
 def fill_block(
-    tables: Any,
-    kind: Any,
-    source: NDArray[np.int64],
-    target: NDArray[np.int64],
-    first: int,
-    last: int,
-    block: NDArray[np.float64],
+    tables: Any, kind: Any, source: Integers, target: Integers, first: int, last: int, block: Floats
 ) -> None:
     """Compute the shared part of hyper-edges first … last − 1 of index arrays (E, d), at most BLOCK_COLUMNS of them.
 
@@ -105,7 +90,7 @@ def fill_block(
         fill(tables, kind, source, target, first, last, block)
 
 
-def listed_residual(tables: Any, kind: Any, i: Any, j: Any, block: NDArray[np.float64], column: int) -> float:
+def listed_residual(tables: Any, kind: Any, i: Any, j: Any, block: Floats, column: int) -> float:
     """Residual of one hyper-edge of a list, as `edge_residual`, after `fill_block`."""
     listed = residual_kernels(tables, kind).listed
     if listed is not None:

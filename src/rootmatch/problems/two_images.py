@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.vertical import IN_BOTH_IMAGES, Vector, given_direction, rotation_to_vertical
 from rootmatch.problems.base import Problem
@@ -56,22 +57,27 @@ class TwoImageProblem(Problem):
         """Variance of the axis of one view against that of the other, radians² on each of two directions."""
         return 0.0
 
-    def rotations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rotations(self) -> tuple[Floats, Floats]:
         """Rotations of the first and of the second camera frame that bring their axes onto the y axis."""
         return rotation_to_vertical(self.axis, "axis"), rotation_to_vertical(self.axis2, "axis2")
 
+    def rays(self, source: ArrayLike, target: ArrayLike) -> tuple[Floats, Floats]:
+        """Unit bearings (…, 3) of pixels of the first and of the second image, the axis of either turned onto y."""
+        (camera, camera2), (rotation, rotation2) = self.cameras, self.rotations()
+        return camera.bearings(source) @ rotation.T, camera2.bearings(target) @ rotation2.T
+
     def two_views(self, points: PointSets) -> TwoViews | None:
         """See `Problem.two_views`; what the direction's noise does to a bearing is counted with the source."""
-        (camera, camera2), (rotation, rotation2) = self.cameras, self.rotations()
+        (camera, camera2), (first, second) = self.cameras, self.rays(points.source, points.target)
         return TwoViews(
-            np.ascontiguousarray((camera.bearings(points.source) @ rotation.T).T),
-            np.ascontiguousarray((camera2.bearings(points.target) @ rotation2.T).T),
+            np.ascontiguousarray(first.T),
+            np.ascontiguousarray(second.T),
             camera.angular_noise(points.source, points.source_noise) ** 2 + self.tilt_variance,
             camera2.angular_noise(points.target, points.target_noise) ** 2,
             self.planar,
         )
 
-    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
+    def poses(self, points: PointSets, assignments: Integers) -> list[Pose | None]:
         """Poses of the second view in the first, t of length 1; see `Problem.poses`.
 
         The 6 × 6 covariance has rank 3, that of the angle about the axis and of the direction of t; rank 2 if t is

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rootmatch.arrays import Floats, Integers
 
 if TYPE_CHECKING:
     from matplotlib.lines import Line2D
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from rootmatch.cameras.base import CameraModel
     from rootmatch.problems.pose_fit.pose import Pose
 
-Floats = NDArray[np.float64]
 
 LONGEST = 0.06
 """Length of the longest residual as drawn, of the extent of the targets, at most."""
@@ -31,7 +31,7 @@ def draw_poses(
     *,
     source: Floats,
     target: Floats,
-    match: NDArray[np.int64],
+    match: Integers,
     poses: Sequence[Pose | None],
     colours: Sequence[str],
     camera: CameraModel | None,

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rootmatch.arrays import Floats, Integers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 WIDTH, TOP, BOTTOM = 12.0, 0.75, 1.05
 """Inches: of the figure, and of its margins for the title and for axis labels and legend."""

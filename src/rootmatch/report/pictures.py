@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.io import written_whole
 from rootmatch.report.drawn_poses import draw_poses
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
     from rootmatch.cameras.base import CameraModel
     from rootmatch.problems.pose_fit.pose import Pose
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SUFFIXES = (".png", ".svg", ".pdf")
 # Okabe and Ito's palette, distinguishable in every common kind of colour blindness; its vermilion is kept for errors.
@@ -233,7 +232,7 @@ class _Group:
         return Line2D([], [], linestyle=self.line, label=f"{self.name} ({len(self.members)})", **self.marker)
 
 
-def _groups(match: Integers, labels: Integers, wrong: NDArray[np.bool_]) -> list[_Group]:
+def _groups(match: Integers, labels: Integers, wrong: Bools) -> list[_Group]:
     """The matches of each motion and the wrong ones, without empty groups."""
     kinds = np.unique(labels[match >= 0])
     groups = [

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rootmatch.arrays import Floats, Integers
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
     from rootmatch.result import Match
 
-Integers = NDArray[np.int64]
 
 ALTERNATIVES_SHOWN = 5
 NARROW = 6
@@ -27,7 +27,7 @@ def point_names(names: Sequence[str] | None, count: int) -> list[str]:
     return [str(name) for name in (range(count) if names is None else names)]
 
 
-def match_weights(match: Match) -> NDArray[np.float64]:
+def match_weights(match: Match) -> Floats:
     """Weight (n,) of each source point's match in the soft assignment, 0 where unmatched."""
     matched = match.assignment >= 0
     weights = np.zeros(len(match.assignment))
@@ -35,7 +35,7 @@ def match_weights(match: Match) -> NDArray[np.float64]:
     return weights
 
 
-def match_residuals(match: Match) -> NDArray[np.float64]:
+def match_residuals(match: Match) -> Floats:
     """Distance (n,) of each source point's target from where the pose of its motion predicts it, NaN for none.
 
     Of a rig that of its first sighting.

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from rootmatch.arrays import Floats
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
@@ -26,24 +28,24 @@ class Estimate:
         return f"{self.mean:.3f} [{self.low:.3f}, {self.high:.3f}]"
 
 
-def bootstrap_means(values: ArrayLike, seed: int = _SEED) -> NDArray[np.float64]:
+def bootstrap_means(values: ArrayLike, seed: int = _SEED) -> Floats:
     """Means (RESAMPLES, …) of resampled instances; values (instances, …), the same resampling for all columns."""
     array = np.asarray(values, dtype=np.float64)
-    means: NDArray[np.float64] = np.tensordot(_shares(len(array), seed), array, axes=1)
+    means: Floats = np.tensordot(_shares(len(array), seed), array, axes=1)
     return means
 
 
 @lru_cache(maxsize=4)
-def _shares(count: int, seed: int) -> NDArray[np.float64]:
+def _shares(count: int, seed: int) -> Floats:
     """Share of each instance in each resampling, (RESAMPLES, count)."""
     draws = np.random.default_rng(seed).multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
     return np.asarray(draws / count)
 
 
-def _interval(means: NDArray[np.float64]) -> NDArray[np.float64]:
+def _interval(means: Floats) -> Floats:
     """Ends (2, …) of the interval of resampled means (RESAMPLES, …)."""
     tail = 50.0 * (1.0 - CONFIDENCE)
-    ends: NDArray[np.float64] = np.percentile(means, (tail, 100.0 - tail), axis=0)
+    ends: Floats = np.percentile(means, (tail, 100.0 - tail), axis=0)
     return ends
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph import enumeration
@@ -36,11 +36,11 @@ class SamplingTask:
     """Seed of everything random."""
     motions: int | Literal["auto"] = 1
     """Number of rigid motions to look for; "auto" for any number."""
-    candidates: NDArray[np.bool_] | None = None
+    candidates: Bools | None = None
     """(n, n') possible correspondences, others are never tried; None for all."""
     progress: Progress | None = None
     """Called now and then with (done, total), in units of the sampler's own."""
-    view_cosine: NDArray[np.float64] | None = None
+    view_cosine: Floats | None = None
     """(n,) least cosine between normal and direction to the camera at which a point is visible, where given."""
     clouds: PointClouds | None = None
     """Both point sets, where the problem is the motion between two of one space."""
@@ -56,7 +56,7 @@ class SamplingTask:
     """Whether images of the same points follow, so that what all of them need is prepared at once."""
 
     @property
-    def allowed(self) -> NDArray[np.bool_]:
+    def allowed(self) -> Bools:
         """The candidates as kernels take them: (n, n'), or (0, 0) where all are possible."""
         if self.candidates is None:
             return np.empty((0, 0), np.bool_)
@@ -88,13 +88,13 @@ class SampledTensor(NamedTuple):
     """False for a search that ended without a hypothesis beyond chance: it spent its budget or tried everything."""
     partial: bool = False
     """Whether only the correspondences of hypotheses were evaluated, so that a small motion may be missing."""
-    assignments: NDArray[np.int64] | None = None
+    assignments: Integers | None = None
     """(K, n) assignments of a search's hypotheses, the highest evidence first; −1 for unmatched, None without any."""
     missed: float = 0.0
     """Probability that a pose which explains as much as the best one was never met."""
     repeated: bool = False
     """Whether a pose with other matches than the best one is beyond chance, by more than the odds of a copy."""
-    consensus: NDArray[np.int64] | None = None
+    consensus: Integers | None = None
     """(n,) assignment with the most matches that are expected to be right, over all hypotheses; None where unknown."""
 
     @property

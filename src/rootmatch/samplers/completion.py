@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import combinations
 from threading import Event
 from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.deadline import Pace, checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.jit.threads import LONGEST, in_threads
-from rootmatch.options import Options, option
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion_kernels import Completions, can_complete
 from rootmatch.samplers.exhaustive import given_tensor
 from rootmatch.samplers.guided.minimal_sets import width
-
-Integers = NDArray[np.int64]
 
 SEARCHED = 0.6
 """Share of a deadline after which the hyper-edges found so far are evaluated."""
@@ -35,6 +31,9 @@ MOST_LISTED = 5_000_000
 BASES = 2
 """How many of the d minimal sets of a hyper-edge predict. One is not enough near double roots; motions in
 benchmarks/matches.py, benchmarks/accuracy.py."""
+GATE = 4.0
+"""Distance from a prediction, in standard deviations, within which a detection completes a hyper-edge; the residual
+decides then. Wider than that of the residual, 3.5, for what linearisation loses."""
 COST = 10.0
 """Cost of a predicted point, in hyper-edges of an exhaustive sweep: 52 ns for a prediction (benchmarks/matches.py,
 docs/notebook/performance.md) against 4 ns for a hyper-edge of up2p (benchmarks/kernels.py)."""
@@ -51,23 +50,14 @@ def completion_count(shape: tuple[int, int], order: int) -> int:
     return math.comb(shape[0], order) * min(BASES, order) * math.perm(shape[1], order - 1)
 
 
-@dataclass(frozen=True)
-class Completion(Options):
+class Completion:
     """Sampler of all hyper-edges that agree: each of order d is found from d − 1 of its correspondences.
 
     An exhaustive sweep tries n' − d + 1 candidates for the last image. Here the minimal set of the others predicts it,
     and the detections near the prediction are looked up, which costs about as much as ten candidates. A hyper-edge is
     missed only where its minimal set is so badly conditioned that the linearised prediction is wrong; therefore each is
     predicted from more than one minimal set, the widest.
-
-    Parameters
-    ----------
-    gate : float
-        Distance from a prediction, in standard deviations, within which a detection completes a hyper-edge; the
-        residual decides then. Wider than that of the residual, 3.5, for what linearisation loses.
     """
-
-    gate: float = option(4.0, above=0.0)
 
     def pays(self, task: SamplingTask) -> bool:
         """Whether completion is possible, affordable, and cheaper than an exhaustive sweep."""
@@ -107,7 +97,7 @@ class Completion(Options):
         deadline, stopped = task.deadline.part(SEARCHED), Event()
 
         def work(first: int, last: int) -> None:
-            completions = Completions(tables, images, self.gate**2, task.allowed)
+            completions = Completions(tables, images, GATE**2, task.allowed)
             for number in range(first, last):
                 base, others = tasks[number]
                 parts = []

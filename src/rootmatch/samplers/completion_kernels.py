@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.vector import tangent_basis
+from rootmatch.arrays import Bools, Integers
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, scalar
 from rootmatch.jit.dispatch import kernel_of
@@ -48,7 +48,7 @@ class Completions:
     allowed : (n, n') bool array, or (0, 0) for all
     """
 
-    def __init__(self, tables: Any, images: NDArray[np.int64], gate2: float, allowed: NDArray[np.bool_]) -> None:
+    def __init__(self, tables: Any, images: Integers, gate2: float, allowed: Bools) -> None:
         self.tables, self.images, self.gate2, self.allowed = tables, images, gate2, allowed
         self.wide = padded(tables, tables.rays.shape[1])
         kernels = completion_kernels(tables)
@@ -57,7 +57,7 @@ class Completions:
         self.flat, self.out = np.zeros((len(self.rows), STRIDE)), np.zeros(7 * STRIDE)
         self.found = np.empty((FIRST_ROOM, images.shape[1] + 2), np.int64)
 
-    def of(self, base: NDArray[np.int64], others: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    def of(self, base: Integers, others: Integers) -> tuple[Integers, int]:
         """Hyper-edges of one minimal set (m,) of source points and one of some other points (K,).
 
         Returns
@@ -71,7 +71,7 @@ class Completions:
         parts = [self._some(base, others[first : first + step]) for first in range(0, len(others), step)]
         return np.concatenate([found for found, _ in parts]), sum(evaluated for _, evaluated in parts)
 
-    def _some(self, base: NDArray[np.int64], others: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    def _some(self, base: Integers, others: Integers) -> tuple[Integers, int]:
         points = np.concatenate([base, others])
         self.flat[:, : len(points)] = self.rows[:, points]
         allowed = self.allowed[points] if self.allowed.size else self.allowed

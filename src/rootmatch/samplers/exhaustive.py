@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.backends import cpu
 from rootmatch.backends.strongest import Backend, Enumeration, Progress
 from rootmatch.deadline import NEVER, Deadline
@@ -24,11 +25,11 @@ def exhaustive_residuals(
     order: int,
     *,
     max_hyperedges: int = 5_000_000,
-    candidates: NDArray[np.bool_] | None = None,
+    candidates: Bools | None = None,
     backend: Backend = cpu,
     progress: Progress | None = None,
     deadline: Deadline = NEVER,
-) -> tuple[NDArray[np.int32], NDArray[np.float64], int]:
+) -> tuple[NDArray[np.int32], Floats, int]:
     """All hyper-edges whose residual is below the gate, at most ``max_hyperedges`` of them, the strongest.
 
     Parameters
@@ -73,7 +74,7 @@ def exhaustive_tensor(
     order: int,
     *,
     max_hyperedges: int = 5_000_000,
-    candidates: NDArray[np.bool_] | None = None,
+    candidates: Bools | None = None,
     backend: Backend = cpu,
     progress: Progress | None = None,
     deadline: Deadline = NEVER,
@@ -86,7 +87,7 @@ def exhaustive_tensor(
     return AffinityTensor.unchecked(indices, affinity.weights(residuals), shape), evaluated
 
 
-def given_tensor(task: SamplingTask, source: NDArray[np.int64], target: NDArray[np.int64]) -> AffinityTensor:
+def given_tensor(task: SamplingTask, source: Integers, target: Integers) -> AffinityTensor:
     """Tensor of those of the given hyper-edges (E, d), (E, d) whose residual is below the gate, in their order."""
     residuals = cpu.residuals(task.tables, task.kind, source, target)
     keep = residuals <= task.affinity.gate

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats
 from rootmatch.backends import cpu
 from rootmatch.backends.strongest import Backend, Block, Progress
 from rootmatch.deadline import NEVER, Deadline
@@ -33,7 +34,7 @@ def random_tensor(
     samples: int,
     seed: int,
     *,
-    candidates: NDArray[np.bool_] | None = None,
+    candidates: Bools | None = None,
     backend: Backend = cpu,
     progress: Progress | None = None,
     deadline: Deadline = NEVER,
@@ -56,7 +57,7 @@ def random_tensor(
                 source, target = np.divmod(sorted_rows((source * n_target + target).astype(np.int32)), n_target)
             yield source, target
 
-    parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
+    parts: list[tuple[NDArray[np.int32], Floats]] = []
     done = kept = 0
     for (source, target), residuals in backend.evaluated(tables, kind, blocks()):
         keep = residuals <= affinity.gate

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
     from rootmatch.cameras.base import CameraModel
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Pose = tuple[Floats, Floats]
 
 WIDTH, HEIGHT, FOCAL = 640.0, 480.0, 1000.0  # pixels
@@ -84,13 +82,7 @@ def points_of(streams: Streams, n: int, hidden: int, labels: Integers) -> tuple[
 
 
 def image_of(
-    camera: CameraModel,
-    points: Floats,
-    motions: Integers,
-    poses: tuple[Pose, ...],
-    streams: Streams,
-    *,
-    counts: Counts,
+    camera: CameraModel, points: Floats, motions: Integers, poses: tuple[Pose, ...], streams: Streams, *, counts: Counts
 ) -> tuple[Floats, Integers]:
     """Shuffled noisy image points (n', 2) of the visible points and the outliers, and the truth (n + hidden,)."""
     visible, outliers, noise = np.flatnonzero(motions >= 0), counts.outliers, counts.noise

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import random_rotation, rotation_about_y
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.simulation.ingredients import (
     CAMERA_RADIUS,
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from rootmatch.problems.three_plus_one.problem import ThreePlusOne
     from rootmatch.problems.up2p.problem import UP2P
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Pose = tuple[Floats, Floats]
 
 

@@ -13,8 +13,9 @@ from rootmatch.solvers.base import Alternatives
 
 
 def best_neighbours(tensor: AffinityTensor, assignment: NDArray[np.int64], keep: int) -> Alternatives:
-    """The best `keep` assignments that differ by one change (`one_change_neighbours`), best first.
+    """The best `keep` assignments that differ by one change, best first.
 
+    A change moves a point to a free target, gives its target to an unmatched point, or exchanges two points' targets.
     Exactly scored, from one contraction v at the assignment and one pass for pairs: with P the weight of the
     hyper-edges inside that contain both points, and Q of those that an exchange would bring, an exchange changes the
     score by Σ v_new − Σ v_old + P + Q.
@@ -36,7 +37,7 @@ def best_neighbours(tensor: AffinityTensor, assignment: NDArray[np.int64], keep:
 def _best_changes(indices, weights, image, v, own, images, changes, free, moves, pairs):  # type: ignore[no-untyped-def]
     """Fill in the best one-change neighbours (K, n), best first, and how each changes the score; their number.
 
-    Among equals those come first that `one_change_neighbours` lists first. ``v`` (n, n') is the contraction; ``own``
+    Among equals moves come before exchanges, in the order of their points. ``v`` (n, n') is the contraction; ``own``
     (n,) becomes the part of each matched point in it. The rest is scratch: ``free`` (n',), true at first, ``moves``
     (K,), and ``pairs`` (n, n), zero at first.
     """

@@ -7,14 +7,14 @@ from inspect import signature
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
 from rootmatch.errors import InputError, quoted
 from rootmatch.hypergraph.assignment import margin
 from rootmatch.hypergraph.tensor import AffinityTensor
 
-Alternatives = list[tuple[NDArray[np.int64], float]]
+Alternatives = list[tuple[Integers, float]]
 
 SECONDS_PER_PAIR = 1.5e-8
 """A solver's tables of all pairs take at least so long (benchmarks/deadlines.py, task 605)."""
@@ -44,14 +44,14 @@ class Solution:
         Group (motion) of each point, −1 where unmatched, from a solver that finds several.
     """
 
-    soft: NDArray[np.float64]
-    assignment: NDArray[np.int64]
+    soft: Floats
+    assignment: Integers
     score: float
     alternatives: Alternatives
     converged: bool
     iterations: int
     statistics: dict[str, float] = field(default_factory=dict)
-    groups: NDArray[np.int64] | None = None
+    groups: Integers | None = None
 
     @property
     def margin(self) -> float:

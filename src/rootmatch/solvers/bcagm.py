@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -95,7 +95,7 @@ class _Ascent:
         self.matched = min(n, n_target)
         self.unary = np.zeros(tensor.shape) if tensor.unary is None else tensor.unary
         self.alpha, self.settled, self.contractions = 0.0, False, 0
-        self.cache: dict[tuple[bytes, ...], NDArray[np.float64]] = {}
+        self.cache: dict[tuple[bytes, ...], Floats] = {}
         even = np.full(tensor.shape, self.matched / (n * n_target))
         self.x = [even] * self.blocks
         self.key = [b""] * self.blocks
@@ -129,7 +129,7 @@ class _Ascent:
         else:
             self.alpha = (1 - 1 / self.order) * float(self.tensor.marginals().max() + self.unary.max())
 
-    def keep_best(self, b: int, assignment: NDArray[np.int64]) -> None:
+    def keep_best(self, b: int, assignment: Integers) -> None:
         """Keep a block that scores better than all before."""
         score = self.own_score(b)
         if score > self.score:
@@ -141,7 +141,7 @@ class _Ascent:
         x = self.x[b]
         return float((self.contraction((b,)) * x).sum() / self.order + (self.unary * x).sum())
 
-    def contraction(self, blocks: tuple[int, ...]) -> NDArray[np.float64]:
+    def contraction(self, blocks: tuple[int, ...]) -> Floats:
         """C of the sum of some blocks, without unary weights; kept, as blocks agree more and more."""
         key = tuple(sorted(self.key[b] for b in blocks))
         if key not in self.cache:
@@ -152,7 +152,7 @@ class _Ascent:
             self.contractions += 1
         return self.cache[key]
 
-    def polarised(self, blocks: tuple[int, ...]) -> NDArray[np.float64]:
+    def polarised(self, blocks: tuple[int, ...]) -> Floats:
         """F(·, blocks) of d−1 blocks."""
         count = self.order - 1
         if len({self.key[b] for b in blocks}) == 1:
@@ -164,7 +164,7 @@ class _Ascent:
                 total += sign * self.contraction(part)
         return total / (self.order * math.factorial(count))
 
-    def gradient(self, b: int) -> NDArray[np.float64]:
+    def gradient(self, b: int) -> Floats:
         """Slope of F_α in block b."""
         others = [c for c in range(self.blocks) if c != b]
         parts = list(combinations(others, self.order - 1))
@@ -172,7 +172,7 @@ class _Ascent:
         # Odd order: the mean over the D sets of d blocks, of which those with b count here.
         slope = slope / (1 if self.order == self.blocks else self.blocks) + self.unary / self.blocks
         if self.alpha > 0:
-            pairings = list(_pairings(others, b))
+            pairings = list(_pairings(others))
             for partner, pairs in pairings:
                 product = math.prod(float((self.x[p] * self.x[q]).sum()) for p, q in pairs)
                 slope = slope + self.alpha / len(pairings) * product * self.x[partner]
@@ -184,14 +184,14 @@ class _Ascent:
         sets = list(combinations(range(self.blocks), self.order))
         value = sum(float((self.polarised(part[1:]) * x[part[0]]).sum()) for part in sets) / len(sets)
         value += sum(float((self.unary * y).sum()) for y in x) / self.blocks
-        pairings = list(_pairings(list(range(1, self.blocks)), 0))
+        pairings = list(_pairings(list(range(1, self.blocks))))
         for partner, pairs in pairings:
             product = math.prod(float((x[p] * x[q]).sum()) for p, q in pairs)
             value += self.alpha / len(pairings) * product * float((x[0] * x[partner]).sum())
         return value
 
 
-def _hungarian(slope: NDArray[np.float64]) -> NDArray[np.int64]:
+def _hungarian(slope: Floats) -> Integers:
     """Full assignment of the largest total, min(n, n') points matched, without gain too."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
@@ -201,12 +201,12 @@ def _hungarian(slope: NDArray[np.float64]) -> NDArray[np.int64]:
     return assignment
 
 
-def _pairings(others: list[int], b: int) -> Iterator[tuple[int, list[tuple[int, int]]]]:
-    """All ways to pair b with one of an odd number of others, and the rest among themselves."""
+def _pairings(others: list[int]) -> Iterator[tuple[int, list[tuple[int, int]]]]:
+    """All ways to pair a block with one of an odd number of others, and the rest among themselves."""
     for partner in others:
         rest = [c for c in others if c != partner]
         if not rest:
             yield partner, []
             continue
-        for second, pairs in _pairings(rest[1:], rest[0]):
+        for second, pairs in _pairings(rest[1:]):
             yield partner, [(rest[0], second), *pairs]

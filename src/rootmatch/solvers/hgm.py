@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -83,9 +83,7 @@ class KLProjection(Options):
         )
 
 
-def project(
-    y: NDArray[np.float64], matches: float, iterations: int, tolerance: float
-) -> tuple[NDArray[np.float64], float, int]:
+def project(y: Floats, matches: float, iterations: int, tolerance: float) -> tuple[Floats, float, int]:
     """Projection of y ≥ 0 (n, n') in relative entropy, the last change of a logarithm of a factor, and rounds made.
 
     An interrupt is seen every few rounds.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import discretise
@@ -109,7 +109,7 @@ class PowerIteration:
         )
 
 
-def _unit(v: NDArray[np.float64], last: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+def _unit(v: Floats, last: Floats | None = None) -> Floats:
     """Unit ℓ² norm; the last iterate when v is zero."""
     norm = np.linalg.norm(v)
     return v / norm if norm > 0 else (v if last is None else last)
@@ -125,7 +125,7 @@ def _normalised_axes(normalise: Normalise, shape: tuple[int, int]) -> tuple[int,
     return (1,) if n < n_target else (0,)
 
 
-def _unit_lines(y: NDArray[np.float64], last: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float64]:
+def _unit_lines(y: Floats, last: Floats, axes: tuple[int, ...]) -> Floats:
     """Lines along these axes, one axis after another, of unit ℓ² norm; a line of zeros keeps its last values."""
     for axis in axes:
         # A line of tiny values must not be lost to the squares in its norm.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.contraction import chunks_of
@@ -87,7 +87,7 @@ class ReweightedWalk(Options):
             statistics={"change": change},
         )
 
-    def walked(self, tensor: AffinityTensor, deadline: Deadline = NEVER) -> tuple[NDArray[np.float64], int, float]:
+    def walked(self, tensor: AffinityTensor, deadline: Deadline = NEVER) -> tuple[Floats, int, float]:
         """End of the walk (n, n'), the number of steps, and the squared change of the last step."""
         x = np.full(tensor.shape, 1.0 / (tensor.shape[0] * tensor.shape[1]))
         if self._is_short(tensor, deadline):
@@ -110,8 +110,8 @@ class ReweightedWalk(Options):
         return in_time and chunks_of(tensor.size, entries) == 1
 
     def walked_in_steps(
-        self, tensor: AffinityTensor, x: NDArray[np.float64], deadline: Deadline = NEVER
-    ) -> tuple[NDArray[np.float64], int, float]:
+        self, tensor: AffinityTensor, x: Floats, deadline: Deadline = NEVER
+    ) -> tuple[Floats, int, float]:
         """As `walked`, from x (n, n'); it ends between two steps at the deadline or an interrupt."""
         change, done = np.inf, 0
         while done < self.iterations and change >= self.tolerance and (done == 0 or not deadline.passed()):
@@ -121,7 +121,7 @@ class ReweightedWalk(Options):
             x, change, done = *moved, done + 1
         return x, done, change
 
-    def stepped(self, w: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:
+    def stepped(self, w: Floats, x: Floats) -> tuple[Floats, float] | None:
         """The next x (n, n'), by the contraction w (n n',) of this one, and the squared change; None if w is zero."""
         largest = w.max()
         if largest <= 0.0:
@@ -132,7 +132,7 @@ class ReweightedWalk(Options):
         return new, float(((new - x) ** 2).sum())
 
 
-def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, slack: bool = True) -> NDArray[np.float64]:
+def balanced(y: Floats, steps: int, tolerance: float = 1e-4, *, slack: bool = True) -> Floats:
     """Positive matrix (n, n') scaled so that lines of the smaller set sum to 1 and those of the larger to at most 1.
 
     Without `slack` all lines of the larger set sum to the same, which is less than 1.
@@ -141,7 +141,7 @@ def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, sla
     """
     wide = y.shape[0] <= y.shape[1]
     # A scale of its own makes no difference.
-    out: NDArray[np.float64] = np.ascontiguousarray(y if wide else y.T) / y.max()
+    out: Floats = np.ascontiguousarray(y if wide else y.T) / y.max()
     row, column, done, more = np.ones(out.shape[0]), np.ones(out.shape[1]), 0, True
     together = max(int(LONGEST / (SECONDS_PER_ENTRY * out.size)), 1)
     while more and done < steps:

@@ -12,8 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.explain.body_labels import BodyLabels, Label, twin_points
-from rootmatch.explain.body_options import OPTIONS
+from rootmatch.explain.body_labels import SAME_SHAPE, BodyLabels, Label, twin_points
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import pose_of_mode
@@ -119,12 +118,12 @@ def _is_same_place(first: Pose, second: Pose, radius: float) -> bool:
 
 def _is_same(points: Floats, normals: Floats | None, first: Integers, second: Integers) -> bool:
     """Whether two bodies have the same points, and the same normals, in one frame: not turned, and no mirror images."""
-    order = twin_points(points[first], points[second], OPTIONS.alike)
+    order = twin_points(points[first], points[second])
     if order is None:
         return False
     second = second[order]
-    same = bool(np.abs(points[first] - points[second]).max() <= OPTIONS.alike * body_radius(points[first]))
+    same = bool(np.abs(points[first] - points[second]).max() <= SAME_SHAPE * body_radius(points[first]))
     if normals is not None:
         unit = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        same &= bool(np.abs(unit[first] - unit[second]).max() <= OPTIONS.alike)
+        same &= bool(np.abs(unit[first] - unit[second]).max() <= SAME_SHAPE)
     return same

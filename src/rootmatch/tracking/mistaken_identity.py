@@ -12,13 +12,11 @@ from __future__ import annotations
 import math
 
 from rootmatch.explain.goodness_of_fit import NOISE_FREEDOM, Misfit
-from rootmatch.model.posterior_options import DEFAULT_POSTERIOR
+from rootmatch.model.priors import WRONG_MODEL
 
 SHAPE = 0.2
 """Of the distribution Beta(a, 1) of the chance of residuals as large as those of something else. A round value."""
-WRONG = DEFAULT_POSTERIOR.wrong_model
-"""Share of the frames in which nothing explains the residuals of the body."""
-FLOOR = math.log(WRONG)
+FLOOR = math.log(WRONG_MODEL)
 """Log-odds at first, and the least: those of a wrong model."""
 GIVEN_UP = math.log(9.0)
 """Log-odds from which a pose is no longer followed. A round value."""
@@ -42,4 +40,4 @@ def after_frame(log_odds: float, misfit: Misfit, weight: float) -> float:
         return log_odds
     chance = max(float(fdtrc(misfit.dof, NOISE_FREEDOM, misfit.sigma**2)), 1e-300)
     other = SHAPE * chance ** (SHAPE - 1.0)
-    return max(log_odds + weight * math.log(other / (1.0 - WRONG + WRONG * other)), FLOOR)
+    return max(log_odds + weight * math.log(other / (1.0 - WRONG_MODEL + WRONG_MODEL * other)), FLOOR)

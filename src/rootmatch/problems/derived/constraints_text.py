@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from rootmatch.problems.derived.rows_text import (
-    Rows,
-    Swept,
-    base_dimensions,
-    passive,
-)
+from rootmatch.problems.derived.rows_text import Rows, Swept, base_dimensions, passive
 from rootmatch.problems.derived.text import (
     Dimension,
     Shape,

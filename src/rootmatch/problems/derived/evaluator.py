@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.deadline import checkpoint
 from rootmatch.problems.derived.measurements import Measurement
 
-Floats = NDArray[np.float64]
 CELLS = 16_384
 """Pairs of which a quantity and its derivatives are computed between two looks at the time: some milliseconds."""
 

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Floats
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rootmatch._version import __version__
+from rootmatch.arrays import Floats
 from rootmatch.cameras.base import CameraModel
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
@@ -74,7 +75,7 @@ class DerivedProblem(Problem):
         """See `Problem.sensor`: the target, if it is unit rays as they are given."""
         return self.target if isinstance(self.target, Bearings) and self.target.camera is None else None
 
-    def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
+    def noise_pixels(self, source: Floats, target: Floats) -> tuple[float, float]:
         """See `Problem.noise_pixels`: coordinates given as they are have the caller's unit."""
         return (
             thousandth(source) if isinstance(self.source, Points) else 1.0,
@@ -135,11 +136,9 @@ class DerivedProblem(Problem):
             tag=tag_of(self.__dict__["tag"]),
         )
 
-    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> Floats:
         """Polynomials of minimal sets; see `Problem.coefficients`."""
-        result: NDArray[np.float64] = self.evaluator.coefficients(
-            np.asarray(source, dtype=float), np.asarray(target, dtype=float)
-        )
+        result: Floats = self.evaluator.coefficients(np.asarray(source, dtype=float), np.asarray(target, dtype=float))
         return result
 
     def __reduce__(self) -> Any:

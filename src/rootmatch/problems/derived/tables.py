@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.jit.decorators import kernel
 from rootmatch.jit.dispatch import chooses, class_of, field_type
 from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
-
-Floats = NDArray[np.float64]
 
 
 class DerivedTables(NamedTuple):

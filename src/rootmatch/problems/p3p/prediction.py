@@ -10,17 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.vector import (
-    added,
-    column,
-    column4,
-    combination,
-    cross,
-    difference,
-    dot,
-    scaled,
-    tangent_basis,
-)
+from rootmatch.algebra.vector import added, column, column4, combination, cross, difference, dot, scaled, tangent_basis
 from rootmatch.jit.decorators import scalar
 from rootmatch.problems.limits import UNINFORMATIVE, VAGUE2
 

@@ -7,8 +7,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.problems.base import Problem
@@ -89,17 +90,17 @@ class P3P(Problem):
             normals=known_normals(points),
         )
 
-    def of_view(self, camera: CameraModel, turn: NDArray[np.float64]) -> P3P:
+    def of_view(self, camera: CameraModel, turn: Floats) -> P3P:
         """The problem of one camera of a rig; ``turn``: its rotation in it, which is not known to this problem."""
         return replace(self, camera=camera)
 
-    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
+    def poses(self, points: PointSets, assignments: Integers) -> list[Pose | None]:
         """Camera poses, 6 × 6 covariances; see `Problem.poses`."""
         if isinstance(self.camera, Rig):
             return rig_poses(points, self.camera, assignments)
         return camera_poses(points, self.camera, assignments)
 
-    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> Floats:
         """Polynomials of minimal sets; see `Problem.coefficients`."""
         from rootmatch.problems.p3p.quartic import quartic_in_ratio
 
@@ -111,7 +112,7 @@ class P3P(Problem):
         return np.array([quartic_in_ratio(*values) for values in zip(*side, *versine, strict=True)])
 
 
-def _distances(source: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _distances(source: Floats) -> tuple[Floats, Floats]:
     """Squared distances (n, n) of source points in a common unit, and the points (3, n) in it.
 
     The unit keeps polynomials of kilometres and of millimetres alike.
@@ -123,6 +124,6 @@ def _distances(source: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
 
 
 @lru_cache(maxsize=16)
-def _kept_distances(source: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _kept_distances(source: bytes) -> tuple[Floats, Floats]:
     """`_distances` of few points, for frame after frame of the same ones; nobody writes to the arrays."""
     return _distances(np.frombuffer(source).reshape(-1, 3))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rootmatch.arrays import Floats
 from rootmatch.problems.kernels import HypothesisKernels, ListedKernels, ProblemKernels, ResidualKernels
 from rootmatch.problems.p3p import (
     hypotheses,
@@ -57,17 +55,17 @@ KERNELS = ProblemKernels(
 class P3PTables(NamedTuple):
     """What the kernels read of the two point sets."""
 
-    distance2: NDArray[np.float64]
+    distance2: Floats
     """(n, n) squared distances of source points, in units of the mean squared distance."""
-    points: NDArray[np.float64]
+    points: Floats
     """(3, n) source points in the same units."""
-    versine: NDArray[np.float64]
+    versine: Floats
     """(n', n') 1 − cos of the angle between two bearings."""
-    rays: NDArray[np.float64]
+    rays: Floats
     """(3, n') unit bearings."""
-    variance: NDArray[np.float64]
+    variance: Floats
     """(n',) variance of a bearing, radians² on each axis across it."""
-    normals: NDArray[np.float64]
+    normals: Floats
     """(4, n) outward unit normals of the source points, zero for none, and the least cosine between a normal and the
     direction to the camera at which the point is visible."""
 

@@ -9,26 +9,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.descent import (
-    KEPT,
-    ROUGH_STEPS,
-    Floats,
-    State,
-    covariance_of,
-    descended,
-    lowest_of,
-)
+from rootmatch.problems.pose_fit.descent import KEPT, ROUGH_STEPS, State, covariance_of, descended, lowest_of
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior, Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
 from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_poses
-
-Integers = NDArray[np.int64]
 
 REWEIGHTED = 2
 """How often covariances of projections are taken anew. Not tuned: the first fit has them to a few per cent."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools
+from rootmatch.arrays import Floats as Floats
 from rootmatch.problems.pose_fit.base import invertible
 
-Floats = NDArray[np.float64]
 State = tuple[Floats, ...]
 
 ROUGH_STEPS = 12
@@ -97,5 +97,5 @@ def lowest_of(state: State, chi2: Floats, groups: int, count: int = 1) -> tuple[
     return tuple(part[pick] for part in state), chi2[pick]
 
 
-def _where(condition: NDArray[np.bool_], new: Floats, old: Floats) -> Floats:
+def _where(condition: Bools, new: Floats, old: Floats) -> Floats:
     return np.where(condition.reshape(-1, *(1,) * (new.ndim - 1)), new, old)

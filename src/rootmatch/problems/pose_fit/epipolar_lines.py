@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.base import Floats
 
 ALONG = 2.0
 """Noise of a position along the line over that across it, as the rotation's own noise adds to it. Not tuned."""
@@ -64,7 +63,7 @@ class Views:
             focal=cameras[1].focal,
         )
 
-    def deviations(self, essential: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def deviations(self, essential: Floats, i: Integers, k: Integers) -> tuple[Floats, Floats]:
         """Epipolar deviations in σ, and σ across the line in the second image in pixels, of pairs (…, m) of indices.
 
         ``essential`` (…, 3, 3); first-order (Sampson) variance of both pixels.
@@ -79,14 +78,14 @@ class Views:
         deviation = np.sqrt(np.maximum(variance, 1e-300))
         return value / deviation, deviation / np.sqrt(np.maximum(by_second, 1e-300))
 
-    def from_lines(self, essential: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def from_lines(self, essential: Floats, i: Integers, k: Integers) -> tuple[Floats, Floats]:
         """Vectors (m, 2) in pixels to detections from their epipolar lines, and σ of their lengths, both ends noisy."""
         deviation, width = self.deviations(essential, i, k)
         slope = (essential @ self.first[i][..., None])[..., 0][..., None, :] @ self.second_axes[k]
         direction = slope[..., 0, :] / np.maximum(np.linalg.norm(slope[..., 0, :], axis=-1, keepdims=True), 1e-300)
         return (deviation * width)[..., None] * direction, width
 
-    def parallax(self, rotation: Floats, translation: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> Floats:
+    def parallax(self, rotation: Floats, translation: Floats, i: Integers, k: Integers) -> Floats:
         """How far detections (…, m) lie along their epipolar lines from where points at infinity are seen, in pixels.
 
         Positive towards the epipole: in front of both cameras, for this sign of the translation.
@@ -99,7 +98,7 @@ class Views:
         return np.asarray(self.focal * np.arctan2((second * towards).sum(axis=-1), (second * far).sum(axis=-1)))
 
 
-def behind(views: Views, k: NDArray[np.int64], used: NDArray[np.bool_], pose: tuple[Floats, Floats]) -> Floats:
+def behind(views: Views, k: Integers, used: Bools, pose: tuple[Floats, Floats]) -> Floats:
     """Minus the log probability (B,) that detections k (B, n) lie before both cameras of poses (R, t)."""
     essential = cross_matrix(pose[1]) @ pose[0]
     i = np.arange(k.shape[1])

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix
+from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.limits import GATE
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def in_callers_frame(

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rootmatch.problems.pose_fit.descent import Floats
+from rootmatch.arrays import Floats
 
 BENT = 0.15
 """Relative deviation of χ² from its parabola, at the 68 % contour along its axes, from which samples are drawn. A round

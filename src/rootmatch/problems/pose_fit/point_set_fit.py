@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.base import Floats
-
-Integers = NDArray[np.int64]
 
 ROUNDS = 8
 """Maximum number of rounds in which an unknown scale changes the weights. Not tuned: three are usual."""

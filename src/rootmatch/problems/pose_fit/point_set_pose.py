@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector, turn_jacobian
+from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds, PointSets
-from rootmatch.problems.pose_fit.descent import Floats, State, covariance_of, descended
+from rootmatch.problems.pose_fit.descent import State, covariance_of, descended
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
 from rootmatch.problems.pose_fit.pose import Pose
-
-Integers = NDArray[np.int64]
 
 FLAT = 1e-6
 """Singular value, relative to the largest, below which points lie in a plane, or two on a line. A round value."""

@@ -7,9 +7,10 @@ from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import turn_jacobian
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError, quoted
 from rootmatch.problems.pose_fit.pose_checks import (
     ROUNDED,
@@ -18,16 +19,11 @@ from rootmatch.problems.pose_fit.pose_checks import (
     numbers,
     rotation_of_quaternion,
 )
-from rootmatch.problems.pose_fit.registration_error import (
-    RegistrationError,
-    registration_error,
-)
+from rootmatch.problems.pose_fit.registration_error import RegistrationError, registration_error
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 AXES = {
     "opencv": np.eye(3),

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Floats
 from rootmatch.errors import InputError, quoted
-
-Floats = NDArray[np.float64]
 
 ROUNDED = 1e-3
 """Deviation of RᵀR from the identity that is put down to rounding, as of a matrix in single precision or in a file."""

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.arrays import Floats
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import checked_rotation, numbers
-
-Floats = NDArray[np.float64]
 
 LEAST_TILT = 1e-5
 """Standard deviation, in radians, of a vertical that is called exact."""
@@ -117,10 +116,10 @@ class PosePrior:
         """A predicted pose and this together, to first order: what a tracker predicts and a sensor measures."""
         if self.rotation is not None:
             R, covariance = (np.asarray(part, np.float64) for part in self.rotation)
-            pose = _updated(pose, np.eye(3, 6), rotation_vector((R @ pose.R.T)[None])[0], covariance)
+            pose = updated(pose, np.eye(3, 6), rotation_vector((R @ pose.R.T)[None])[0], covariance)
         if self.position is not None:
             t, covariance = (np.asarray(part, np.float64) for part in self.position)
-            pose = _updated(pose, np.eye(3, 6, 3), t - pose.t, covariance)
+            pose = updated(pose, np.eye(3, 6, 3), t - pose.t, covariance)
         return pose if self.vertical is None else with_vertical(pose, *self.vertical)  # type: ignore[arg-type]
 
 
@@ -138,11 +137,11 @@ def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> P
     down = prior.R @ (world / np.linalg.norm(world))
     jacobian = np.concatenate([-cross_matrix(down), np.zeros((3, 3))], axis=1)
     off = camera / np.linalg.norm(camera) - down
-    return _updated(prior, jacobian, off, max(noise, LEAST_TILT) ** 2 * np.eye(3))
+    return updated(prior, jacobian, off, max(noise, LEAST_TILT) ** 2 * np.eye(3))
 
 
-def _updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
-    """A pose after a Kalman update with a measurement that is off by (3,), of covariance (3, 3)."""
+def updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
+    """A pose after a Kalman update with a measurement off by (k,), of covariance (k, k); ``jacobian``: (k, 6)."""
     assert prior.covariance is not None
     gain = prior.covariance @ jacobian.T
     total = jacobian @ gain + noise

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_vector
+from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
-from rootmatch.problems.pose_fit.descent import Floats
 from rootmatch.problems.pose_fit.pose import Pose
 
 

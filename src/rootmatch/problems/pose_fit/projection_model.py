@@ -8,8 +8,9 @@ from typing import Self
 import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
+from rootmatch.arrays import Floats
 from rootmatch.cameras.base import CameraModel
-from rootmatch.problems.pose_fit.descent import Floats, State
+from rootmatch.problems.pose_fit.descent import State
 from rootmatch.problems.pose_fit.prior_residuals import Prior, Upright
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 

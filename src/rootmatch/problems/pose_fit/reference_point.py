@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
-
-Floats = NDArray[np.float64]
 
 
 def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats) -> tuple[Floats, Floats]:

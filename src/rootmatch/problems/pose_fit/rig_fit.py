@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.base import Floats
 from rootmatch.problems.pose_fit.camera_fit import REWEIGHTED
 from rootmatch.problems.pose_fit.descent import State, covariance_of, descended, lowest_of
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
@@ -21,8 +20,6 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
 from rootmatch.problems.pose_fit.starts import best_apart, starting_poses
-
-Integers = NDArray[np.int64]
 
 STEPS = 20
 """Maximum number of steps of a descent from the pose of one camera; five are usual. Not tuned."""

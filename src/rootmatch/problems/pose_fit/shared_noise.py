@@ -6,9 +6,8 @@ Sightings are ordered image by image, (…, C n): all points of the first image,
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from rootmatch.arrays import Floats
 
 
 def by_points(rows: Floats, images: int) -> Floats:

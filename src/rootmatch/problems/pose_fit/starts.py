@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross, rotation_about_y
-from rootmatch.problems.pose_fit.descent import Floats, Model, State
+from rootmatch.algebra.rotation import cross, rotation_about_y, spread_rotations
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.problems.pose_fit.descent import Model, State
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 
 STARTS = 8
@@ -43,7 +44,7 @@ def starting_poses(points: Floats, rays: Floats, weight: Floats, upright: Uprigh
         angle = 2.0 * np.pi * np.arange(GRID) / GRID
         grid = upright.camera.T @ rotation_about_y(np.cos(angle), np.sin(angle)) @ upright.world
         return np.tile(grid, (len(points), 1, 1, 1)), _translations(grid, points, rays, weight)
-    grid = _spread_rotations(GRID)
+    grid = spread_rotations(GRID)
     chosen = np.concatenate([triples(_plane(rays), weight > 0.0), _random_triples(weight > 0.0)], axis=1)
     every = np.arange(len(points))[:, None, None]
     rotation, translation = poses_of_triples(
@@ -84,7 +85,7 @@ def reflected(state: State, points: Floats, weight: Floats) -> State:
     return turned, middle - (turned @ centre[..., None])[..., 0]
 
 
-def planes(points: Floats, used: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def planes(points: Floats, used: Bools) -> tuple[Floats, Floats]:
     """Centres (K, 3) and normals (K, 3) of the planes nearest to the used (K, n) of some points (K, n, 3)."""
     share = used / np.maximum(used.sum(axis=1), 1)[:, None]
     centre = (points * share[..., None]).sum(axis=1)
@@ -119,27 +120,13 @@ def _plane(rays: Floats) -> Floats:
     return np.asarray(rays[..., :2] / (1.0 + np.maximum(rays[..., 2:], -0.9)))
 
 
-def _random_triples(used: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _random_triples(used: Bools) -> Integers:
     """Random triples (K, T, 3) of the used points (K, n)."""
     random = np.random.default_rng(0).random((len(used), TRIPLES, used.shape[1]))
     return np.argsort(np.where(used[:, None], random, 2.0), axis=2)[..., :3]
 
 
-def _spread_rotations(count: int) -> Floats:
-    """Rotations (count, 3, 3) spread evenly (super-Fibonacci spirals, Alexa 2022)."""
-    t = np.arange(count) + 0.5
-    first, second = 2.0 * np.pi * t / np.sqrt(2.0), 2.0 * np.pi * t / 1.533751168755204288118041413
-    low, high = np.sqrt(t / count), np.sqrt(1.0 - t / count)
-    x, y, z, w = low * np.sin(first), low * np.cos(first), high * np.sin(second), high * np.cos(second)
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
-
-
-def triples(image: Floats, used: NDArray[np.bool_]) -> NDArray[np.int64]:
+def triples(image: Floats, used: Bools) -> Integers:
     """Two wide triples of the used points (K, n) of images (K, n, 2), (K, 2, 3)."""
     every, used = np.arange(len(used)), used.copy()
     out = []

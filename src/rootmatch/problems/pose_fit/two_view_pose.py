@@ -8,16 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.problems.pose_fit.descent import (
     DELTA,
     KEPT,
     ROUGH_STEPS,
     STEPS,
-    Floats,
     State,
     chi2_of,
     covariance_of,
@@ -29,8 +28,6 @@ from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.moments import moments
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.starts import DOUBTED
-
-Integers = NDArray[np.int64]
 
 ANGLES = 240
 """Rotations about the common direction that are tried, 1.5° apart. Not tuned."""
@@ -47,7 +44,7 @@ class _TwoViewModel:
     views: Views
     k: Integers
     """(B, n) detections."""
-    used: NDArray[np.bool_]
+    used: Bools
     planar: bool
     """Whether t is orthogonal to the common direction."""
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.noise import thousandth
@@ -90,7 +91,7 @@ class Similarity(Problem):
             raise InputError(f"source: shape {shape} given, (m, 2) or (m, 3) expected")
         return replace(self, dimension=int(shape[-1]))
 
-    def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
+    def noise_pixels(self, source: Floats, target: Floats) -> tuple[float, float]:
         """See `Problem.noise_pixels`."""
         return thousandth(source), thousandth(target)
 
@@ -123,14 +124,14 @@ class Similarity(Problem):
             mirror=self.mirror and points.source.shape[1] == 2,
         )
 
-    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
+    def poses(self, points: PointSets, assignments: Integers) -> list[Pose | None]:
         """Motions of the source onto the target; see `Problem.poses`.
 
         Covariances are 6 × 6 in space and 3 × 3 in a plane, with one row and column more for an unknown scale.
         """
         return [point_set_pose(points, one, scaled=self.scale == 0.0, mirror=self.mirror) for one in assignments]
 
-    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> Floats:
         """Polynomials d x − e (E, 2) of pairs of points (E, 2, dimension)."""
         sides = [
             np.linalg.norm(points[:, 1] - points[:, 0], axis=-1)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rootmatch.arrays import Floats
 from rootmatch.problems.kernels import ProblemKernels
 from rootmatch.problems.pairs import comparisons
 from rootmatch.problems.residual_kinds import Joint, Normalised
@@ -24,19 +22,19 @@ KERNELS = ProblemKernels(
 class SimilarityTables(NamedTuple):
     """What the kernels read of the two point sets."""
 
-    source: NDArray[np.float64]
+    source: Floats
     """(n, n) distances."""
-    target: NDArray[np.float64]
+    target: Floats
     """(n', n') distances."""
-    source_variance: NDArray[np.float64]
+    source_variance: Floats
     """(n,) variance of a coordinate."""
-    target_variance: NDArray[np.float64]
+    target_variance: Floats
     """(n',) variance of a coordinate."""
-    source_points: NDArray[np.float64]
+    source_points: Floats
     """(2, n) points of a plane whose orientation counts; zeros otherwise."""
-    target_points: NDArray[np.float64]
+    target_points: Floats
     """(2, n') points of that plane in the other set; zeros otherwise."""
-    scale: NDArray[np.float64]
+    scale: Floats
     """(1,) target units of one source unit; 0 where it is unknown."""
 
     @staticmethod

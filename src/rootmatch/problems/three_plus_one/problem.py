@@ -85,12 +85,11 @@ class ThreePlusOne(TwoImageProblem):
         from rootmatch.problems.three_plus_one.cosine import CosineTables  # takes Numba: see `P3P`
         from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
 
-        camera, camera2 = self.cameras
-        rotation, rotation2 = self.rotations()
+        (camera, camera2), (first, second) = self.cameras, self.rays(points.source, points.target)
         kind = CosineTables if self.unknown == "cos" else ThreePlusOneTables
         return kind(
-            source=np.ascontiguousarray((camera.bearings(points.source) @ rotation.T).T),
-            target=np.ascontiguousarray((camera2.bearings(points.target) @ rotation2.T).T),
+            source=np.ascontiguousarray(first.T),
+            target=np.ascontiguousarray(second.T),
             source_deviation=camera.angular_noise(points.source, points.source_noise),
             target_deviation=camera2.angular_noise(points.target, points.target_noise),
             tilt_variance=np.array([self.tilt_variance]),
@@ -105,10 +104,7 @@ class ThreePlusOne(TwoImageProblem):
         from rootmatch.problems.three_plus_one.cosine import in_cosine
         from rootmatch.problems.three_plus_one.quartic import quartic
 
-        camera, camera2 = self.cameras
-        rotation, rotation2 = self.rotations()
-        first = (camera.bearings(source) @ rotation.T).tolist()
-        second = (camera2.bearings(target) @ rotation2.T).tolist()
+        first, second = (one.tolist() for one in self.rays(source, target))
         rows = [
             quartic(tuple(q[0]), tuple(p[0]), tuple(q[1]), tuple(p[1]), tuple(q[2]), tuple(p[2]))
             for q, p in zip(first, second, strict=True)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rootmatch.arrays import Floats
 from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
 from rootmatch.problems.pairs import comparisons
 from rootmatch.problems.residual_kinds import Joint, Normalised
@@ -27,15 +25,15 @@ KERNELS = ProblemKernels(
 class ThreePlusOneTables(NamedTuple):
     """What the kernels read of the two images, each rotated so that the axis is y."""
 
-    source: NDArray[np.float64]
+    source: Floats
     """(3, n) unit bearings of the first image."""
-    target: NDArray[np.float64]
+    target: Floats
     """(3, n') unit bearings of the second image."""
-    source_deviation: NDArray[np.float64]
+    source_deviation: Floats
     """(n,) standard deviation of a bearing, radians on each axis across it."""
-    target_deviation: NDArray[np.float64]
+    target_deviation: Floats
     """(n',) standard deviation of a bearing, radians on each axis across it."""
-    tilt_variance: NDArray[np.float64]
+    tilt_variance: Floats
     """(1,) variance of the axis of one view against that of the other, radians² on each of two directions."""
 
     @staticmethod

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.vector import tangent_basis
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 from rootmatch.problems.limits import GATE
@@ -39,21 +39,21 @@ FLAT = 1e-12
 class UprightGroups:
     """Groups of one task; see `rootmatch.problems.base.Groups`."""
 
-    points: NDArray[np.float64]
-    rays: NDArray[np.float64]
-    variance: NDArray[np.float64]
-    allowed: NDArray[np.bool_] | None
+    points: Floats
+    rays: Floats
+    variance: Floats
+    allowed: Bools | None
 
-    def chi2(self, groups: NDArray[np.int64]) -> NDArray[np.float64]:
+    def chi2(self, groups: Integers) -> Floats:
         """See `Groups.chi2`."""
         return np.asarray(upright_chi2(self.points, self.rays, self.variance, groups))
 
-    def grown(self, groups: NDArray[np.int64]) -> NDArray[np.int64]:
+    def grown(self, groups: Integers) -> Integers:
         """See `Groups.grown`."""
         of = self.points, self.rays, self.variance, groups
         return np.asarray(upright_grown(*of, FIRST_GATE**2, GATE**2, self._mask))
 
-    def extended(self, groups: NDArray[np.int64]) -> NDArray[np.int64]:
+    def extended(self, groups: Integers) -> Integers:
         """See `Groups.extended`."""
         of = self.points, self.rays, self.variance, groups
         rows = 4 * len(groups)
@@ -65,7 +65,7 @@ class UprightGroups:
             rows = count
 
     @property
-    def _mask(self) -> NDArray[np.bool_]:
+    def _mask(self) -> Bools:
         """Allowed correspondences (n, n') as the drivers take them: (0, 0) for all."""
         return np.empty((0, 0), np.bool_) if self.allowed is None else np.ascontiguousarray(self.allowed)
 

@@ -4,15 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.vector import (
-    column,
-    column4,
-    combination,
-    difference,
-    rotated_about_y,
-    scaled,
-    tangent_basis,
-)
+from rootmatch.algebra.vector import column, column4, combination, difference, rotated_about_y, scaled, tangent_basis
 from rootmatch.jit.decorators import part, scalar
 from rootmatch.problems.limits import VAGUE2
 from rootmatch.problems.up2p.prediction import depths, prediction, rotations, solved_pair, tilt_covariance

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vertical
@@ -82,7 +83,7 @@ class UP2P(Problem):
         if not (0.0 <= self.vertical_noise < 1.0):
             raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
 
-    def rotations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rotations(self) -> tuple[Floats, Floats]:
         """Rotations of world and of camera that bring their verticals onto the y axis."""
         return (
             rotation_to_vertical(self.vertical_world, "vertical_world"),
@@ -115,19 +116,19 @@ class UP2P(Problem):
             normals=known_normals(points, world),
         )
 
-    def of_view(self, camera: CameraModel, turn: NDArray[np.float64]) -> UP2P:
+    def of_view(self, camera: CameraModel, turn: Floats) -> UP2P:
         """The problem of one camera of a rig, which has the rotation ``turn`` (3, 3) in it."""
         vertical = turn @ np.array(self.vertical_camera)
         return replace(self, camera=camera, vertical_camera=tuple(vertical.tolist()))
 
-    def groups(self, points: PointSets, allowed: NDArray[np.bool_] | None) -> UprightGroups:
+    def groups(self, points: PointSets, allowed: Bools | None) -> UprightGroups:
         """See `Problem.groups`."""
         from rootmatch.problems.up2p.group_fit import UprightGroups
 
         tables = self.tables(points)
         return UprightGroups(tables.points, tables.rays, tables.variance + tables.tilt_variance, allowed)
 
-    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
+    def poses(self, points: PointSets, assignments: Integers) -> list[Pose | None]:
         """Camera poses; see `Problem.poses`.
 
         Their 6 × 6 covariances have rank 4 where the vertical is exact: no rotation but that about it is uncertain.
@@ -137,7 +138,7 @@ class UP2P(Problem):
             return rig_poses(points, self.camera, assignments)
         return camera_poses(points, self.camera, assignments, self.upright)
 
-    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> Floats:
         """Polynomials of minimal sets; see `Problem.coefficients`."""
         from rootmatch.problems.up2p.quadratic import quadratic
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rootmatch.arrays import Floats
 from rootmatch.problems.kernels import CompletionKernels, HypothesisKernels, ProblemKernels, ResidualKernels
 from rootmatch.problems.pairs import comparisons
 from rootmatch.problems.residual_kinds import Joint, Normalised
@@ -35,15 +33,15 @@ KERNELS = ProblemKernels(
 class UP2PTables(NamedTuple):
     """What the kernels read of the two point sets, both rotated so that down is +y."""
 
-    points: NDArray[np.float64]
+    points: Floats
     """(3, n) source points in units of their spread."""
-    rays: NDArray[np.float64]
+    rays: Floats
     """(3, n') unit bearings."""
-    variance: NDArray[np.float64]
+    variance: Floats
     """(n',) variance of a bearing, radians² on each axis across it."""
-    tilt_variance: NDArray[np.float64]
+    tilt_variance: Floats
     """(1,) variance of the vertical, radians² on each of its two axes."""
-    normals: NDArray[np.float64]
+    normals: Floats
     """(4, n) outward unit normals of the source points, zero for none, and the least cosine between a normal and the
     direction to the camera at which the point is visible."""
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from rootmatch.problems.pose_fit.pose import Pose
     from rootmatch.result import Match
 
-Floats = NDArray[np.float64]
 
 NEARNESS = 2.5
 """Distance of the drawn image from the centre of the points, in units of their radius: in front of them all."""
@@ -41,7 +40,7 @@ def camera_view(match: Match, pose: Pose) -> dict[str, Any]:
     radius = float(np.linalg.norm(match.source - middle, axis=1).max())
     depth = max(NEAREST * distance, distance - NEARNESS * radius)
     flat = _on_image(match, pose)
-    drawn: NDArray[np.bool_] = np.all(np.isfinite(flat), axis=1)
+    drawn: Bools = np.all(np.isfinite(flat), axis=1)
     corners = USUAL
     if drawn.any():
         low, high = flat[drawn].min(axis=0), flat[drawn].max(axis=0)

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.io import finite
 from rootmatch.problems.pose_fit.pose import Pose
@@ -23,8 +23,6 @@ from rootmatch.report.text import joined_names, match_weights, point_names, summ
 if TYPE_CHECKING:
     from rootmatch.result import Match
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 ALTERNATIVES = 8
 """Alternatives shown, the most probable ones. Not tuned: what fits a row of tabs."""

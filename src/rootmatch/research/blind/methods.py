@@ -15,16 +15,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from rootmatch.algebra.rotation import random_rotation
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.research.blind.scenes import BlindScene, projected
 from rootmatch.research.blind.softposit import softposit
 
-Floats = NDArray[np.float64]
 GATE = 3.0
 """Standard deviations within which a detection supports a pose."""
 STARTS = 1000
@@ -173,7 +172,7 @@ def _best(scene: BlindScene, poses: Iterator[tuple[Floats, Floats]], seconds: fl
     return Answer(best, best is not None)
 
 
-def _paired(scene: BlindScene, R: Floats, t: Floats, gate: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _paired(scene: BlindScene, R: Floats, t: Floats, gate: float) -> tuple[Integers, Integers]:
     """Points and detections that are each other's nearest, within a gate in pixels."""
     if (scene.source @ R[2] + t[2]).min() <= 0.0:
         return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -196,9 +195,7 @@ def _descended(scene: BlindScene, R: Floats, t: Floats, gate: float = np.inf) ->
     return R, t
 
 
-def _stepped(
-    scene: BlindScene, R: Floats, t: Floats, i: NDArray[np.int64], j: NDArray[np.int64]
-) -> tuple[Floats, Floats]:
+def _stepped(scene: BlindScene, R: Floats, t: Floats, i: Integers, j: Integers) -> tuple[Floats, Floats]:
     """One damped Gauss-Newton step of the reprojection error of pairs."""
     x, y, z = (scene.source[i] @ R.T + t).T
     fx, fy = scene.K[0, 0], scene.K[1, 1]

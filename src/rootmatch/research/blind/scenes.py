@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import random_rotation
+from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
 
-Floats = NDArray[np.float64]
 FOCAL, WIDTH, HEIGHT = 800.0, 640.0, 480.0
 NOISE = 2.0
 """Standard deviation of an image coordinate in pixels, in both simulated protocols."""

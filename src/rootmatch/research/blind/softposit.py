@@ -9,9 +9,8 @@ begun from many rotations.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from rootmatch.arrays import Floats
 
 FIRST_BETA, LAST_BETA, GROWTH = 4e-4, 0.5, 1.05
 """The article's annealing."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, most_alike
 from rootmatch.research.paper.settings import Setting
@@ -26,9 +26,9 @@ SETTINGS: dict[str, tuple[Setting, ...]] = {
 class Instance(NamedTuple):
     """Points (n, 2) and (n', 2) and the target of each source point (n,)."""
 
-    source: NDArray[np.float64]
-    target: NDArray[np.float64]
-    truth: NDArray[np.int64]
+    source: Floats
+    target: Floats
+    truth: Integers
 
 
 def instance(setting: Setting, seed: int) -> Instance:
@@ -67,5 +67,5 @@ def tensor_of(points: Instance, seed: int) -> AffinityTensor:
     found = np.take_along_axis(of_target[ascending[triangle]], ORDERS[order], axis=-1)
     indices = (chosen[:, None, :] * n_target + found).reshape(-1, 3).astype(np.int32)
     mean = float(np.average(distance.mean(axis=1), weights=times))
-    weights: NDArray[np.float64] = np.exp(-distance / mean) * times[:, None]
+    weights: Floats = np.exp(-distance / mean) * times[:, None]
     return AffinityTensor.unchecked(indices, weights.ravel(), (n, n_target))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.jit.decorators import driver
 
 ORDERS = np.array([(0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)])
@@ -94,12 +95,7 @@ def most_alike(
 
 @driver(error_model="numpy")
 def _near(
-    asked: NDArray[Any],
-    sines: NDArray[Any],
-    rows: NDArray[np.int64],
-    limit: float,
-    code: NDArray[np.int64],
-    square: NDArray[Any],
+    asked: NDArray[Any], sines: NDArray[Any], rows: Integers, limit: float, code: Integers, square: NDArray[Any]
 ) -> int:
     """How many of the orders of triangles rows[0] … rows[1] − 1 are within √limit: 6 · row + order, and the square."""
     x, y, z = asked[0], asked[1], asked[2]

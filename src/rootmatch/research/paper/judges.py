@@ -10,21 +10,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats
 from rootmatch.research.bootstrap import Estimate, difference, estimate
 from rootmatch.research.paper.plan import DENSE, Table
 from rootmatch.research.paper.rho import SPARSE, Rule
-from rootmatch.research.paper.settings import (
-    BASELINES,
-    NOISES,
-    OUTLIERS,
-    PANELS,
-    TITLES,
-    Setting,
-    has_svd,
-    settings_of,
-)
+from rootmatch.research.paper.settings import BASELINES, NOISES, OUTLIERS, PANELS, TITLES, Setting, has_svd, settings_of
 from rootmatch.research.paper.verdict import EQUAL, FEW, FULL, GOOD, LOST, RAPID, Case
 
 NOISY = NOISES[1:]
@@ -43,37 +34,37 @@ def _points(e: Estimate) -> str:
     return f"{100 * e.mean:+.1f} [{100 * e.low:+.1f}, {100 * e.high:+.1f}] points"
 
 
-def _lost(*accuracies: NDArray[np.float64]) -> bool:
+def _lost(*accuracies: Floats) -> bool:
     """Whether all of these accuracies are at chance level."""
     return all(float(found.mean()) <= LOST for found in accuracies)
 
 
-def _lead(name: str, first: NDArray[np.float64], second: NDArray[np.float64], figures: str, lead: Estimate) -> Case:
+def _lead(name: str, first: Floats, second: Floats, figures: str, lead: Estimate) -> Case:
     """Whether the first leads the second; undecidable if both are at chance level."""
     if _lost(first, second):
         return Case(name, None, f"{figures}; both at chance level")
     return Case(name, lead.low > 0.0, figures)
 
 
-def _paired_lead(name: str, first: NDArray[np.float64], second: NDArray[np.float64]) -> Case:
+def _paired_lead(name: str, first: Floats, second: Floats) -> Case:
     """Whether the first leads the second on the same instances."""
     lead = estimate(first - second)
     return _lead(name, first, second, _points(lead), lead)
 
 
-def _good(name: str, accuracy: NDArray[np.float64]) -> Case:
+def _good(name: str, accuracy: Floats) -> Case:
     """Whether a method is good."""
     found = estimate(accuracy)
     return Case(name, found.mean >= GOOD, _text(found))
 
 
-def _pipeline_under_full(name: str, accuracy: NDArray[np.float64]) -> Case:
+def _pipeline_under_full(name: str, accuracy: Floats) -> Case:
     """Whether the default pipeline stays under 100 % too."""
     found = estimate(accuracy)
     return Case(name, found.mean < FULL, f"default pipeline {_text(found)}")
 
 
-def _under_full(name: str, accuracy: NDArray[np.float64]) -> Case:
+def _under_full(name: str, accuracy: Floats) -> Case:
     """Whether a method stays under 100 %; undecidable at chance level, where it finds nothing at all."""
     found = estimate(accuracy)
     if _lost(accuracy):
@@ -154,7 +145,7 @@ def qr_is_svd(table: Table, rule: Rule) -> list[Case]:
     return cases
 
 
-def _qr_less_svd(table: Table, rule: Rule, settings: tuple[Setting, ...]) -> tuple[NDArray[np.float64] | None, str]:
+def _qr_less_svd(table: Table, rule: Rule, settings: tuple[Setting, ...]) -> tuple[Floats | None, str]:
     """Accuracy with QR less that with SVD, a mean over settings for each instance, and what was left out.
 
     Settings in which both are at chance level say nothing; None if there is no other.
@@ -171,7 +162,7 @@ def _qr_less_svd(table: Table, rule: Rule, settings: tuple[Setting, ...]) -> tup
     return np.mean(told, axis=0), remark
 
 
-def _roots_inside(seeds: range) -> NDArray[np.bool_]:
+def _roots_inside(seeds: range) -> Bools:
     """Whether the true root x = tan(θ/2) of each up2p scene has |x| < 1, that is, whether cos θ > 0."""
     return np.array([Setting("up2p").scene(seed).poses[0][0][0, 0] > 0.0 for seed in seeds])
 

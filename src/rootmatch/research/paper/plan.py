@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rootmatch.arrays import Floats
 from rootmatch.research.paper.rho import RULES, SPARSE, START, Rhos, Rule
 from rootmatch.research.paper.settings import (
     DEFAULT_PIPELINE,
@@ -99,7 +97,7 @@ class Table:
     problems: tuple[str, ...]
     seeds: range
     rhos: Rhos
-    cells: dict[tuple[Setting, Method, int], NDArray[np.float64]]
+    cells: dict[tuple[Setting, Method, int], Floats]
     variant: Variant = "text"
 
     @property
@@ -123,10 +121,10 @@ class Table:
         rule: Rule = "paper",
         samples: int | None = None,
         residual: str = "qr",
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Accuracies (instances,) of the variant's method, at the largest sample unless another is given."""
         return self.cells[setting, self.method(setting.problem, solver, rule, residual), samples or self.effort.most]
 
-    def default(self, setting: Setting) -> NDArray[np.float64]:
+    def default(self, setting: Setting) -> Floats:
         """Accuracies (instances,) of the default pipeline at the largest sample."""
         return self.cells[setting, DEFAULT_PIPELINE, self.effort.most]

@@ -24,8 +24,8 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats
 from rootmatch.research.bootstrap import bootstrap_means
 from rootmatch.research.paper.settings import (
     BASELINES,
@@ -58,7 +58,7 @@ SPARSE, START = "power-l1", "power-l1-start"
 """The sparse solver of the paper's text, and that of the published code."""
 SCAN_SOLVERS = (SPARSE, START)
 
-CONDITIONS: dict[str, tuple[Setting, Callable[[NDArray[np.float64]], NDArray[np.bool_]], str]] = {
+CONDITIONS: dict[str, tuple[Setting, Callable[[Floats], Bools], str]] = {
     "p3p": (Setting("p3p"), lambda mean: mean >= FULL, "noise-free P3P reaches 100 %"),
     "3p1": (
         Setting("3p1", baseline=BASELINES[1]),
@@ -107,10 +107,10 @@ class Rhos:
     """
 
     effort: Effort
-    whole: dict[Key, NDArray[np.float64]]
-    own: dict[Key, NDArray[np.float64]]
-    exact: dict[Key, NDArray[np.float64]]
-    clean: dict[Key, NDArray[np.float64]]
+    whole: dict[Key, Floats]
+    own: dict[Key, Floats]
+    exact: dict[Key, Floats]
+    clean: dict[Key, Floats]
 
     @cached_property
     def problems(self) -> tuple[str, ...]:
@@ -122,19 +122,19 @@ class Rhos:
         other = "qr" if residual == "tan" else residual
         return [(residual if p == "3p1" else other, solver, p) for p in self.problems]
 
-    def by_seed(self, residual: str, problem: str, rule: Rule, solver: str) -> NDArray[np.float64]:
+    def by_seed(self, residual: str, problem: str, rule: Rule, solver: str) -> Floats:
         """The curve of each seed, (seeds, len(grid))."""
         if rule in RULES:
-            mean: NDArray[np.float64] = np.mean([self.whole[key] for key in self._keys(residual, solver)], axis=0)
+            mean: Floats = np.mean([self.whole[key] for key in self._keys(residual, solver)], axis=0)
             return mean
         return (self.own if rule == "own" else self.exact)[residual, solver, problem]
 
-    def curve(self, residual: str, problem: str, rule: Rule, solver: str = SPARSE) -> NDArray[np.float64]:
+    def curve(self, residual: str, problem: str, rule: Rule, solver: str = SPARSE) -> Floats:
         """The curve (len(grid),) whose highest point decides, among those that meet the paper's statements."""
-        mean: NDArray[np.float64] = self.by_seed(residual, problem, rule, solver).mean(axis=0)
+        mean: Floats = self.by_seed(residual, problem, rule, solver).mean(axis=0)
         return mean
 
-    def met(self, residual: str, solver: str = SPARSE) -> dict[str, NDArray[np.bool_]]:
+    def met(self, residual: str, solver: str = SPARSE) -> dict[str, Bools]:
         """Which ρ of the grid meet what the paper says of each problem."""
         return {key[2]: CONDITIONS[key[2]][1](self.clean[key].mean(axis=0)) for key in self._keys(residual, solver)}
 
@@ -150,12 +150,12 @@ class Rhos:
     def _chosen(self) -> dict[tuple[str, str, Rule, str], float]:
         return {}
 
-    def _stack(self, residual: str, problem: str, rule: Rule, solver: str) -> NDArray[np.float64]:
+    def _stack(self, residual: str, problem: str, rule: Rule, solver: str) -> Floats:
         """For each seed the curve that decides, and what the conditions are tested on: (seeds, 1 + k, len(grid))."""
         tested = [self.clean[key] for key in self._keys(residual, solver)] if rule == "paper" else []
         return np.stack([self.by_seed(residual, problem, rule, solver), *tested], axis=1)
 
-    def _best(self, means: NDArray[np.float64], rule: Rule) -> int:
+    def _best(self, means: Floats, rule: Rule) -> int:
         """Index of the ρ that is chosen by means (1 + k, len(grid)): most conditions met, then accuracy, then size."""
         # Means of the same hits added up in another order must count as equal.
         curve = np.round(means[0], 9)
@@ -191,7 +191,7 @@ def choose(store: Store, effort: Effort, problems: tuple[str, ...] = PROBLEMS) -
     return rhos
 
 
-def _accuracies(store: Store, setting: Setting, effort: Effort, residual: str, solver: str) -> NDArray[np.float64]:
+def _accuracies(store: Store, setting: Setting, effort: Effort, residual: str, solver: str) -> Floats:
     """Accuracy of each scanned seed at each ρ of the grid, (seeds, len(grid))."""
     seeds, size = effort.scan_seeds(residual), effort.scan_samples(residual)
     methods = [Method(residual_of(setting.problem, residual), solver, rho) for rho in effort.grid]

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
@@ -105,7 +106,7 @@ class Stream:
         self.seen = np.maximum.accumulate(self.group) + 1
 
     @cached_property
-    def _sorted(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    def _sorted(self) -> tuple[Integers, NDArray[np.intp]]:
         keys = row_keys(self.indices, self.base)
         order = np.argsort(keys)
         return keys[order], order
@@ -121,7 +122,7 @@ class Stream:
 def nested_tensors(
     stream: Stream,
     indices: NDArray[np.int32],
-    residual: NDArray[np.float64],
+    residual: Floats,
     weigh: Affinity,
     shape: tuple[int, int],
     sizes: tuple[int, ...],
@@ -161,7 +162,7 @@ def _evaluate(unit: Unit) -> Iterator[Row]:
         yield from _rows(unit.seed, task, scene, streams[key], shape)
 
 
-def _as_drawn(stream: Stream, tables: Any, kernel: residual_kinds.Kind, draws: int) -> NDArray[np.float64]:
+def _as_drawn(stream: Stream, tables: Any, kernel: residual_kinds.Kind, draws: int) -> Floats:
     """Residuals of the first draws, the points of each in the order that was drawn, as the paper has it."""
     starts = range(0, draws, BLOCK)
     blocks = [(stream.source[k : k + BLOCK], stream.target[k : k + BLOCK]) for k in starts]
@@ -170,7 +171,7 @@ def _as_drawn(stream: Stream, tables: Any, kernel: residual_kinds.Kind, draws: i
 
 def _in_one_order(
     stream: Stream, tables: Any, kernel: residual_kinds.Kind, gate: float, shape: tuple[int, int]
-) -> NDArray[np.float64]:
+) -> Floats:
     """Residuals (G,) of the stream's different hyper-edges, source points increasing; infinite above the gate."""
     count, order = stream.indices.shape
     residual = np.full(-(-count // BLOCK) * BLOCK, np.inf)

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError, quoted
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Data = dict[str, NDArray[Any]]
 
 DAMAGED = (OSError, ValueError, EOFError, RuntimeError, LookupError, MemoryError, zipfile.BadZipFile, zlib.error)
@@ -52,7 +51,7 @@ class RealScene:
     number: int
     request: dict[str, Any]
     truth: Integers | None = None
-    instances: list[NDArray[np.bool_]] | None = None
+    instances: list[Bools] | None = None
 
     @property
     def name(self) -> str:

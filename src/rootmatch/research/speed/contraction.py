@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.threads import one_thread
@@ -26,7 +27,7 @@ def random_pairs(rng: np.random.Generator, n: int, n_target: int, order: int, co
     return np.concatenate(blocks)
 
 
-def planted(seed: int, n: int, n_target: int, order: int, count: int) -> tuple[AffinityTensor, NDArray[np.int64]]:
+def planted(seed: int, n: int, n_target: int, order: int, count: int) -> tuple[AffinityTensor, Integers]:
     """Tensor of ``count`` hyper-edges, including all of the true assignment (n,)."""
     rng = np.random.default_rng(seed)
     truth = rng.permutation(n_target)[:n]
@@ -38,7 +39,7 @@ def planted(seed: int, n: int, n_target: int, order: int, count: int) -> tuple[A
     return AffinityTensor(np.concatenate([true, false])[mixed], weights[mixed], (n, n_target)), truth
 
 
-def add_at(tensor: AffinityTensor, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def add_at(tensor: AffinityTensor, x: Floats) -> Floats:
     """The contraction as one would write it in NumPy, with ``np.add.at``."""
     v, values = np.zeros(x.size), x.ravel()[tensor.indices]
     for p in range(tensor.order):

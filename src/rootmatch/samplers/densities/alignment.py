@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import spread_rotations
+from rootmatch.arrays import Floats
 from rootmatch.jit.threads import in_pieces
 from rootmatch.samplers.densities.descent_kernels import ascend
-
-Floats = NDArray[np.float64]
 
 
 class Level(NamedTuple):
@@ -88,13 +87,9 @@ class Aligned(NamedTuple):
     """(K, 3, 3)."""
     position: Floats
     """(K, 3) of the body's centre in the camera frame."""
-    likelihood: Floats
-    """(K,) logarithm, up to a constant."""
 
 
-def aligned(
-    points: Floats, detections: Floats, sigma: float, *, rng: np.random.Generator, levels: tuple[Level, ...] = LEVELS
-) -> Aligned:
+def aligned(points: Floats, detections: Floats, sigma: float, *, rng: np.random.Generator) -> Aligned:
     """Poses at which the projected points are as dense as the detections.
 
     Parameters
@@ -118,7 +113,7 @@ def aligned(
     found = _starts(points, blob)
     size = math.sqrt(0.5 * float(np.trace(blob.covariance)))
     false = max(len(detections) - len(points), FALSE * len(detections)) / blob.area
-    for level in levels:
+    for level in LEVELS:
         blur = math.hypot(level.blur * size, sigma)
         found = _climbed(points, detections, found, blob, blur=blur, false=false, level=level)
         found = _distinct(found, level.kept, math.radians(max(20.0 * level.blur, 0.5)))
@@ -127,7 +122,7 @@ def aligned(
 
 def _starts(points: Floats, blob: Blob) -> Aligned:
     """Poses of the grid at which mean and spread of the image are those of the blob."""
-    rotation = rotation_grid(ROTATIONS)
+    rotation = np.ascontiguousarray(spread_rotations(ROTATIONS))
     flat = rotation[:, :2] @ (points.T @ points / len(points)) @ rotation[:, :2].swapaxes(1, 2)
     depth = np.sqrt(np.trace(flat, axis1=1, axis2=2) / np.trace(blob.covariance))
     ray = np.append(blob.mean, 1.0)
@@ -135,21 +130,7 @@ def _starts(points: Floats, blob: Blob) -> Aligned:
     along, axis = ray / np.linalg.norm(ray), np.array([0.0, 0.0, 1.0])
     half = (along + axis) / np.linalg.norm(along + axis)
     onto = (2.0 * np.outer(half, half) - np.eye(3)) @ (2.0 * np.outer(axis, axis) - np.eye(3))
-    return Aligned(onto @ rotation, depth[:, None] * ray, np.zeros(len(rotation)))
-
-
-def rotation_grid(count: int) -> Floats:
-    """Rotations (count, 3, 3) that are spread evenly: a super-Fibonacci spiral of quaternions (Alexa, CVPR 2022)."""
-    s = np.arange(count) + 0.5
-    inner, outer = np.sqrt(s / count), np.sqrt(1.0 - s / count)
-    a, b = 2.0 * np.pi * s / math.sqrt(2.0), 2.0 * np.pi * s / 1.533751168755204288118041
-    x, y, z, w = inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.ascontiguousarray(np.moveaxis(np.array(rows), 2, 0))
+    return Aligned(onto @ rotation, depth[:, None] * ray)
 
 
 def _climbed(
@@ -177,7 +158,7 @@ def _climbed(
     in_pieces(climb, len(rotation))
     order = np.argsort(-likelihood, kind="stable")
     order = order[np.isfinite(likelihood[order]) & (position[order, 2] > 0.0)]
-    return Aligned(rotation[order], position[order], likelihood[order])
+    return Aligned(rotation[order], position[order])
 
 
 def histogram(detections: Floats, origin: Floats, cell: float, shape: tuple[int, int]) -> Floats:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.backends import cpu
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
@@ -24,7 +25,6 @@ from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import candidate_hyperedges, membership
 from rootmatch.samplers.guided.options import GuidedOptions
 
-Integers = NDArray[np.int64]
 COUNTED = 0.4
 """Share of the time left at a deadline in which hyper-edges are counted; to list them takes as long again."""
 SURPLUS = 1.5

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rootmatch.arrays import Floats
 
 VAGUE = 7.5
 """Standard deviations of the noise by which the prediction of a small minimal set may miss."""
@@ -15,7 +16,7 @@ density says. On the safe side: it lowers the evidence of a hit.
 """
 
 
-def crowding(rays: NDArray[np.float64], sigma: NDArray[np.float64]) -> float:
+def crowding(rays: Floats, sigma: Floats) -> float:
     """Number of other detections within reach of a vague prediction of one.
 
     The mean over the more crowded half of them, since clutter is mostly elsewhere.

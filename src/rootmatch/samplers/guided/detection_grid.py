@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.directions import tangent_basis_of
+from rootmatch.arrays import Floats
 from rootmatch.cameras.stereographic import widest_axis
 from rootmatch.jit.decorators import driver, scalar
 from rootmatch.problems.noise import usual_noise
@@ -56,25 +57,25 @@ class DetectionGrid(NamedTuple):
 
     cells: NDArray[np.int16]
     """(h, w) nearest detection of each cell, −1 where none is within the gate."""
-    positions: NDArray[np.float64]
+    positions: Floats
     """(2, n') coordinates of the detections."""
-    rays: NDArray[np.float64]
+    rays: Floats
     """(3, n') bearings in the basis of the plane."""
-    basis: NDArray[np.float64]
+    basis: Floats
     """(3, 3) rows: the two axes of the plane and the mean bearing."""
-    corner: NDArray[np.float64]
+    corner: Floats
     """(2,) coordinates of the grid's first corner."""
     scale: float
     """Cells a unit of length."""
     gate2: float
     """Square of the gate, the distance within which a detection is found."""
-    density: NDArray[np.float64]
+    density: Floats
     """(n',) detections per unit of area about each, as a false prediction near the detections meets them."""
     whole: tuple[()] | tuple[float]
     """Empty for a plane; its length is part of the type, so that neither map is compiled into code for the other."""
 
 
-def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
+def mean_basis(rays: Floats) -> Floats:
     """Rows: two axes across the mean of the unit bearings (3, n'), and that mean; right-handed.
 
     Where bearings lie all around, another direction takes the place of the mean, one with no bearing opposite to it.
@@ -87,7 +88,7 @@ def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([*tangent_basis_of(x, y, z), mean])
 
 
-def narrowed(rays: NDArray[np.float64], gate: float) -> float:
+def narrowed(rays: Floats, gate: float) -> float:
     """Factor on a gate in radians where many of the bearings (3, n') lie within one, 1 where few do."""
     _, *longer = sorted((rays.max(axis=1) - rays.min(axis=1)).tolist())
     area = float(math.prod(longer))
@@ -95,13 +96,13 @@ def narrowed(rays: NDArray[np.float64], gate: float) -> float:
     return 1.0 if met <= CROWD else max(math.sqrt(CROWD / met), NARROWEST)
 
 
-def grid_of(rays: NDArray[np.float64], sigma: NDArray[np.float64], *, narrow: bool) -> DetectionGrid:
+def grid_of(rays: Floats, sigma: Floats, *, narrow: bool) -> DetectionGrid:
     """Grid of bearings (3, n') with standard deviations (n',) in radians; its gate may be narrower where they crowd."""
     gate = GATE * max(usual_noise(sigma), float(sigma.max()) / NOISE_RATIO)
     return build_grid(rays, gate * narrowed(rays, gate) if narrow else gate)
 
 
-def build_grid(rays: NDArray[np.float64], gate: float) -> DetectionGrid:
+def build_grid(rays: Floats, gate: float) -> DetectionGrid:
     """Grid of bearings (3, n') with a gate in radians (at the mean bearing).
 
     Its density is `local_density`.
@@ -135,7 +136,7 @@ STRAIGHT = 1e-3
 """1 + cosine to the axis down to which the map's stretch is followed: 177°."""
 
 
-def _equal_area(rays: NDArray[np.float64]) -> NDArray[np.float64]:
+def _equal_area(rays: Floats) -> Floats:
     """Lambert's azimuthal equal-area projection (2, m) of unit vectors (3, m) about the z axis."""
     return np.asarray(rays[:2] * np.sqrt(2.0 / np.maximum(1.0 + rays[2], 1e-300)))
 
@@ -169,7 +170,7 @@ TREE_FROM = 300
 """Detections from which a tree finds neighbours faster than all distances do, and in less memory."""
 
 
-def local_density(positions: NDArray[np.float64], blur: float) -> NDArray[np.float64]:
+def local_density(positions: Floats, blur: float) -> Floats:
     """Density (n',) of the positions (2, n') about each, blurred so that a line of points has an area too.
 
     The greater of two: k / (π r²) with the k-th neighbour at a distance of r, and n' / (4π √det Σ), that of a normal
@@ -189,7 +190,7 @@ def local_density(positions: NDArray[np.float64], blur: float) -> NDArray[np.flo
     return density
 
 
-def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+def _reach2(positions: Floats, k: int) -> Floats:
     """Squared distance (m,) of each position (2, m) to its k-th neighbour."""
     if positions.shape[1] < TREE_FROM:
         between = ((positions[:, :, None] - positions[:, None]) ** 2).sum(axis=0)

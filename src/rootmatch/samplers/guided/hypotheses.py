@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Integers = NDArray[np.int64]
+from rootmatch.arrays import Bools, Floats, Integers
 
 
 class Hypotheses(NamedTuple):
@@ -18,7 +18,7 @@ class Hypotheses(NamedTuple):
     """(K, m) source points of the minimal set."""
     images: Integers
     """(K, 1 + m) number of the root, and image of each of those points."""
-    evidence: NDArray[np.float64]
+    evidence: Floats
     """(K,) log-likelihood ratio against chance."""
     best: Integers
     """(K, n) image of each source point, −1 for none."""
@@ -46,7 +46,7 @@ class Hypotheses(NamedTuple):
             np.concatenate([batch.candidates for batch in batches]),
         )
 
-    def take(self, which: NDArray[np.integer] | NDArray[np.bool_]) -> Hypotheses:
+    def take(self, which: NDArray[np.integer] | Bools) -> Hypotheses:
         """A subset of the hypotheses."""
         return Hypotheses(
             self.points[which], self.images[which], self.evidence[which], self.best[which], self.candidates[which]
@@ -57,7 +57,7 @@ class Hypotheses(NamedTuple):
         there = self.evidence > -np.inf
         return [self if there.all() else self.take(there)] if there.any() else []
 
-    def assignments(self, which: NDArray[np.bool_], most: int) -> Integers:
+    def assignments(self, which: Bools, most: int) -> Integers:
         """Assignments (A, n) of a subset, each once, in the order in which they come, ``most`` of them or fewer."""
         first: dict[bytes, int] = {}
         for number in which.nonzero()[0].tolist():
@@ -74,7 +74,7 @@ class HypothesisClusters(NamedTuple):
 
     lists: Integers
     """(G, n, c) candidate images of each source point, −1 for none."""
-    evidence: NDArray[np.float64]
+    evidence: Floats
     """(G,) of the strongest hypothesis of each."""
     false_alarm_level: float
     """Evidence that chance may reach."""

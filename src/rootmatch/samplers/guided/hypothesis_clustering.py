@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
-
-Integers = NDArray[np.int64]
 
 WORD = 64
 """Clusters per word of the membership mask."""
@@ -22,9 +21,7 @@ CANDIDATES = 6
 """Detections that a cluster keeps for one source point."""
 
 
-def cluster(
-    evidence: NDArray[np.float64], best: Integers, candidates: Integers, most: int
-) -> tuple[Integers, Integers]:
+def cluster(evidence: Floats, best: Integers, candidates: Integers, most: int) -> tuple[Integers, Integers]:
     """Cluster the hypotheses that share correspondences with a stronger one, the leader of the cluster.
 
     Parameters

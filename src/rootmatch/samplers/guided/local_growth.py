@@ -10,15 +10,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.problems.padding import with_sources
 from rootmatch.samplers.guided.hypotheses import Hypotheses
 from rootmatch.samplers.guided.minimal_sets import widest
 from rootmatch.samplers.guided.verification import verify
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 VERIFIED = 64
 """Nearest points on which the hypotheses of a large object are verified first. Of 2,000 points in benchmarks/targets.py
@@ -56,7 +53,7 @@ class PartialVerification:
     allowed : (n, n') bool array, or (0, 0) for all
     """
 
-    def __init__(self, tables: Any, positions: Floats, density: Floats, allowed: NDArray[np.bool_]) -> None:
+    def __init__(self, tables: Any, positions: Floats, density: Floats, allowed: Bools) -> None:
         self.tables, self.positions, self.density, self.allowed = tables, positions, density, allowed
 
     def nearest(self, first: int, reach: int) -> Integers:
@@ -81,11 +78,7 @@ class PartialVerification:
 
 
 def grown(
-    lead: Lead,
-    verified: PartialVerification,
-    least: float,
-    solutions: int,
-    rng: np.random.Generator,
+    lead: Lead, verified: PartialVerification, least: float, solutions: int, rng: np.random.Generator
 ) -> tuple[Hypotheses, int]:
     """Hypotheses of the whole object that a lead grows to, none where it does not, and points looked up for them.
 

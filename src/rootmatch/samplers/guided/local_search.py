@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import Deadline, Pace
 from rootmatch.jit.threads import threads_worth
 from rootmatch.problems.kernels import kernels_of
@@ -23,8 +23,6 @@ from rootmatch.samplers.guided.refinement import SETS
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, sequential_test
 from rootmatch.samplers.guided.visibility import FAILURE
-
-Integers = NDArray[np.int64]
 
 LEAST = 50
 """Source points from which local triples are tried; what they find and cost: benchmarks/targets.py. The recorded
@@ -262,7 +260,7 @@ class LocalSearch(Search):
         return float(met.sum()) / len(triples)
 
 
-def _nearest(positions: NDArray[np.float64], most: int) -> Integers:
+def _nearest(positions: Floats, most: int) -> Integers:
     """The nearest of the points (n, 2 or 3) to each, itself left out, nearest first: (n, at most ``most``)."""
     from scipy.spatial import cKDTree  # slow to import, and only large objects need it
 

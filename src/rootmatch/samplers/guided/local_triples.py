@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.jit.threads import chunk_bounds, in_chunks
@@ -31,12 +31,12 @@ def run_local_tests(
     grid: DetectionGrid,
     test: SequentialTest,
     sets: PreparedSets,
-    near: NDArray[np.int64],
-    allowed: NDArray[np.bool_],
+    near: Integers,
+    allowed: Bools,
     keep: int,
     chunks: int,
     threads: int = 1,
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[Integers, Floats, Integers]:
     """Surviving hypotheses of triples of source points, those of the highest ratio.
 
     As `rootmatch.samplers.guided.sequential_test.run_sequential_tests`, of all ``sets``, whose other points are only

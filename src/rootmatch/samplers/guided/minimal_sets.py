@@ -6,14 +6,11 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross
+from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.hypergraph.random_tuples import distinct_sets
-
-Integers = NDArray[np.int64]
-
 
 LISTED = 6_000
 """Minimal sets up to which all are listed, each once; beyond, they are drawn."""
@@ -32,20 +29,14 @@ DRAWN_IN_CLUSTER = 64
 """Minimal sets among the points of a cluster of hypotheses, of which the widest are solved."""
 
 
-def minimal_sets(
-    positions: NDArray[np.float64],
-    size: int,
-    rng: np.random.Generator,
-    first_wave: int = FIRST_WAVE,
-    largest_wave: int = LARGEST_WAVE,
-) -> Iterator[Integers]:
+def minimal_sets(positions: Floats, size: int, rng: np.random.Generator) -> Iterator[Integers]:
     """Waves of minimal sets (W, size) of the points (n, 3), wide ones first.
 
     Where there are many the sets are drawn without end (a set may come again); otherwise each comes once.
     """
     n = len(positions)
     every = math.comb(n, size)
-    wave = min(first_wave, max(FEWEST, every // 10))
+    wave = min(FIRST_WAVE, max(FEWEST, every // 10))
     listed = every <= LISTED
     ranked = np.empty((0, size), np.int64)
     while True:
@@ -61,12 +52,12 @@ def minimal_sets(
         while len(ranked) and (listed or len(ranked) >= wave):
             yield np.ascontiguousarray(ranked[:wave])
             ranked = ranked[wave:]
-            wave = min(2 * wave, largest_wave)
+            wave = min(2 * wave, LARGEST_WAVE)
         if listed:
             return
 
 
-def width(positions: NDArray[np.float64], sets: Integers) -> NDArray[np.float64]:
+def width(positions: Floats, sets: Integers) -> Floats:
     """How well sets (S, m) predict: the least altitude of a triangle, the distance of a pair, (S,)."""
     if sets.shape[1] == 2:
         # coordinate by coordinate: of five thousand pairs in a third of the time
@@ -82,9 +73,7 @@ def width(positions: NDArray[np.float64], sets: Integers) -> NDArray[np.float64]
     return np.asarray(np.sqrt(area2 / np.maximum(longest, 1e-300)))
 
 
-def widest(
-    positions: NDArray[np.float64], members: Integers, size: int, count: int, rng: np.random.Generator
-) -> Integers:
+def widest(positions: Floats, members: Integers, size: int, count: int, rng: np.random.Generator) -> Integers:
     """Up to ``count`` wide sets (≤ count, size) among some of the points."""
     if math.comb(len(members), size) <= DRAWN_IN_CLUSTER:
         drawn = subsets(len(members), size)
@@ -94,7 +83,7 @@ def widest(
     return sets[np.argsort(-width(positions, sets), kind="stable")[:count]]
 
 
-def wide_set(positions: NDArray[np.float64], members: Integers, size: int) -> Integers:
+def wide_set(positions: Floats, members: Integers, size: int) -> Integers:
     """A wide pair or triple (size,) of some points: each is farthest from those before it, or from their line."""
     corners = positions[members]
     first = int(((corners - corners.mean(axis=0)) ** 2).sum(axis=1).argmax())

@@ -7,15 +7,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE
 from rootmatch.samplers.guided.sequential_test import PreparedSets, prepare_sets
 from rootmatch.samplers.guided.triangle_shapes import add_near_shapes, shape_tables
 from rootmatch.samplers.guided.visibility import LOST, covering_order, detected_views, facing_points, sphere, within
 from rootmatch.samplers.guided.visible_triples import VisibleSets
 
-Integers = NDArray[np.int64]
 PREPARED = 4096
 """Triples that are prepared for images to come: some 60 µs and 5 kB each."""
 LARGEST_WAVE = 32
@@ -36,12 +35,7 @@ class ModelViews:
         Cosines of the view angles, where they are given.
     """
 
-    def __init__(
-        self,
-        positions: NDArray[np.float64],
-        normals: NDArray[np.float64],
-        view_cosine: NDArray[np.float64] | None = None,
-    ) -> None:
+    def __init__(self, positions: Floats, normals: Floats, view_cosine: Floats | None = None) -> None:
         self.positions = positions
         self.ordered = covering_order(positions, normals, 3, view_cosine)
         sizes, wave = [0], FIRST_WAVE
@@ -57,8 +51,8 @@ class ModelViews:
         self.least_cosine = np.where(normals.any(axis=1), least, -1.0)
         self._waves: dict[int, VisibleSets] = {}
         self._whole: VisibleSets | None = None
-        self._views: dict[int, NDArray[np.bool_]] = {}
-        self._met: dict[int, list[NDArray[np.int64]]] = {}
+        self._views: dict[int, Bools] = {}
+        self._met: dict[int, list[Integers]] = {}
 
     def prepare(self, tables: Any) -> None:
         """Prepare all waves of up to `PREPARED` triples: late ones are needed in few images, and take long together."""
@@ -102,11 +96,7 @@ class ModelViews:
         return float((LOST ** met[waves]).mean())
 
 
-def _cameras(
-    positions: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    view_cosine: NDArray[np.float64] | None,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _cameras(positions: Floats, normals: Floats, view_cosine: Floats | None) -> tuple[Floats, Bools]:
     """Positions (V, 3) of cameras at several distances in all directions, and which points face each (V, n)."""
     centre = positions.mean(axis=0)
     radius = float(np.linalg.norm(positions - centre, axis=1).max())
@@ -117,11 +107,7 @@ def _cameras(
     return cameras, np.asarray((along > least) | ~normals.any(axis=1))
 
 
-def model_views(
-    positions: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    view_cosine: NDArray[np.float64] | None = None,
-) -> ModelViews:
+def model_views(positions: Floats, normals: Floats, view_cosine: Floats | None = None) -> ModelViews:
     """`ModelViews` of points and normals (n, 3), kept for the last few objects: frame after frame asks for them."""
     cosines = None if view_cosine is None else view_cosine.tobytes()
     return _kept(positions.tobytes(), normals.tobytes(), cosines)

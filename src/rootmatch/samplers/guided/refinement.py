@@ -6,12 +6,10 @@ Another set predicts what the first one missed, and often better.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.samplers.guided.hypotheses import Hypotheses
 from rootmatch.samplers.guided.minimal_sets import widest
-
-Integers = NDArray[np.int64]
 
 CLUSTERS, CLUSTER_PART = 8, 0.25
 """Clusters that are solved anew when none is beyond chance: so many or, if that is more, this fraction of them."""
@@ -24,7 +22,7 @@ def refining_sets(
     hypotheses: Hypotheses,
     leaders: Integers,
     beyond_chance: int,
-    positions: NDArray[np.float64],
+    positions: Floats,
     solutions: int,
     count: int,
     rng: np.random.Generator,

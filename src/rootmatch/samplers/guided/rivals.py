@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.samplers.guided import batches
@@ -67,9 +67,7 @@ def fewest(matched: int, share: float) -> float:
     return max(share * matched, matched - LACKS)
 
 
-def missed_among(
-    search: Search, images: NDArray[np.int64], matched: int, known: NDArray[np.int64] | None = None
-) -> float:
+def missed_among(search: Search, images: Integers, matched: int, known: Integers | None = None) -> float:
     """Probability of having missed a rival among some detections, after all minimal sets with them that it takes.
 
     Of a hypothesis with so many matches; ``known`` (n,) is its assignment if the detections are its own.
@@ -101,7 +99,7 @@ def missed_among(
     return 0.0
 
 
-def _wanted(search: Search, tried: TriedSets, least: int, enough: float) -> Iterator[NDArray[np.int64]]:
+def _wanted(search: Search, tried: TriedSets, least: int, enough: float) -> Iterator[Integers]:
     """Waves of few wide minimal sets that miss hardly any pose which shows so many points, any of them.
 
     The widest sets are often of the same few points: where one of these is hidden, all of them fail. So each is a wide
@@ -110,7 +108,7 @@ def _wanted(search: Search, tried: TriedSets, least: int, enough: float) -> Iter
     views = detected_views(least, tried.normals)
     met = np.zeros(len(views), np.int64)
     while True:
-        wave, used = list[NDArray[np.int64]](), np.zeros(search.n, np.bool_)
+        wave, used = list[Integers](), np.zeros(search.n, np.bool_)
         while len(wave) < LARGEST_WAVE and (tried.lost**met).mean() > enough:
             view = views[met.argmin()]
             fresh = view & ~used

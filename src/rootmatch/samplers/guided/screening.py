@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.decorators import scalar
 from rootmatch.samplers.guided.detection_grid import field_of, position_of
 from rootmatch.samplers.guided.dispatch import set_frame
@@ -27,18 +28,18 @@ class Work(NamedTuple):
     """(2, columns)."""
     places: NDArray[np.uint32]
     """(2, columns), the memory of `cells` read as places."""
-    met: NDArray[np.bool_]
+    met: Bools
     """(columns,)."""
-    passed: NDArray[np.int64]
+    passed: Integers
     """(columns + 1,)."""
 
 
 class Screened(NamedTuple):
     """Hypotheses that are tested one by one."""
 
-    frames: NDArray[np.float64]
+    frames: Floats
     """(B, 12) frames of sets."""
-    picked: NDArray[np.int64]
+    picked: Integers
     """(B, 2 + m) number of the set, root, and image of each of its points."""
 
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.assignment import apart_from
@@ -42,8 +43,6 @@ from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.verification import CANDIDATES, verify
 from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, missed_at_random
-
-Integers = NDArray[np.int64]
 
 VERIFIED = 10_000_000
 """Pairs of a prediction and a detection that are compared between two looks at the time: some milliseconds."""
@@ -237,7 +236,7 @@ class Search:
         )  # fmt: skip
         self._keep(sets.points, survivors, ratios, counts, most, known=known)
 
-    def _allowed_to(self, images: Integers) -> NDArray[np.bool_]:
+    def _allowed_to(self, images: Integers) -> Bools:
         """The possible correspondences (n, n') with some detections."""
         mask = np.zeros(self.shape, np.bool_)
         mask[:, images] = True
@@ -247,7 +246,7 @@ class Search:
         self,
         points: Integers,
         survivors: Integers,
-        ratios: NDArray[np.float64],
+        ratios: Floats,
         counts: Integers,
         most: int,
         known: Integers | None = None,
@@ -328,7 +327,7 @@ class Search:
             near &= self._rivals(evidence)
         return hypotheses.assignments(near, self.options.hypotheses)
 
-    def _rivals(self, evidence: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _rivals(self, evidence: Floats) -> Bools:
         """Which hypotheses, strongest first, come near the first one."""
         return evidence > min(self._false_alarm_level(), RIVAL_EVIDENCE * float(evidence[0]))
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
 from rootmatch.jit.threads import chunk_bounds, in_chunks
@@ -93,15 +94,15 @@ def sequential_test(
 class PreparedSets(NamedTuple):
     """Minimal sets of source points and what all their images share."""
 
-    points: NDArray[np.int64]
+    points: Integers
     """(S, m) source points."""
-    others: NDArray[np.int64]
+    others: Integers
     """(S, n − m) the other points, in the order in which they are looked up."""
-    coordinates: NDArray[np.float64]
+    coordinates: Floats
     """(S, n − m, 7) position and normal of the others in the frame of the set, and the cosine of its view angle."""
-    own: NDArray[np.float64]
+    own: Floats
     """(S, m, 4) normals of the set's points in its frame, and the cosines of their view angles."""
-    offset: NDArray[np.int64]
+    offset: Integers
     """(S,) index into the arrangements where each set begins."""
 
     def first(self, most: int) -> PreparedSets:
@@ -113,9 +114,7 @@ class PreparedSets(NamedTuple):
         )
 
 
-def prepare_sets(
-    tables: Any, points: NDArray[np.int64], others: NDArray[np.int64], offset: NDArray[np.int64]
-) -> PreparedSets:
+def prepare_sets(tables: Any, points: Integers, others: Integers, offset: Integers) -> PreparedSets:
     """`PreparedSets` of minimal sets (S, m), the other points (S, n − m) of each and their offsets (S,)."""
     coordinates, own = set_coordinates(tables, points, others)
     return PreparedSets(points, others, coordinates, own, offset)
@@ -135,12 +134,12 @@ def run_sequential_tests(
     arrangements: NDArray[np.int32],
     first: int,
     last: int,
-    allowed: NDArray[np.bool_],
+    allowed: Bools,
     keep: int,
     chunks: int,
     threads: int = 1,
-    images: NDArray[np.int64] | None = None,
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    images: Integers | None = None,
+) -> tuple[Integers, Floats, Integers]:
     """Surviving hypotheses of the tasks ``first … last − 1``, those of the highest ratio.
 
     Parameters

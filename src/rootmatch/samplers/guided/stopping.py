@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Integers
 from rootmatch.options import Options, option
 from rootmatch.samplers.guided.hypotheses import Hypotheses
 
@@ -34,7 +34,7 @@ def false_alarm_level(tested: int, options: StoppingOptions) -> float:
 
 def enough_found(
     hypotheses: Hypotheses,
-    leaders: NDArray[np.int64],
+    leaders: Integers,
     level: float,
     shape: tuple[int, int],
     motions: float,
@@ -59,7 +59,7 @@ def enough_found(
     """
     n, n_target = shape
     minimal = hypotheses.points.shape[1]
-    covered: NDArray[np.bool_] = np.zeros(n, np.bool_)
+    covered: Bools = np.zeros(n, np.bool_)
     sizes: list[int] = []
     for best in hypotheses.best[leaders[hypotheses.evidence[leaders] > level]]:
         matched = best >= 0

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Integers = NDArray[np.int64]
+from rootmatch.arrays import Bools, Floats, Integers
 
 
 class Survivors(NamedTuple):
@@ -19,11 +18,11 @@ class Survivors(NamedTuple):
     """(K, m) source points of that set."""
     images: Integers
     """(K, 1 + m) number of the root, and image of each of those points."""
-    ratios: NDArray[np.float64]
+    ratios: Floats
     """(K,) log-likelihood ratios, descending."""
 
     @classmethod
-    def of(cls, points: Integers, survivors: Integers, ratios: NDArray[np.float64], most: int) -> Survivors:
+    def of(cls, points: Integers, survivors: Integers, ratios: Floats, most: int) -> Survivors:
         """The ``most`` survivors of highest ratio among those (chunks, keep, m + 2) of the sets ``points`` (S, m)."""
         survivors, ratios = survivors.reshape(-1, survivors.shape[2]), ratios.reshape(-1)
         (chosen,) = (survivors[:, 0] >= 0).nonzero()
@@ -32,7 +31,7 @@ class Survivors(NamedTuple):
         sets = survivors[:, 0]
         return cls(sets, points[sets], survivors[:, 1:], ratios[chosen])
 
-    def take(self, which: NDArray[np.bool_] | slice) -> Survivors:
+    def take(self, which: Bools | slice) -> Survivors:
         """A subset of the survivors."""
         return Survivors(self.sets[which], self.points[which], self.images[which], self.ratios[which])
 

@@ -16,6 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.decorators import FASTMATH, driver, part, scalar
 
 SIDE = 24
@@ -84,7 +85,7 @@ def _image_cells(rays, cells):  # type: ignore[no-untyped-def]
                 cells[a, b, c] = cell
 
 
-def image_cells(rays: NDArray[np.float64]) -> NDArray[np.int16]:
+def image_cells(rays: Floats) -> NDArray[np.int16]:
     """Cell (n', n', n') of every ordered triple of bearings (3, n'); of those that repeat one it means nothing."""
     count = rays.shape[1]
     cells = np.empty((count, count, count), np.int16)
@@ -174,12 +175,7 @@ def _near_tables(points, normals, least, directions, distances, sets, tables):  
                     _mark(points, sets[s, 0], sets[s, 1], sets[s, 2], u, v, w, 1, tables[s])
 
 
-def shape_tables(
-    points: NDArray[np.float64],
-    cameras: NDArray[np.float64],
-    visible: NDArray[np.bool_],
-    sets: NDArray[np.int64],
-) -> NDArray[np.bool_]:
+def shape_tables(points: Floats, cameras: Floats, visible: Bools, sets: Integers) -> Bools:
     """Which shapes (S, CELLS) the triples have in the images of some cameras, and the shapes beside those.
 
     Parameters
@@ -197,12 +193,7 @@ def shape_tables(
 
 
 def add_near_shapes(
-    tables: NDArray[np.bool_],
-    sets: NDArray[np.int64],
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    least: NDArray[np.float64],
-    directions: NDArray[np.float64],
+    tables: Bools, sets: Integers, points: Floats, normals: Floats, least: Floats, directions: Floats
 ) -> None:
     """Add the shapes of wide images to tables (S, CELLS): what cameras see that are as near as a triple is long.
 

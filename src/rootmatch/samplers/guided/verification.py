@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, scalar
 from rootmatch.problems.limits import GATE
@@ -24,12 +24,8 @@ CANDIDATES = 4
 
 
 def verify(
-    tables: Any,
-    points: NDArray[np.int64],
-    images: NDArray[np.int64],
-    density: NDArray[np.float64],
-    allowed: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    tables: Any, points: Integers, images: Integers, density: Floats, allowed: Bools
+) -> tuple[Floats, Integers, Integers]:
     """Evidence for hypotheses from the covariance of each prediction.
 
     The ratio of one source point is (1 − v) + v N(e; S) / λ: e is the distance of its best detection, S the covariance,

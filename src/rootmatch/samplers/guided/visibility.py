@@ -13,16 +13,11 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.samplers.guided.minimal_sets import EVENNESS, FIRST_WAVE, LARGEST_WAVE, LISTED, width
-
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-
 
 VIEWS = 512
 """Directions that stand for all."""
@@ -133,11 +128,7 @@ def covering_order(positions: Floats, normals: Floats, size: int, view_cosine: F
 
 @lru_cache(maxsize=8)
 def _covering(
-    positions_bytes: bytes,
-    normals_bytes: bytes,
-    n: int,
-    size: int,
-    view_cosine: tuple[float, ...] | None,
+    positions_bytes: bytes, normals_bytes: bytes, n: int, size: int, view_cosine: tuple[float, ...] | None
 ) -> Integers:
     positions = np.frombuffer(positions_bytes).reshape(n, 3)
     normals = np.frombuffer(normals_bytes).reshape(n, 3)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.jit.threads import threads_worth
 from rootmatch.samplers.base import SamplingTask
@@ -86,7 +86,7 @@ class VisibleSearch(Search):
                 return
         self.missed = 0.0  # everything was tried
 
-    def _missed_among(self, images: NDArray[np.int64], matched: int, known: NDArray[np.int64] | None = None) -> float:
+    def _missed_among(self, images: Integers, matched: int, known: Integers | None = None) -> float:
         """See `Search`: sets that are visible together, until no pose that explains so many can well be missed."""
         explained = SAME * matched if known is not None else fewest(matched, SAME)
         least, mask = max(self.minimal + 1, math.ceil(explained)), self._allowed_to(images)
@@ -100,7 +100,7 @@ class VisibleSearch(Search):
                 return missed
         return 0.0
 
-    def triples(self, most: int) -> tuple[NDArray[np.int64], NDArray[np.int64], bool]:
+    def triples(self, most: int) -> tuple[Integers, Integers, bool]:
         """Triples of points (T, 3) that may be visible together, with images (T, 3) of a shape that they can have.
 
         Those first whose poses explain most of the other detections; and whether these are all.
@@ -138,13 +138,7 @@ class VisibleSearch(Search):
         )
 
     def _try_visible(
-        self,
-        sets: VisibleSets,
-        first: int,
-        last: int,
-        images: NDArray[np.int64],
-        allowed: NDArray[np.bool_],
-        seen: float = math.inf,
+        self, sets: VisibleSets, first: int, last: int, images: Integers, allowed: Bools, seen: float = math.inf
     ) -> None:
         """Test the sets ``first … last − 1``, and verify the survivors of the highest ratio.
 

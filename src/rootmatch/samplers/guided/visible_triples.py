@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.jit.threads import chunk_bounds, in_chunks
@@ -32,7 +33,7 @@ class VisibleSets(NamedTuple):
 
     prepared: PreparedSets
     """The others of each in the order in which they are likely to be visible beside it."""
-    shapes: NDArray[np.bool_]
+    shapes: Bools
     """(S, CELLS) shapes that the image of each may have."""
 
 
@@ -42,14 +43,14 @@ def run_visible_tests(
     test: SequentialTest,
     sets: VisibleSets,
     cells: NDArray[np.int16],
-    images: NDArray[np.int64],
+    images: Integers,
     first: int,
     last: int,
-    allowed: NDArray[np.bool_],
+    allowed: Bools,
     keep: int,
     chunks: int,
     threads: int = 1,
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[Integers, Floats, Integers]:
     """Surviving hypotheses of the sets ``first … last − 1``, those of the highest ratio.
 
     As `run_sequential_tests`; ``cells`` (n', n', n') of `image_cells`, ``images`` (L,) the detections that the triple's

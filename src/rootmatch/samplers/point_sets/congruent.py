@@ -7,16 +7,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import in_force
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.points import PointClouds, distances
 from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
 from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 GATE = 4.5
 """Deviation in σ up to which distances within a triple agree. A round value: a labelling is lost only if all of its
@@ -54,7 +51,7 @@ class Labellings(NamedTuple):
     """Number of motions tried."""
 
 
-def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.bool_] | None = None) -> Labellings:
+def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | None = None) -> Labellings:
     """Labellings of three points or more that a motion explains.
 
     Every triple of source points is laid onto every triple of targets like it. Each of these motions labels the points
@@ -79,7 +76,7 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.
     return Labellings(found, grown(clouds, _distinct(mirrored, most + 1), True, allowed), 2 * len(source))
 
 
-def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: NDArray[np.bool_] | None) -> Integers:
+def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | None) -> Integers:
     """Labellings (K, n) of three points or more, and those by the motions that are fitted to them."""
     found = found[(found >= 0).sum(axis=1) >= 3][:MOST_KEPT]
     if not len(found):
@@ -89,7 +86,7 @@ def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: NDArray[n
     return _distinct([found, again], 3)[:MOST_KEPT]
 
 
-def _alike(clouds: PointClouds, allowed: NDArray[np.bool_] | None) -> tuple[Integers, Integers]:
+def _alike(clouds: PointClouds, allowed: Bools | None) -> tuple[Integers, Integers]:
     """Triples of source points and of targets (H, 3) of the same shape, those of the widest source points first."""
     n_target = len(clouds.target)
     near, far = distances(clouds.source), distances(clouds.target)
@@ -140,7 +137,7 @@ def _widest_first(near: Floats) -> Integers:
 
 
 def _pairs_alike(
-    clouds: PointClouds, triples: Integers, near: Floats, far: Floats, allowed: NDArray[np.bool_] | None
+    clouds: PointClouds, triples: Integers, near: Floats, far: Floats, allowed: Bools | None
 ) -> Iterator[tuple[Integers, Integers, Integers]]:
     """Numbers of triples and the pairs of targets that may be their first two points, block by block."""
     n_target = len(far)
@@ -195,7 +192,7 @@ def _unit(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.maximum(np.sqrt((vectors**2).sum(axis=1, keepdims=True)), 1e-300))
 
 
-def _labelled_by(clouds: PointClouds, motions: Motions, allowed: NDArray[np.bool_] | None) -> Integers:
+def _labelled_by(clouds: PointClouds, motions: Motions, allowed: Bools | None) -> Integers:
     """Labellings (H, n) by motions of triples, of the first of them where a deadline passes."""
     return _in_parts(clouds, len(motions.scale), lambda some: motions.take(some).squares(clouds), WIDE, allowed)
 
@@ -205,7 +202,7 @@ def _in_parts(
     count: int,
     squares: Callable[[Integers], tuple[Floats, Floats]],
     gate: float,
-    allowed: NDArray[np.bool_] | None,
+    allowed: Bools | None,
 ) -> Integers:
     """Labellings (H, n) by ``count`` motions, of the first of them where a deadline passes."""
     step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
@@ -217,7 +214,7 @@ def _in_parts(
     return np.concatenate(every)
 
 
-def _labelled(squared: Floats, variance: Floats, gate: float, allowed: NDArray[np.bool_] | None) -> Integers:
+def _labelled(squared: Floats, variance: Floats, gate: float, allowed: Bools | None) -> Integers:
     """Labellings (H, n): correspondences within the gate that are the nearest of both of their points."""
     deviation = squared / variance
     deviation[deviation > gate**2] = np.inf

@@ -11,16 +11,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import Deadline, checkpoint
 from rootmatch.problems.points import PointClouds, distances
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 ROUNDS = 4
 """Rounds in which a motion is fitted to the points that it explains; the gate narrows from one to the next."""

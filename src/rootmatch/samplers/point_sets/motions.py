@@ -7,10 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.problems.points import PointClouds
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Motions(NamedTuple):

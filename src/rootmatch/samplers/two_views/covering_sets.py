@@ -14,12 +14,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.samplers.guided.minimal_sets import width
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 ORDERS = 128
 """Orders of the points that stand for all: what may be shown are the first points of one. A round value."""

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rootmatch.arrays import Integers
 from rootmatch.deadline import checkpoint, in_force
 from rootmatch.jit.threads import GROWTH, LONGEST
-
-Integers = NDArray[np.int64]
 
 
 def in_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:

@@ -9,8 +9,8 @@ import math
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
 from rootmatch.jit.threads import LONGEST, in_threads, threads_worth
 from rootmatch.samplers.base import SamplingTask
@@ -23,8 +23,6 @@ from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_pose
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, RelativeHypothesis
 from rootmatch.samplers.two_views.set_kernels import search_pairs, search_triples
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 """Variance that the pose's error adds in the steps of a refinement, in those of the noise."""
 SOLVED = 0.6
@@ -54,7 +52,7 @@ MISSED, RIVALLED = 0.1, 0.02
 `rootmatch.model.two_view_posterior`, and where two poses are no accident. The scene looks like itself then, and a third
 pose may be the right one. Round values."""
 REPEATED = 1e-3
-"""Odds that a scene looks like itself before it is seen. A stated value: `model.posterior_options.copy` of bodies."""
+"""Odds that a scene looks like itself before it is seen. A stated value: `rootmatch.model.priors.COPY`, of bodies."""
 POSES, POSES_REFINED = 64, 16
 """Poses of a minimal set that are kept, and the likeliest of them, which are refined on all points."""
 ASSIGNMENTS = 12

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from rootmatch.arrays import Floats, Integers
+
 SAME, OTHER = 0.7, 0.3
 """Shares of matches from which two assignments are the same, and up to which they are of poses that have nothing to do
 with one another. Round values."""

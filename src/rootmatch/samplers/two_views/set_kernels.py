@@ -12,8 +12,8 @@ from rootmatch.samplers.two_views.minimal_poses import ROOTS, pair_poses, triple
 
 
 @kernel
-def judge_panel(views, judge, order, panel, low, high, columns, poses, evidence, counts):  # type: ignore[no-untyped-def]
-    """Judge the poses of the images ``low … high − 1`` in a panel by all points, and keep the likeliest.
+def judge_panel(views, judge, order, own, panel, low, high, columns, poses, evidence, counts):  # type: ignore[no-untyped-def]
+    """Judge the poses of the images ``low … high − 1`` of the point ``own`` in a panel by all points; keep the best.
 
     A pose counts by its log-likelihood ratio, of the source points or of the detections, whichever is less: many points
     may meet one detection. A sequential test ends most after a few points.
@@ -23,7 +23,7 @@ def judge_panel(views, judge, order, panel, low, high, columns, poses, evidence,
     for root in range(ROOTS):
         for last in range(low, high):
             size = panel[root, 5, last]
-            if not size > 0.0:
+            if not (size > 0.0 and possible[own, last] > 0.0):
                 continue
             counts[1] += 1
             c, s = panel[root, 0, last], panel[root, 1, last]
@@ -101,14 +101,11 @@ def search_triples(  # type: ignore[no-untyped-def]
             low, high = max(begin - number * n_target, 0), min(stop - number * n_target, n_target)
             if first != second and possible[i[0], first] > 0.0 and possible[i[1], second] > 0.0:
                 triple_poses(views, i, first, second, limits[0], limits[1], panel)
-                for last in range(low, high):
-                    if not possible[i[2], last] > 0.0:
-                        for root in range(ROOTS):
-                            panel[root, 5, last] = 0.0
                 counts[index, 0] += high - low - int(low <= first < high) - int(low <= second < high)
                 judge_panel(
-                    views, judge, orders[index], panel, low, high, columns, poses[index], evidence[index], counts[index]
-                )
+                    views, judge, orders[index], i[2], panel, low, high, columns,
+                    poses[index], evidence[index], counts[index],
+                )  # fmt: skip
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -126,11 +123,8 @@ def search_pairs(  # type: ignore[no-untyped-def]
             low, high = max(begin - first * n_target, 0), min(stop - first * n_target, n_target)
             if possible[i[0], first] > 0.0:
                 pair_poses(views, i, first, limits[0], limits[1], panel)
-                for last in range(low, high):
-                    if not possible[i[1], last] > 0.0:
-                        for root in range(ROOTS):
-                            panel[root, 5, last] = 0.0
                 counts[index, 0] += high - low - int(low <= first < high)
                 judge_panel(
-                    views, judge, orders[index], panel, low, high, columns, poses[index], evidence[index], counts[index]
-                )
+                    views, judge, orders[index], i[1], panel, low, high, columns,
+                    poses[index], evidence[index], counts[index],
+                )  # fmt: skip

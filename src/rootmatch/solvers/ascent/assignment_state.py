@@ -14,8 +14,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.internal import internal
 from rootmatch.solvers.ascent.pair_table import place_of_pair
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
@@ -24,35 +24,27 @@ from rootmatch.solvers.ascent.subset_index import SubsetIndex
 class State(NamedTuple):
     """An assignment with its gains and pair weights; changed in place."""
 
-    image: NDArray[np.int64]  # (n,) target or −1
-    owner: NDArray[np.int64]  # (n',) source or −1
-    inside: NDArray[np.bool_]  # (n n',) which correspondences are members
-    members: NDArray[np.int64]  # (n,) their flat indices, the first size[0] of them
-    size: NDArray[np.int64]  # (1,)
-    gains: NDArray[np.float64]  # (n n',)
-    pairs: NDArray[np.float64]  # (n, n) by source point
-    total: NDArray[np.float64]  # (1,) hyper-edge and unary weights inside
-    reads: NDArray[np.int64]  # (1,) subsets looked up and entries of the index read by all changes so far
-    pick: NDArray[np.int64]  # (d,) scratch
-    subset: NDArray[np.int64]  # (d,) scratch
+    image: Integers  # (n,) target or −1
+    owner: Integers  # (n',) source or −1
+    inside: Bools  # (n n',) which correspondences are members
+    members: Integers  # (n,) their flat indices, the first size[0] of them
+    size: Integers  # (1,)
+    gains: Floats  # (n n',)
+    pairs: Floats  # (n, n) by source point
+    total: Floats  # (1,) hyper-edge and unary weights inside
+    reads: Integers  # (1,) subsets looked up and entries of the index read by all changes so far
+    pick: Integers  # (d,) scratch
+    subset: Integers  # (d,) scratch
 
 
 def empty_state(index: SubsetIndex) -> State:
     """The empty assignment."""
-    order = index.indices.shape[1]
-    return State(
-        image=np.full(index.n, -1, np.int64),
-        owner=np.full(index.n_target, -1, np.int64),
-        inside=np.zeros(index.n * index.n_target, np.bool_),
-        members=np.zeros(index.n, np.int64),
-        size=np.zeros(1, np.int64),
-        gains=np.zeros(index.n * index.n_target),
-        pairs=np.zeros((index.n, index.n)),
-        total=np.zeros(1),
-        reads=np.zeros(1, np.int64),
-        pick=np.empty(order, np.int64),
-        subset=np.empty(order, np.int64),
-    )
+    state = room_for_state(index)
+    state.image.fill(-1)
+    state.owner.fill(-1)
+    for array in (state.inside, state.members, state.size, state.gains, state.pairs, state.total):
+        array.fill(0)
+    return state
 
 
 def room_for_state(index: SubsetIndex) -> State:

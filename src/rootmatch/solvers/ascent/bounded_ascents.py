@@ -6,8 +6,8 @@ import math
 from threading import Event
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
 from rootmatch.solvers.ascent.assignment_state import State, empty_state, objective
@@ -61,7 +61,7 @@ class BoundedAscents:
         """Whether an ascent takes so long that it is made in steps."""
         return self.whole_ascent > LONGEST
 
-    def state_at(self, image: NDArray[np.int64]) -> State:
+    def state_at(self, image: Integers) -> State:
         """The state of an assignment; the last one is kept."""
         if self.state.image.tobytes() != image.tobytes():
             # What most of it has in common with the last one need not be looked up again.
@@ -69,7 +69,7 @@ class BoundedAscents:
             self.state = state_of(self.index, image, self.state if near else None, at_once=not self.dear)
         return self.state
 
-    def _is_near(self, image: NDArray[np.int64]) -> bool:
+    def _is_near(self, image: Integers) -> bool:
         """Whether an assignment has most in common with that of the state."""
         shared = np.sum((image >= 0) & (image == self.state.image))
         return bool(2 * shared > max((image >= 0).sum(), (self.state.image >= 0).sum()))
@@ -84,15 +84,8 @@ class BoundedAscents:
         return min(count, wanted)
 
     def ascend(
-        self,
-        root: State,
-        bases: NDArray[np.int64],
-        penalty: float,
-        *,
-        stage: str,
-        exchanges: bool = False,
-        due: int = 0,
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        self, root: State, bases: Integers, penalty: float, *, stage: str, exchanges: bool = False, due: int = 0
+    ) -> tuple[Integers, Floats]:
         """Ascents from assignments near a state: the optima (B, n) and their objectives (B,).
 
         Fewer at a deadline, or when as much was read as may be; but ``due`` of them whatever was read, and one at least
@@ -140,7 +133,7 @@ class BoundedAscents:
         self.cut += sum(one >= self.options.limit for one in moves)
 
     def several_in_steps(
-        self, root: State, bases: NDArray[np.int64], penalty: float, *, exchanges: bool, threads: int
+        self, root: State, bases: Integers, penalty: float, *, exchanges: bool, threads: int
     ) -> Ascended:
         """Ascents as of `climb_from`, between whose steps an interrupt is seen."""
         found = Ascended(np.empty_like(bases), np.empty(len(bases)), *np.empty((2, len(bases)), np.int64))
@@ -156,13 +149,7 @@ class BoundedAscents:
         return found
 
     def in_steps(
-        self,
-        root: State,
-        base: NDArray[np.int64],
-        penalty: float,
-        *,
-        exchanges: bool,
-        stopped: Event | None = None,
+        self, root: State, base: Integers, penalty: float, *, exchanges: bool, stopped: Event | None = None
     ) -> Ascended:
         """One ascent as of `climb_from`, a few moves at a time: it ends where it is at the deadline, or if stopped."""
         state, moves, size, begins = state_of(self.index, base, root), 0, 1, np.ones(1, np.int64)

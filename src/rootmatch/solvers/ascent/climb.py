@@ -20,8 +20,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import driver
@@ -43,10 +43,10 @@ PARTS = 4
 class Ascended(NamedTuple):
     """What some ascents came to, row by row."""
 
-    images: NDArray[np.int64]  # (B, n) assignments
-    values: NDArray[np.float64]  # (B,) their objectives
-    moves: NDArray[np.int64]  # (B,) as many as the limit where an ascent was cut short
-    reads: NDArray[np.int64]  # (B,) subsets looked up and entries of the index read, to reach the base too
+    images: Integers  # (B, n) assignments
+    values: Floats  # (B,) their objectives
+    moves: Integers  # (B,) as many as the limit where an ascent was cut short
+    reads: Integers  # (B,) subsets looked up and entries of the index read, to reach the base too
 
 
 @internal()
@@ -207,7 +207,7 @@ def _ascend(  # type: ignore[no-untyped-def]
 def climb_from(
     index: SubsetIndex,
     root: State,
-    bases: NDArray[np.int64],
+    bases: Integers,
     *,
     penalty: float,
     limit: int,
@@ -226,9 +226,7 @@ def climb_from(
     )  # fmt: skip
 
 
-def climb(
-    index: SubsetIndex, state: State, begins: NDArray[np.int64], *, penalty: float, limit: int, exchanges: bool
-) -> int:
+def climb(index: SubsetIndex, state: State, begins: Integers, *, penalty: float, limit: int, exchanges: bool) -> int:
     """Make the best move in a state until none improves f; the number of moves, `limit` when it was cut short.
 
     ``begins`` (1,), of ones at first, says where the next call goes on: pieces of an ascent make up the whole one.
@@ -238,9 +236,7 @@ def climb(
     return int(found.moves[0])
 
 
-def state_of(
-    index: SubsetIndex, image: NDArray[np.int64], root: State | None = None, *, at_once: bool = False
-) -> State:
+def state_of(index: SubsetIndex, image: Integers, root: State | None = None, *, at_once: bool = False) -> State:
     """The state of an assignment (n,), reached by pieces: an interrupt is seen between two of them, unless ``at_once``.
 
     It is reached from the empty one, or from the state ``root``, which stays as it is.
@@ -269,8 +265,8 @@ def _climb(
     index: SubsetIndex,
     root: State,
     state: State | None,
-    bases: NDArray[np.int64],
-    begins: NDArray[np.int64],
+    bases: Integers,
+    begins: Integers,
     *,
     penalty: float,
     limit: int,
@@ -295,7 +291,7 @@ def _climb(
     return Ascended(images, totals - _penalties(penalty, n, order)[sizes], moves, reads)
 
 
-def _penalties(penalty: float, n: int, order: int) -> NDArray[np.float64]:
+def _penalties(penalty: float, n: int, order: int) -> Floats:
     """``penalty`` for each subset of so many correspondences of assignments of each size, (n + 1,)."""
     if penalty == 0.0:
         return np.zeros(n + 1)

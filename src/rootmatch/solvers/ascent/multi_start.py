@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, checkpoint
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.alternatives import best_neighbours
@@ -59,7 +60,7 @@ class MultiStart:
         self.starts = min(options.starts, STARTS_PER_CORRESPONDENCE * n * n_target)
         self.heaviest = index.weights.max(initial=0.0) or 1.0
         self.density = max(CORE_DENSITY * self.heaviest, options.penalty)
-        self.found: dict[bytes, tuple[NDArray[np.int64], float]] = {}
+        self.found: dict[bytes, tuple[Integers, float]] = {}
         self.reached: dict[bytes, int] = {}
         self.polished: set[bytes] = set()
         self.cores, self.core_values = np.empty((0, n), np.int64), np.empty(0)
@@ -67,9 +68,7 @@ class MultiStart:
         self.best, self.value = self.empty.image, 0.0
         self.patience = patience(n * n_target, self.ascents.usual_reads)
 
-    def climb(
-        self, root: State, bases: NDArray[np.int64], stage: str, *, exchanges: bool = False, due: int = 0
-    ) -> None:
+    def climb(self, root: State, bases: Integers, stage: str, *, exchanges: bool = False, due: int = 0) -> None:
         """Ascents of the objective itself, see `BoundedAscents.ascend`; the optima are kept."""
         images, values = self.ascents.ascend(
             root, bases, self.options.penalty, stage=stage, exchanges=exchanges, due=due
@@ -84,7 +83,7 @@ class MultiStart:
                 self.best, self.value = image, value
 
     @cached_property
-    def ranked(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    def ranked(self) -> tuple[NDArray[np.int32], Floats]:
         """Candidates, (P, d), and their ranks."""
         return candidates(self.index, POOL * self.starts, self.options.ranking_reads)
 
@@ -94,7 +93,7 @@ class MultiStart:
         return self.ranked[0]
 
     @cached_property
-    def promise(self) -> NDArray[np.float64]:
+    def promise(self) -> Floats:
         """The score of each candidate with all those that support it, were they one group of usual weights."""
         order, usual = self.index.indices.shape[1], USUAL_WEIGHT * self.heaviest
         return usual * _choose(order + self.ranked[1] / (order * usual), order)
@@ -104,14 +103,14 @@ class MultiStart:
         index, options = self.index, self.options
         return options.penalty == 0.0 and not index.unary.any() and self.value >= options.dominant * index.weights.sum()
 
-    def alone(self, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+    def alone(self, chosen: Integers) -> Integers:
         """Assignments (B, n) of some candidates alone."""
         source, target = np.divmod(self.candidates[chosen], self.index.n_target)
         bases = np.full((len(chosen), self.index.n), -1)
         bases[np.arange(len(chosen))[:, None], source] = target
         return bases
 
-    def known(self) -> NDArray[np.int64]:
+    def known(self) -> Integers:
         """Assignments found, (F, n)."""
         return np.array([image for image, _ in self.found.values()], np.int64).reshape(-1, self.index.n)
 
@@ -127,7 +126,7 @@ class MultiStart:
         """Steps 2 and 3, in rounds: cores are grown, and ascents made from them."""
         after_walk = min(PATIENCE_AFTER_WALK, self.patience)
         open_ = self.promise >= HOPELESS * self.value
-        grown: dict[bytes, tuple[NDArray[np.int64], float]] = {}
+        grown: dict[bytes, tuple[Integers, float]] = {}
         shared = max(2, self.candidates.shape[1] - 1)
         tried, size, idle, walked = 0, FIRST_ROUND, 0, self.value
         images = np.empty((0, self.index.n), np.int64)
@@ -152,7 +151,7 @@ class MultiStart:
             size = min(2 * size, LARGEST_ROUND)
         self.cores, self.core_values = self.as_cores(_ranked(grown))
 
-    def as_cores(self, grown: Alternatives) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def as_cores(self, grown: Alternatives) -> tuple[Integers, Floats]:
         """Assignments (C, n) that were grown, and their objectives (C,)."""
         cores = np.array([image for image, _ in grown], np.int64).reshape(-1, self.index.n)
         sizes = [math.comb(size, self.candidates.shape[1]) for size in (cores >= 0).sum(axis=1).tolist()]
@@ -239,7 +238,7 @@ class MultiStart:
             statistics=statistics,
         )
 
-    def _alternatives(self, claimed: NDArray[np.bool_]) -> Alternatives:
+    def _alternatives(self, claimed: Bools) -> Alternatives:
         """The best other assignments; most places go to those that move a claimed point, not only a doubtful one."""
         index, keep = self.index, self.options.keep
         shape, order = (index.n, index.n_target), index.indices.shape[1]
@@ -261,17 +260,17 @@ class MultiStart:
         return [ranked[number] for number in sorted(chosen)]
 
 
-def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
+def _ranked(kept: dict[bytes, tuple[Integers, float]]) -> Alternatives:
     """Assignments and values, best first; equal ones in an order of their own."""
     return [pair for _, pair in sorted(kept.items(), key=lambda item: (-item[1][1], item[0]))]
 
 
-def _median(values: NDArray[np.float64]) -> float:
+def _median(values: Floats) -> float:
     """The median of at least one value; that of NumPy takes longer than the ascent of a few points."""
     ordered, half = np.sort(values), len(values) // 2
     return float(0.5 * (ordered[half] + ordered[(len(values) - 1) // 2]))
 
 
-def _choose(m: NDArray[np.float64], r: int) -> NDArray[np.float64]:
+def _choose(m: Floats, r: int) -> Floats:
     """Binomial coefficient of real m ≥ r."""
     return np.asarray(np.prod([(m - q) / (q + 1) for q in range(r)], axis=0))

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 
@@ -122,12 +123,12 @@ class PairTable(NamedTuple):
 
     start: NDArray[np.uint32]  # (pairs + 1,) first entry of each pair
     others: NDArray[np.uint16]  # (3 E,) what completes it, hyper-edges ascending
-    held: NDArray[np.float64]  # (3 E,) and the weight
-    sums: NDArray[np.float64]  # (pairs,) of the weights
-    marginals: NDArray[np.float64]  # (n n',)
+    held: Floats  # (3 E,) and the weight
+    sums: Floats  # (pairs,) of the weights
+    marginals: Floats  # (n n',)
 
 
-def pair_table(indices: NDArray[np.int32], weights: NDArray[np.float64], correspondences: int) -> PairTable:
+def pair_table(indices: NDArray[np.int32], weights: Floats, correspondences: int) -> PairTable:
     """The table of hyper-edges (E, 3)."""
     pairs = pairs_of(correspondences)
     start, sums, marginals = np.zeros(pairs + 2, np.uint32), np.zeros(pairs), np.zeros(correspondences)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import in_threads, threads_worth
@@ -18,7 +21,7 @@ WORTH_A_THREAD = 20_000
 """Hyper-edges to rank that are worth a thread: some milliseconds."""
 
 
-def candidates(index: SubsetIndex, count: int, most_reads: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+def candidates(index: SubsetIndex, count: int, most_reads: int) -> tuple[NDArray[np.int32], Floats]:
     """Hyper-edges to start from, (P, d), and their ranks, best first: ``count``, and the best of each correspondence.
 
     All hyper-edges are ranked, or the heaviest ones if there are more entries in the index than may be read.
@@ -38,7 +41,7 @@ def candidates(index: SubsetIndex, count: int, most_reads: int) -> tuple[NDArray
     return index.indices[numbers[chosen]], rank[chosen]
 
 
-def rank_heaviest(index: SubsetIndex, most_reads: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def rank_heaviest(index: SubsetIndex, most_reads: int) -> tuple[Integers, Floats]:
     """Numbers (R,) of the heaviest hyper-edges and their ranks (R,), as `ranked_hyperedges` has them.
 
     As many as can be ranked by so many entries of the index, about.
@@ -48,14 +51,9 @@ def rank_heaviest(index: SubsetIndex, most_reads: int) -> tuple[NDArray[np.int64
     for share in range(SHARES):
         some = heavy[share::SHARES]
         rank, read = np.empty(len(some)), np.empty(len(some), np.int64)
-
-        def look_up(
-            first: int, last: int, some: NDArray[np.int64] = some, rank: NDArray[np.float64] = rank,
-            read: NDArray[np.int64] = read,
-        ) -> None:  # fmt: skip
-            _rank_by_look_up(index, some, first, last, rank, read)
-
-        in_threads(look_up, len(some), threads_worth(len(some) // WORTH_A_THREAD))
+        in_threads(
+            partial(_rank_by_look_up, index, some, rank, read), len(some), threads_worth(len(some) // WORTH_A_THREAD)
+        )
         numbers.append(some)
         ranks.append(rank)
         reads += int(read.sum())
@@ -64,7 +62,7 @@ def rank_heaviest(index: SubsetIndex, most_reads: int) -> tuple[NDArray[np.int64
     return np.concatenate(numbers), np.concatenate(ranks)
 
 
-def heaviest(weights: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+def heaviest(weights: Floats, count: int) -> Integers:
     """Numbers, ascending, of about so many of the heaviest hyper-edges; of equal ones some from everywhere."""
     if count >= weights.size:
         return np.arange(weights.size)
@@ -79,7 +77,7 @@ def heaviest(weights: NDArray[np.float64], count: int) -> NDArray[np.int64]:
 
 
 @driver(nogil=True)
-def _rank_by_look_up(index, numbers, first, last, rank, read):  # type: ignore[no-untyped-def]
+def _rank_by_look_up(index, numbers, rank, read, first, last):  # type: ignore[no-untyped-def]
     """Ranks of the hyper-edges numbers[first … last − 1], and how many entries were read for each."""
     index = borrowed(index)
     numbers, rank, read = borrowed((numbers, rank, read))

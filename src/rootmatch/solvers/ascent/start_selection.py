@@ -5,21 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.decorators import driver
 from rootmatch.solvers.ascent.assignment_state import State
 
-Assignments = NDArray[np.int64]
+Assignments = Integers
 
 
 def next_starts(
-    candidates: NDArray[np.int32],
-    open_: NDArray[np.bool_],
-    images: Assignments,
-    n_target: int,
-    *,
-    least: int,
-    count: int,
-) -> NDArray[np.int64]:
+    candidates: NDArray[np.int32], open_: Bools, images: Assignments, n_target: int, *, least: int, count: int
+) -> Integers:
     """Up to `count` open candidates (rows of flat indices), in order, no two with more than one entry in common.
 
     First those are closed that have at least `least` correspondences in one of some assignments (B, n), and at last
@@ -29,7 +24,7 @@ def next_starts(
     return chosen[: int(_select(candidates, open_, images, n_target, least, chosen))]
 
 
-def within(candidates: NDArray[np.int32], images: Assignments, n_target: int, least: int) -> NDArray[np.bool_]:
+def within(candidates: NDArray[np.int32], images: Assignments, n_target: int, least: int) -> Bools:
     """Which candidates have at least `least` correspondences in one of some assignments (B, n)."""
     outside = np.ones(len(candidates), np.bool_)
     _select(candidates, outside, images, n_target, least, np.empty(0, np.int64))
@@ -75,7 +70,7 @@ def _select(candidates, open_, images, n_target, least, chosen):  # type: ignore
     return count
 
 
-def covered(cores: Assignments, known: Assignments) -> NDArray[np.bool_]:
+def covered(cores: Assignments, known: Assignments) -> Bools:
     """Which cores (B, n) lie in one of the known assignments (F, n)."""
     out = np.zeros(len(cores), np.bool_)
     for image in known:
@@ -95,7 +90,7 @@ def packed(cores: Assignments, n: int, n_target: int) -> Assignments:
 
 
 def forced(
-    state: State, cores: Assignments, values: NDArray[np.float64], first: int, *, forced_gain: float, count: int
+    state: State, cores: Assignments, values: Floats, first: int, *, forced_gain: float, count: int
 ) -> tuple[Assignments, int]:
     """The assignment of a state with one core forced into it, up to `count` times, from core `first` on.
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.shell_sort import shell_sort
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.contraction import CHUNK as WORTH_A_THREAD
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -45,17 +46,17 @@ class SubsetIndex(NamedTuple):
     """A tensor and its subsets, as jitted code takes them."""
 
     indices: NDArray[np.int32]  # (E, d)
-    weights: NDArray[np.float64]  # (E,)
-    unary: NDArray[np.float64]  # (n n',), zeros where the tensor has none
-    marginals: NDArray[np.float64]  # (n n',): the most that a correspondence can gain from hyper-edges
-    source: NDArray[np.int64]  # (n n',) point of each correspondence
+    weights: Floats  # (E,)
+    unary: Floats  # (n n',), zeros where the tensor has none
+    marginals: Floats  # (n n',): the most that a correspondence can gain from hyper-edges
+    source: Integers  # (n n',) point of each correspondence
     keys: NDArray[np.uint64]  # (n n',) random numbers
     start: NDArray[np.uint32]  # (buckets + 1,), or (pairs + 1,) of a table of pairs
     entries: NDArray[np.uint32]  # (d E,): hash bits above, hyper-edge below; ascending in a long bucket
     paired: bool  # whether there is a table of pairs (see `pair_table`) instead of buckets
     others: NDArray[np.uint16]  # (3 E,) of a table of pairs
-    held: NDArray[np.float64]  # (3 E,) of a table of pairs
-    sums: NDArray[np.float64]  # (pairs,) of a table of pairs
+    held: Floats  # (3 E,) of a table of pairs
+    sums: Floats  # (pairs,) of a table of pairs
     bucket_shift: int
     tag_shift: int
     edge_bits: int
@@ -261,7 +262,7 @@ def _sort_parts(moved, first_of, first, last, start, entries):  # type: ignore[n
                 shell_sort(entries, int(start[base + b]), int(ends[b]))
 
 
-def ranked_hyperedges(index: SubsetIndex) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def ranked_hyperedges(index: SubsetIndex) -> tuple[Floats, Integers]:
     """Rank of each hyper-edge, (E,), and the best one of each correspondence, (n n',), −1 for none.
 
     The rank is the weight with its support, the weights of all other hyper-edges that have d−1 correspondences in

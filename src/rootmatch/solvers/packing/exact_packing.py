@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.solvers.packing.branch_and_bound import search
 from rootmatch.solvers.packing.tabu_search import pack
 
@@ -26,23 +26,21 @@ class Relaxation(NamedTuple):
     """Prices (dual values) of the linear relaxation; no disjoint sets have a higher total value than `bound`."""
 
     bound: float
-    price: NDArray[np.float64]
+    price: Floats
     """(N,) of the elements, not negative."""
     slot_price: float
     """Price of one of the places."""
-    loss: NDArray[np.float64]
+    loss: Floats
     """(G,) price less value of each set, not negative."""
-    part: NDArray[np.float64]
+    part: Floats
     """(G,) of each set in the relaxed optimum."""
 
-    def of(self, some: NDArray[np.int64]) -> Relaxation:
+    def of(self, some: Integers) -> Relaxation:
         """These prices, for some of the sets."""
         return self._replace(loss=self.loss[some], part=self.part[some])
 
 
-def relaxation(
-    elements: NDArray[np.int64], values: NDArray[np.float64], count: int, most: int, seconds: float = math.inf
-) -> Relaxation:
+def relaxation(elements: Integers, values: Floats, count: int, most: int, seconds: float = math.inf) -> Relaxation:
     """Prices (by HiGHS) of sets `elements` (G, k), −1 after the last of each, of N = `count` elements.
 
     Where it takes longer than so many seconds they are rough.
@@ -68,14 +66,7 @@ def relaxation(
     return Relaxation(float(price @ limits), price[:-1], float(price[-1]), loss, part)
 
 
-def best_packing(
-    elements: NDArray[np.int64],
-    values: NDArray[np.float64],
-    relaxed: Relaxation,
-    most: int,
-    start: NDArray[np.bool_],
-    nodes: int,
-) -> NDArray[np.bool_]:
+def best_packing(elements: Integers, values: Floats, relaxed: Relaxation, most: int, start: Bools, nodes: int) -> Bools:
     """Disjoint sets (G,) of the largest total value, limited in number.
 
     A set that loses more against the prices than the best packing known cannot be in a better one, so that few sets
@@ -93,14 +84,12 @@ def best_packing(
         Most nodes of branch and bound, after which the best packing found so far is returned.
     """
     # the better the start, the quicker is branch and bound
-    chosen: NDArray[np.bool_] = pack(elements, values, len(relaxed.price), most, start, PATIENCE)
+    chosen: Bools = pack(elements, values, len(relaxed.price), most, start, PATIENCE)
     better = packing_above(float(values[chosen].sum()), elements, relaxed, most, nodes)
     return better if better.any() else chosen
 
 
-def packing_above(
-    least: float, elements: NDArray[np.int64], relaxed: Relaxation, most: int, nodes: int
-) -> NDArray[np.bool_]:
+def packing_above(least: float, elements: Integers, relaxed: Relaxation, most: int, nodes: int) -> Bools:
     """Disjoint sets (G,) of the largest total value found within a number of nodes; none if it is not above `least`."""
     chosen = np.zeros(len(relaxed.loss), np.bool_)
     budget = relaxed.bound - least - CLOSED * relaxed.bound
@@ -112,9 +101,7 @@ def packing_above(
     return chosen
 
 
-def rounded(
-    elements: NDArray[np.int64], values: NDArray[np.float64], relaxed: Relaxation, most: int
-) -> NDArray[np.bool_]:
+def rounded(elements: Integers, values: Floats, relaxed: Relaxation, most: int) -> Bools:
     """Disjoint sets (G,), those first that the relaxation gives the largest part."""
     chosen = np.zeros(len(values), np.bool_)
     used, held = np.zeros(len(relaxed.price), np.bool_), 0

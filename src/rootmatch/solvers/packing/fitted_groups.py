@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.packing.cliques import cliques
 from rootmatch.solvers.packing.hyperedge_groups import HyperedgeGroups, match_cost
 
-Groups = NDArray[np.int64]
+Groups = Integers
 SECONDS_PER_GROUP = 1e-4
 """Time to extend a group in all ways and to evaluate these, at most (benchmarks/matches.py --only motions)."""
 MOST_CLIQUES = 2_000_000
@@ -35,7 +36,7 @@ LEAST_REST = 0.5
 class GroupFit(NamedTuple):
     """Fits of whole groups, each to one motion."""
 
-    chi2: Callable[[Groups], NDArray[np.float64]]
+    chi2: Callable[[Groups], Floats]
     """χ² (G,) of groups (G, n)."""
     grown: Callable[[Groups], Groups]
     """Groups (G, n) with all correspondences that their common motion predicts."""
@@ -116,7 +117,7 @@ class FittedGroups:
             level = level[best[evidence[best] > 0.0]]
         return levels
 
-    def evidence(self, groups: Groups) -> NDArray[np.float64]:
+    def evidence(self, groups: Groups) -> Floats:
         """Evidence of groups (G, n), the logarithm of a likelihood ratio; see `GroupPacking`."""
         m = sizes(groups)
         minimal = self.tensor.order - 1
@@ -125,7 +126,7 @@ class FittedGroups:
         gain = (m - minimal) * -math.log(self.fit.chance_weight) - 0.5 * self.fit.chi2(groups)
         return np.asarray(gain - spread - m * match_cost(self.tensor.shape))
 
-    def with_each(self, group: Groups, pairs: Groups) -> NDArray[np.float64]:
+    def with_each(self, group: Groups, pairs: Groups) -> Floats:
         """Evidence of a group (n,) with each of some pairs (2, P) of points and images added."""
         more = np.repeat(group[None], pairs.shape[1], axis=0)
         more[np.arange(pairs.shape[1]), pairs[0]] = pairs[1]
@@ -140,7 +141,7 @@ def as_groups(flat: NDArray[np.int32], n: int, n_target: int) -> Groups:
     return groups
 
 
-def sizes(groups: Groups) -> NDArray[np.int64]:
+def sizes(groups: Groups) -> Integers:
     """Members of each group."""
     return np.asarray((groups >= 0).sum(axis=1))
 
@@ -162,7 +163,7 @@ def without_one(groups: Groups) -> Groups:
     return less
 
 
-def shared(groups: Groups, others: Groups) -> NDArray[np.int64]:
+def shared(groups: Groups, others: Groups) -> Integers:
     """Maximum number of correspondences that each group (G, n) has in common with one of some others (H, n)."""
     most = np.zeros(len(groups), np.int64)
     for other in others:

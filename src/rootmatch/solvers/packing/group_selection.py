@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.solvers.packing.exact_packing import best_packing, packing_above, relaxation, rounded
 
@@ -28,8 +28,8 @@ class GroupSelection:
 
     def __init__(
         self,
-        groups: NDArray[np.int64],
-        values: NDArray[np.float64],
+        groups: Integers,
+        values: Floats,
         shape: tuple[int, int],
         motions: int | Literal["auto"],
         deadline: Deadline = NEVER,
@@ -43,7 +43,7 @@ class GroupSelection:
             points = np.flatnonzero(group >= 0)
             row[: 2 * len(points)] = np.concatenate([points, shape[0] + group[points]])
 
-    def best(self, least: int) -> NDArray[np.bool_]:
+    def best(self, least: int) -> Bools:
         """The selected groups.
 
         Chance makes so many of the smallest groups that the search would begin poorly among them. So the best groups of
@@ -65,7 +65,7 @@ class GroupSelection:
             chosen[allowed[found]] = True
         return chosen
 
-    def solution(self, chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def solution(self, chosen: Bools) -> tuple[Integers, Integers]:
         """Assignment and labels of selected groups, the largest first."""
         assignment, labels = np.full(self.shape[0], -1, np.int64), np.full(self.shape[0], -1, np.int64)
         numbers = np.flatnonzero(chosen)
@@ -74,16 +74,14 @@ class GroupSelection:
             assignment[members], labels[members] = self.groups[number][members], label
         return assignment, labels
 
-    def without_each(
-        self, chosen: NDArray[np.bool_]
-    ) -> tuple[list[tuple[NDArray[np.int64], NDArray[np.int64]]], float]:
+    def without_each(self, chosen: Bools) -> tuple[list[tuple[Integers, Integers]], float]:
         """The best solutions without each of the selected groups, and the least lead.
 
         A group that has half of the smaller of both in common with the selected one counts as the same. The lead is
         over what takes its place: 1 less the evidence of the new groups over that of those gone. What has less than
         half of the group's evidence is not looked for.
         """
-        others: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
+        others: list[tuple[Integers, Integers]] = []
         lead = 1.0
         best, _ = self.solution(chosen)
         for number in np.flatnonzero(chosen):

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.limits import GATE
@@ -17,7 +17,7 @@ from rootmatch.solvers.ascent.climb import climb_from, state_of
 from rootmatch.solvers.ascent.start_selection import within
 from rootmatch.solvers.ascent.subset_index import SubsetIndex, build_index, ranked_hyperedges
 
-Groups = NDArray[np.int64]
+Groups = Integers
 
 GATE2 = GATE**2
 """Squared residual that a hyper-edge outside of the tensor is taken to have: that of the gate."""
@@ -90,7 +90,7 @@ class HyperedgeGroups:
                 every.setdefault(less.tobytes(), less)
         return np.array(list(every.values()), np.int64).reshape(-1, index.n)
 
-    def evidence(self, groups: Groups) -> NDArray[np.float64]:
+    def evidence(self, groups: Groups) -> Floats:
         """Evidence of groups (G, n), the logarithm of a likelihood ratio; see `GroupPacking`."""
         sums = np.empty(len(groups))
         for number, group in enumerate(groups):
@@ -99,7 +99,7 @@ class HyperedgeGroups:
             sums[number] = float(gains[members * self.index.n_target + group[members]].sum()) / self.order
         return self._evidence((groups >= 0).sum(axis=1), sums)
 
-    def with_each(self, group: Groups, pairs: Groups) -> NDArray[np.float64]:
+    def with_each(self, group: Groups, pairs: Groups) -> Floats:
         """Evidence of a group (n,) with each of some pairs (2, P) of points and images added."""
         members = np.flatnonzero(group >= 0)
         gains = state_of(self.index, group).gains
@@ -107,7 +107,7 @@ class HyperedgeGroups:
         sums = total + gains[pairs[0] * self.index.n_target + pairs[1]]
         return self._evidence(np.full(pairs.shape[1], len(members) + 1), sums)
 
-    def _evidence(self, m: NDArray[np.int64], sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _evidence(self, m: Integers, sums: Floats) -> Floats:
         """Evidence of groups by their number of members and the summed agreement of their hyper-edges."""
         hyperedges = np.array([math.comb(int(size), self.order) for size in m], np.float64)
         squared = GATE2 - sums / hyperedges

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -95,7 +95,7 @@ class GroupPacking:
             groups=labels,
         )  # fmt: skip
 
-    def _competing(self, source: HyperedgeGroups | FittedGroups) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _competing(self, source: HyperedgeGroups | FittedGroups) -> tuple[Integers, Floats]:
         """The groups that compete, those of the highest evidence first, and their evidence."""
         groups = source.groups()
         values = source.evidence(groups)
@@ -104,12 +104,8 @@ class GroupPacking:
         return groups[best], values[best]
 
     def _enlarged(
-        self,
-        assignment: NDArray[np.int64],
-        labels: NDArray[np.int64],
-        source: HyperedgeGroups | FittedGroups,
-        deadline: Deadline,
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        self, assignment: Integers, labels: Integers, source: HyperedgeGroups | FittedGroups, deadline: Deadline
+    ) -> tuple[Integers, Integers]:
         """Groups with the unmatched points added that raise their evidence, those that raise it most first.
 
         A true point may be in few hyper-edges: where it lies beside another one, or on one line with two.
@@ -135,7 +131,7 @@ class GroupPacking:
             labels[point] = label
 
 
-def inside_groups(tensor: AffinityTensor, assignment: NDArray[np.int64], labels: NDArray[np.int64]) -> float:
+def inside_groups(tensor: AffinityTensor, assignment: Integers, labels: Integers) -> float:
     """Weight of the hyper-edges that lie inside one of the groups of an assignment, and its unary weight."""
     source, target = np.divmod(tensor.indices, np.int32(tensor.shape[1]))
     first = labels[source]

@@ -15,17 +15,9 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import (
-    Fields,
-    Floats,
-    Integers,
-    data_set,
-    folder_with,
-    known_pose,
-    project,
-    table,
-)
+from rootmatch.research.real.sources.common import Fields, data_set, folder_with, known_pose, project, table
 
 CAMERAS = 4
 LEAST_AREA = 9

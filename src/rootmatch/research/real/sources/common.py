@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Fields = dict[str, NDArray[Any]]
 
 

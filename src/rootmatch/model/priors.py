@@ -1,0 +1,16 @@
+"""Priors of whole hypotheses, which the posteriors of an image, of two views and of point sets share."""
+
+from __future__ import annotations
+
+import math
+
+PRESENT_ODDS = math.log(0.8) - math.log1p(-0.8)
+"""Logarithm of the prior odds that the image shows the body, given that somebody asks for it: a probability of 0.8."""
+COPY = 1e-3
+"""Prior odds that the image shows another copy of the body, which nobody named. A stated value, not measured."""
+COUNTS = 3.0
+"""Log-odds against a copy of the body at which its place still counts: with a twentieth, a probability changes by half
+of that."""
+WRONG_MODEL = 1e-3
+"""Probability that the model does not hold at all (another body, a wrong calibration): no result is more certain than
+that. A stated floor, not measured."""
