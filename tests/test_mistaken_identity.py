@@ -13,7 +13,8 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.goodness_of_fit import NOISE_FREEDOM, Misfit
+from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, SHAPE, after_frame
 
 Floats = NDArray[np.float64]

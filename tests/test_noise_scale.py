@@ -13,8 +13,8 @@ import rootmatch as rm
 from rig_scenes import LABELS, NOISE, RATE, VIEW, controllers, frame, headset
 from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.goodness_of_fit import NOISE_FREEDOM
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.tracking.noise_scale import MOST, MOST_FREEDOM, NoiseScale
 
 POINTS, NORMALS, OWNER = controllers()

@@ -16,8 +16,9 @@ from robot_scenes import INTRINSICS, robot
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import model_of
 from rootmatch.model.matchings import matchings
+from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.two_view_fit import fitted
-from rootmatch.model.two_view_model import NOISE_FREEDOM, SCALES, SPREADS, Relative, TwoViewModel
+from rootmatch.model.two_view_model import SCALES, SPREADS, Relative, TwoViewModel
 from rootmatch.model.two_view_posterior import posterior
 from rootmatch.simulation import three_plus_one_scene
 

@@ -6,9 +6,8 @@ import math
 from typing import NamedTuple
 
 from rootmatch.explain.decide import TRUST
+from rootmatch.model.priors import NOISE_FREEDOM
 
-NOISE_FREEDOM = 20.0
-"""Degrees of freedom that the given σ counts for when the residuals say that it is larger. A round value."""
 MOST_INFLATION = 4.0
 """Largest factor on the given variances: of a pose that asks for more than twice the given σ nothing is believed. A
 round value; what it refuses: the unrelated points of benchmarks/constellations.py."""

@@ -25,6 +25,7 @@ from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.compiled.evidence import see
 from rootmatch.model.linearised import Linearised, linearised
 from rootmatch.model.pose_density import Broad, PoseDensity
+from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.views import Views, rays_of, views_of
 from rootmatch.model.visibility import BARELY, UNSEEN, within
 
@@ -47,9 +48,6 @@ RATE_PRIOR, RATE_PRIOR_WITHOUT_NORMALS = (9.0, 1.0), (1.0, 1.0)
 without them it also covers how much of the body hides the rest. Their effects are measured in docs/model.md."""
 RATE_NODES = 10
 """Nodes of the quadrature over the rate, exact for twice as many points."""
-NOISE_FREEDOM = 20.0
-"""Number of residuals that the stated σ is worth as evidence of its own scale: the residuals of a body say by how much
-it is too small. A round value."""
 MORE_SIGHTINGS = 2
 """Sightings by other cameras beside a minimal set in one, at least: with one, hundreds of false sets have as many."""
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.arrays import Integers
-from rootmatch.model.point_set_model import NOISE_FREEDOM, student
+from rootmatch.model.point_set_model import student
+from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.motions import fitted_motions
 

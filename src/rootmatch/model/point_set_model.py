@@ -34,14 +34,12 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.clutter import Clutter, clutter_in_space
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
+from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_sets
 
 PRESENT = 0.5
 """Prior probability that the object is among the targets. A round value."""
-NOISE_FREEDOM = 20.0
-"""Degrees of freedom for which the given σ counts: it is known to a sixth. A round value, as
-`rootmatch.model.evidence`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Priors of whole hypotheses, which the posteriors of an image, of two views and of point sets share."""
+"""Priors that the models of an image, of two views and of point sets share."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ COPY = 1e-3
 COUNTS = 3.0
 """Log-odds against a copy of the body at which its place still counts: with a twentieth, a probability changes by half
 of that."""
+NOISE_FREEDOM = 20.0
+"""Number of residuals that the stated σ is worth as evidence of its own scale, whose square is inverse gamma: it is
+known to a sixth. A round value."""
 WRONG_MODEL = 1e-3
 """Probability that the model does not hold at all (another body, a wrong calibration): no result is more certain than
 that. A stated floor, not measured."""

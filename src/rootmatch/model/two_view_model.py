@@ -24,8 +24,6 @@ from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross, rotation_about_y, rotation_from_vector
 from rootmatch.arrays import Floats, Integers
 
-NOISE_FREEDOM = 20.0
-"""Degrees of freedom for which the given σ counts: it is known to a sixth. As of point sets."""
 SCALES = (math.log(1e-3), math.log(10.0))
 """Baselines over distances, from points that hardly move to nearer ones; logarithms. Round values."""
 SPREADS = (math.log(0.05), math.log(1.5))

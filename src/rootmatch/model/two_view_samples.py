@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.two_view_fit import Fitted
-from rootmatch.model.two_view_model import NOISE_FREEDOM, Relative, TwoViewModel
+from rootmatch.model.two_view_model import Relative, TwoViewModel
 
 POSES = 8
 """Most fits about which samples are drawn. A round value."""

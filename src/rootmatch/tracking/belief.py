@@ -229,7 +229,9 @@ class Belief:
         else:
             filter_ = self.poses[step.origin].filter.copy()
             filter_.update(pose, time, step.chance)
-            log_other = after_frame(self.poses[step.origin].log_other, misfit_of(model, modes, step.mode), TEMPER)
+            log_other = after_frame(
+                self.poses[step.origin].log_other, misfit_of(model, modes, step.mode), TEMPER, len(model.images) > 1
+            )
         return FollowedPose(filter_, step.log_weight, step.shown, log_other)
 
 

@@ -11,18 +11,21 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.explain.goodness_of_fit import NOISE_FREEDOM, Misfit
-from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
 
 SHAPE = 0.2
 """Of the distribution Beta(a, 1) of the chance of residuals as large as those of something else. A round value."""
+FREEDOM_OF_RIG = 5.0
+"""Residuals by which σ is known about a pose before a rig, whose calibration may be off by more in one place than in
+another. A round value."""
 FLOOR = math.log(WRONG_MODEL)
 """Log-odds at first, and the least: those of a wrong model."""
 GIVEN_UP = math.log(9.0)
 """Log-odds from which a pose is no longer followed. A round value."""
 
 
-def after_frame(log_odds: float, misfit: Misfit, weight: float) -> float:
+def after_frame(log_odds: float, misfit: Misfit, weight: float, of_rig: bool = False) -> float:
     """Log-odds, after a frame, that what is followed is something else.
 
     Parameters
@@ -33,11 +36,13 @@ def after_frame(log_odds: float, misfit: Misfit, weight: float) -> float:
         Of the detections about the pose.
     weight : float
         Of a frame's evidence, as what spoils one fit may spoil the next.
+    of_rig : bool
+        Whether the frame is of several cameras.
     """
     from scipy.special import fdtrc  # slow to import
 
     if not misfit.dof:
         return log_odds
-    chance = max(float(fdtrc(misfit.dof, NOISE_FREEDOM, misfit.sigma**2)), 1e-300)
+    chance = max(float(fdtrc(misfit.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, misfit.sigma**2)), 1e-300)
     other = SHAPE * chance ** (SHAPE - 1.0)
     return max(log_odds + weight * math.log(other / (1.0 - WRONG_MODEL + WRONG_MODEL * other)), FLOOR)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.goodness_of_fit import MOST_INFLATION, NOISE_FREEDOM
+from rootmatch.explain.goodness_of_fit import MOST_INFLATION
+from rootmatch.model.priors import NOISE_FREEDOM
 
 MOST_FREEDOM = 1000.0
 """Residuals that are remembered, those of some thirty frames: the factor may change, as with a lens that warms up. A
