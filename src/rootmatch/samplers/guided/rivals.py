@@ -15,9 +15,11 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
+from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.samplers.guided import batches
-from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE, wide_set
-from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, detected_views
+from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE, width
+from rootmatch.samplers.guided.stopping import OVERLAP
+from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, within
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
@@ -35,6 +37,11 @@ RIVAL_MISSED = 0.08
 """Probability of having missed such a rival at which none is looked for any more, where no normals tell what is
 visible: two minimal sets in every arrangement of those detections, where all points are seen. `tests/test_guided.py`
 has objects that show less of them."""
+RIVALS_KEPT, RIVALS_VERIFIED = 256, 32
+"""Rivals that survive a batch and are kept, and how many of them are verified at most, one for each pose. Round values.
+"""
+DRAWN = 16
+"""Sets of a view of which one is tried. A round value."""
 RIVAL_RATIO = 0.25
 """Fraction of the likelihood ratio of the best hypothesis, in the same sequential test, that a rival has at least to be
 verified: less than of the evidence, as a minimal set may predict worse than another."""
@@ -74,14 +81,13 @@ def missed_among(search: Search, images: Integers, matched: int, known: Integers
     """
     arrangements = target_arrangements(len(images), search.minimal - 1)
     tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
-    least, enough, wanted = max(search.minimal + 1, math.ceil(SAME * matched)), MISSED, False
+    least, wanted = max(search.minimal + 1, math.ceil(SAME * matched)), False
     if tried is None:
         # a rival explains nearly as many detections, of any points
         least = max(search.minimal + 1, math.ceil(fewest(matched, SAME if known is None else RIVAL)))
-        enough = RIVAL_MISSED
-        tried, wanted = TriedSets(np.zeros((search.n, 3)), lost=LOST_OF_ALL), True
+        tried, wanted = TriedSets(np.zeros((search.n, 3)), lost=LOST_OF_ALL, positions=search.positions), True
     test = search._test(0, least)
-    for points in _wanted(search, tried, least, enough) if wanted else search._waves():
+    for points in _wanted(search, tried, least) if wanted else search._waves():
         sets = search._prepared(points, len(arrangements))
         first, tasks = 0, len(points) * len(arrangements)
         most = max(batches.LARGEST // len(images), batches.CHUNKS)
@@ -94,28 +100,40 @@ def missed_among(search: Search, images: Integers, matched: int, known: Integers
         if first == tasks:
             tried.add(points)
         missed = tried.missed(least)
-        if missed <= enough or search._spent():
+        enough = missed <= MISSED or (wanted and missed <= RIVAL_MISSED and not _looks_like_itself(search))
+        if enough or search._spent():
             return missed
     return 0.0
 
 
-def _wanted(search: Search, tried: TriedSets, least: int, enough: float) -> Iterator[Integers]:
-    """Waves of few wide minimal sets that miss hardly any pose which shows so many points, any of them.
+def _looks_like_itself(search: Search) -> bool:
+    """Whether another hypothesis is beyond chance that has less than half of its matches in common with the best one."""
+    hypotheses = search._clustered()[2]
+    best = hypotheses.best[hypotheses.evidence > search._false_alarm_level()]
+    common = ((best == best[:1]) & (best >= 0)).sum(axis=1)
+    return bool((common < OVERLAP * (best >= 0).sum(axis=1)).any())
 
-    The widest sets are often of the same few points: where one of these is hidden, all of them fail. So each is a wide
-    one of those that are seen as a whole in a pose that the sets before may have missed.
+
+def _wanted(search: Search, tried: TriedSets, least: int) -> Iterator[Integers]:
+    """Waves of few minimal sets that miss hardly any pose which shows so many points, any of them.
+
+    The widest sets are often of the same few points: where one of these is hidden, all of them fail. So each is the one
+    of some drawn from the view that was met least often, by width times what it covers that those before it do not.
     """
-    views = detected_views(least, tried.normals)
-    met = np.zeros(len(views), np.int64)
+    views, rng = tried.views(least), np.random.default_rng([search.n, least])
+    needed, enough = np.ones(len(views)), RIVAL_MISSED
     while True:
-        wave, used = list[Integers](), np.zeros(search.n, np.bool_)
-        while len(wave) < LARGEST_WAVE and (tried.lost**met).mean() > enough:
-            view = views[met.argmin()]
-            fresh = view & ~used
-            members = np.flatnonzero(fresh if np.count_nonzero(fresh) >= search.minimal else view)
-            wave.append(wide_set(search.positions, members, search.minimal))
-            used[wave[-1]] = True
-            met = met + views[:, wave[-1]].all(axis=1)
-        if not wave:
+        wave = list[Integers]()
+        while len(wave) < LARGEST_WAVE and needed.mean() > enough:
+            members = np.flatnonzero(views[needed.argmax()])
+            sets = members[distinct_sets(rng, DRAWN, len(members), search.minimal)]
+            covers = within(sets, views)
+            best = int((width(search.positions, sets) * (needed @ covers)).argmax())
+            wave.append(sets[best])
+            needed *= np.where(covers[:, best], tried.lost, 1.0)
+        if wave:
+            yield np.array(wave)
+        elif enough == MISSED:
             return
-        yield np.array(wave)
+        else:
+            enough = MISSED

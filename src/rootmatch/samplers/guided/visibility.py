@@ -65,18 +65,25 @@ def _cosines(normals: Floats) -> Floats:
     return np.where(length > 0.0, cosine, 2.0)
 
 
-def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = None) -> Bools:
+def detected_views(
+    matched: int, normals: Floats, view_cosine: Floats | None = None, positions: Floats | None = None
+) -> Bools:
     """Points (V, n) that may be detected together where ``matched`` are, in each view that can show so many.
 
     They are taken at random from those that face the camera and, where these do not suffice, from those that are seen
-    edge-on. What shows fewer points from behind than a pose matches, such as a plate, is not seen from there.
+    edge-on. What shows fewer points from behind than a pose matches, such as a plate, is not seen from there. In every
+    second view of points with ``positions`` (n, 3) they are near one another: an image may show a part of an object.
     """
-    angles = None if view_cosine is None else np.ascontiguousarray(view_cosine, np.float64).tobytes()
-    return _detected_views(matched, np.ascontiguousarray(normals, np.float64).tobytes(), angles)
+    angles, places = (
+        None if one is None else np.ascontiguousarray(one, np.float64).tobytes() for one in (view_cosine, positions)
+    )
+    return _detected_views(matched, np.ascontiguousarray(normals, np.float64).tobytes(), angles, places)
 
 
 @lru_cache(maxsize=64)
-def _detected_views(matched: int, normal_bytes: bytes, angle_bytes: bytes | None) -> Bools:
+def _detected_views(
+    matched: int, normal_bytes: bytes, angle_bytes: bytes | None, place_bytes: bytes | None
+) -> Bools:
     """See `detected_views`: frame after frame asks for the same ones."""
     normals = np.frombuffer(normal_bytes).reshape(-1, 3)
     view_cosine = None if angle_bytes is None else np.frombuffer(angle_bytes)
@@ -84,6 +91,11 @@ def _detected_views(matched: int, normal_bytes: bytes, angle_bytes: bytes | None
     facing = facing_points(normals, view_cosine)
     shown = cosine > (0.0 if view_cosine is None else view_cosine)
     order = np.where(facing, rng.random(facing.shape), np.where(shown, 3.0 - cosine, 4.0))
+    if place_bytes is not None:
+        positions = np.frombuffer(place_bytes).reshape(-1, 3)
+        positions = positions - positions.mean(axis=0)
+        about = rng.standard_normal(((len(order) + 1) // 2, len(positions))) @ positions / math.sqrt(len(positions))
+        order[::2] = ((positions - about[:, None]) ** 2).sum(axis=2)
     rank = np.argsort(np.argsort(order, axis=1), axis=1)
     count = shown.sum(axis=1)
     possible = count >= min(matched, int(count.max()))
@@ -179,20 +191,32 @@ class TriedSets:
         Cosines of the view angles, where they are given.
     lost : float
         Probability that a set leads to nothing though all of it is detected.
+    positions : (n, 3) array, optional
+        Of the points, where no normals tell which of them are seen together; see `detected_views`.
     """
 
-    def __init__(self, normals: Floats, view_cosine: Floats | None = None, lost: float = FAILURE) -> None:
-        self.normals, self.view_cosine, self.lost = normals, view_cosine, lost
+    def __init__(
+        self,
+        normals: Floats,
+        view_cosine: Floats | None = None,
+        lost: float = FAILURE,
+        positions: Floats | None = None,
+    ) -> None:
+        self.normals, self.view_cosine, self.lost, self.positions = normals, view_cosine, lost, positions
         self.sets: list[Integers] = []
 
     def add(self, sets: Integers) -> None:
         """Record that these sets (S, m) were tried with all their images."""
         self.sets.append(sets)
 
+    def views(self, matched: int) -> Bools:
+        """See `detected_views`."""
+        return detected_views(matched, self.normals, self.view_cosine, self.positions)
+
     def missed(self, matched: int) -> float:
         """Probability that a pose with so many detected points was met by none of the sets."""
         if not self.sets:
             return 1.0
-        views = detected_views(matched, self.normals, self.view_cosine)
+        views = self.views(matched)
         met = within(np.concatenate(self.sets), views).sum(axis=1)
         return float((self.lost**met).mean())
