@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
 
+SHARED = 0.5
+"""Fraction of its matches from which a hypothesis is of the same pose as another that has them. A round value."""
+
 
 class Hypotheses(NamedTuple):
     """K solved minimal sets and the correspondences that each predicts."""
@@ -63,6 +66,11 @@ class Hypotheses(NamedTuple):
         for number in which.nonzero()[0].tolist():
             first.setdefault(self.best[number].tobytes(), number)
         return np.ascontiguousarray(self.best[list(first.values())[:most]])
+
+    def apart_from_first(self) -> Bools:
+        """Which (K,) have less than `SHARED` of their matches in common with the first one: other poses."""
+        common = ((self.best == self.best[:1]) & (self.best >= 0)).sum(axis=1)
+        return np.asarray(common < SHARED * (self.best >= 0).sum(axis=1))
 
     def strongest(self, most: int) -> Hypotheses:
         """The ``most`` hypotheses of highest evidence, or fewer, strongest first."""

@@ -225,10 +225,6 @@ class LocalSearch(Search):
         """The sequential test of a wave, ever more patient with hidden points."""
         return sequential_test(self.clutter, VISIBLE, wave, least=self.minimal + 1, normals=False)
 
-    def _beyond_chance(self) -> bool:
-        evidence = max((float(batch.evidence.max()) for batch in self.hypotheses), default=-math.inf)
-        return evidence > self._false_alarm_level()
-
     def _grow(self) -> None:
         """Refine the best clusters until they grow no more: each round reaches farther than the one before."""
         strongest = -math.inf

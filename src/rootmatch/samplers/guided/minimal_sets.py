@@ -10,7 +10,7 @@ import numpy as np
 from rootmatch.algebra.rotation import cross
 from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.enumeration import subsets
-from rootmatch.hypergraph.random_tuples import distinct_sets
+from rootmatch.hypergraph.random_tuples import distinct_sets, distinct_tuples
 
 LISTED = 6_000
 """Minimal sets up to which all are listed, each once; beyond, they are drawn."""
@@ -25,6 +25,8 @@ FEWEST = 2
 to know that no such pose was missed."""
 EVENNESS = 0.7
 """Widths are blurred by a random factor from here to 1, so that no one point is in all of the first sets."""
+DRAWN_IN_PART = 8
+"""Sets of a part of the points of which the widest is tried. A round value."""
 DRAWN_IN_CLUSTER = 64
 """Minimal sets among the points of a cluster of hypotheses, of which the widest are solved."""
 
@@ -55,6 +57,25 @@ def minimal_sets(positions: Floats, size: int, rng: np.random.Generator) -> Iter
             wave = min(2 * wave, LARGEST_WAVE)
         if listed:
             return
+
+
+def sets_of_parts(positions: Floats, size: int, rng: np.random.Generator) -> Iterator[Integers]:
+    """Waves of minimal sets (W, size) of parts of the points (n, 3), without end; each part is of any size.
+
+    An image may show no more of an object: of a long row of lamps hardly a wide set is then seen as a whole.
+    """
+    n, wave = len(positions), FIRST_WAVE
+    places = positions - positions.mean(axis=0)
+    while True:
+        about = rng.standard_normal((wave, n)) @ places / math.sqrt(n)
+        near = np.argsort(((places - about[:, None]) ** 2).sum(axis=2), axis=1)
+        count = np.exp(rng.uniform(math.log(size), math.log(n + 1), wave)).astype(np.int64)
+        sets = []
+        for part, members in zip(near, np.maximum(count, size).tolist(), strict=True):
+            drawn = part[distinct_tuples(rng, DRAWN_IN_PART, members, size)]
+            sets.append(drawn[width(positions, drawn).argmax()])
+        yield np.array(sets)
+        wave = min(2 * wave, LARGEST_WAVE)
 
 
 def width(positions: Floats, sets: Integers) -> Floats:

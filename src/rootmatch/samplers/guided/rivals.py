@@ -15,10 +15,9 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
-from rootmatch.hypergraph.random_tuples import distinct_sets
+from rootmatch.hypergraph.random_tuples import distinct_tuples
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE, width
-from rootmatch.samplers.guided.stopping import OVERLAP
 from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, within
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ RIVAL_MISSED = 0.08
 """Probability of having missed such a rival at which none is looked for any more, where no normals tell what is
 visible: two minimal sets in every arrangement of those detections, where all points are seen. `tests/test_guided.py`
 has objects that show less of them."""
-RIVALS_KEPT, RIVALS_VERIFIED = 256, 32
+RIVALS_KEPT, RIVALS_VERIFIED = 512, 64
 """Rivals that survive a batch and are kept, and how many of them are verified at most, one for each pose. Round values.
 """
 DRAWN = 16
@@ -107,11 +106,10 @@ def missed_among(search: Search, images: Integers, matched: int, known: Integers
 
 
 def _looks_like_itself(search: Search) -> bool:
-    """Whether another hypothesis is beyond chance that has less than half of its matches in common with the best one."""
+    """Whether another pose than that of the best hypothesis is beyond chance."""
     hypotheses = search._clustered()[2]
-    best = hypotheses.best[hypotheses.evidence > search._false_alarm_level()]
-    common = ((best == best[:1]) & (best >= 0)).sum(axis=1)
-    return bool((common < OVERLAP * (best >= 0).sum(axis=1)).any())
+    beyond = hypotheses.evidence > search._false_alarm_level()
+    return bool((beyond & hypotheses.apart_from_first()).any())
 
 
 def _wanted(search: Search, tried: TriedSets, least: int) -> Iterator[Integers]:
@@ -126,7 +124,7 @@ def _wanted(search: Search, tried: TriedSets, least: int) -> Iterator[Integers]:
         wave = list[Integers]()
         while len(wave) < LARGEST_WAVE and needed.mean() > enough:
             members = np.flatnonzero(views[needed.argmax()])
-            sets = members[distinct_sets(rng, DRAWN, len(members), search.minimal)]
+            sets = members[distinct_tuples(rng, DRAWN, len(members), search.minimal)]
             covers = within(sets, views)
             best = int((width(search.positions, sets) * (needed @ covers)).argmax())
             wave.append(sets[best])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.hypergraph import enumeration
-from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.jit.threads import threads_worth
 from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
@@ -26,7 +26,7 @@ from rootmatch.samplers.guided.detection_grid import grid_of
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
 from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
-from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of
+from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, sets_of_parts
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
 from rootmatch.samplers.guided.rivals import RIVAL_RATIO, RIVALS_KEPT, RIVALS_VERIFIED, missed_among, try_rivals
@@ -108,10 +108,12 @@ class Search:
                 return
             if self._enough():
                 self.conclusive = True
-                self._try_rivals()
-                return
+                break
             if len(self.hypotheses) > batches.APART:
                 self._clustered()
+        # what is beyond chance and looks like itself has more poses than a batch verifies
+        if self.conclusive and self._beyond_chance():
+            self._try_rivals()
 
     def _steps(self) -> Iterator[None]:
         """Test batches of minimal sets, one a step, until none is left, none is needed or a deadline has passed."""
@@ -147,7 +149,11 @@ class Search:
         """Waves of minimal sets, those first that are likely to be visible and to predict well."""
         if self.normals:
             return covering_waves(self.positions, self.facing, self.minimal, self.view_cosine)
-        return minimal_sets(self.positions, self.minimal, self.rng)
+        wide = minimal_sets(self.positions, self.minimal, self.rng)
+        if not self.single:
+            return wide
+        parts = sets_of_parts(self.positions, self.minimal, self.rng)
+        return chain.from_iterable(zip(wide, parts, strict=False))
 
     def _tried(self) -> TriedSets | None:
         """Record of the sets tried, which tells when nothing was missed; None without normals or for motions."""
@@ -193,7 +199,7 @@ class Search:
 
     def _enough(self) -> bool:
         """Whether the search may stop; see `enough_found`."""
-        if not self.hypotheses or max(batch.evidence.max() for batch in self.hypotheses) <= self._false_alarm_level():
+        if not self._beyond_chance():
             return False
         self.refine()
         if self.normals and self.single:
@@ -205,6 +211,11 @@ class Search:
             hypotheses, leaders, self._false_alarm_level(), shape=self.shape,
             motions=self.motions, solved=self.solved, options=self.options.stopping,
         )  # fmt: skip
+
+    def _beyond_chance(self) -> bool:
+        """Whether any hypothesis is."""
+        evidence = max((float(batch.evidence.max()) for batch in self.hypotheses), default=-math.inf)
+        return evidence > self._false_alarm_level()
 
     _try_rivals, _missed_among = try_rivals, missed_among
 
@@ -334,7 +345,7 @@ class Search:
         level, evidence = self._false_alarm_level(), hypotheses.evidence
         near = evidence > evidence.max(initial=0.0) - LAG
         if not near.all():
-            near |= (evidence > level) & apart_from(hypotheses.best, hypotheses.best[0])
+            near |= (evidence > level) & hypotheses.apart_from_first()
         if len(evidence) and evidence[0] > level:
             near &= self._rivals(evidence)
         return hypotheses.assignments(near, self.options.hypotheses)

@@ -81,9 +81,7 @@ def detected_views(
 
 
 @lru_cache(maxsize=64)
-def _detected_views(
-    matched: int, normal_bytes: bytes, angle_bytes: bytes | None, place_bytes: bytes | None
-) -> Bools:
+def _detected_views(matched: int, normal_bytes: bytes, angle_bytes: bytes | None, place_bytes: bytes | None) -> Bools:
     """See `detected_views`: frame after frame asks for the same ones."""
     normals = np.frombuffer(normal_bytes).reshape(-1, 3)
     view_cosine = None if angle_bytes is None else np.frombuffer(angle_bytes)
