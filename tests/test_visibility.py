@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from rootmatch.samplers.guided.visibility import (
     facing_points,
     missed_at_random,
     sphere,
+    views_of_parts,
     within,
 )
 
@@ -80,7 +82,7 @@ def test_all_sets_come_once() -> None:
 
 def test_missed_falls_with_sets_and_with_points() -> None:
     points, normals = ball(3)
-    tried = TriedSets(normals)
+    tried = TriedSets(partial(detected_views, normals=normals))
     assert tried.missed(8) == 1.0
     before = 1.0
     for wave in itertools.islice(covering_waves(points, normals, 3), 6):
@@ -98,7 +100,7 @@ def test_a_plate_is_not_missed_from_behind(bend: float) -> None:
     points = np.column_stack([rng.uniform(-0.5, 0.5, (30, 2)), np.zeros(30)])
     normals = np.column_stack([bend * points[:, :2], np.ones(30)])
     views = model_views(points, normals / np.linalg.norm(normals, axis=1, keepdims=True))
-    tried = TriedSets(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    tried = TriedSets(partial(detected_views, normals=normals / np.linalg.norm(normals, axis=1, keepdims=True)))
     enough = next(k for k in range(len(views.edges) + 1) if views.missed(12, k) <= MISSED)
     assert views.edges[enough - 1][1] < 0.2 * len(views.ordered)
     tried.add(views.ordered[: views.edges[enough - 1][1]])
@@ -106,6 +108,17 @@ def test_a_plate_is_not_missed_from_behind(bend: float) -> None:
     seen = detected_views(12, views.normals)
     assert (seen.sum(axis=1) == 12).all()
     assert (detected_views(40, views.normals).sum(axis=1) == 30).all()  # at most what is shown
+
+
+def test_parts_are_near_one_another_in_every_second_view() -> None:
+    """Of a row of lamps a part is a run of neighbours, cut out of any place; in the other views it is any of them."""
+    row = np.column_stack([np.arange(40.0), np.zeros((40, 2))])
+    views = views_of_parts(8, row)
+    assert (views.sum(axis=1) == 8).all()
+    extent = np.array([np.ptp(np.flatnonzero(view)) for view in views])
+    assert (extent[::2] == 7).all()
+    assert np.median(extent[1::2]) > 25
+    assert len({int(np.flatnonzero(view)[0]) for view in views[::2]}) > 15
 
 
 def test_directions_are_even() -> None:

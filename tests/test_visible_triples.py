@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import permutations
 
 import numpy as np
@@ -13,7 +14,7 @@ from rootmatch.samplers.guided.detection_grid import build_grid
 from rootmatch.samplers.guided.model_views import ModelViews, model_views
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
 from rootmatch.samplers.guided.triangle_shapes import ANY, SIDE, image_cells
-from rootmatch.samplers.guided.visibility import LOST, TriedSets
+from rootmatch.samplers.guided.visibility import LOST, TriedSets, detected_views
 from rootmatch.samplers.guided.visible_triples import run_visible_tests
 from test_visibility import CAMERA, NOISE, ball, view
 
@@ -91,7 +92,7 @@ def test_a_triple_seen_from_nearest_is_of_any_shape() -> None:
 def test_missed_is_that_of_the_sets_tried() -> None:
     points, normals = ball(6)
     views = views_of(points, normals)
-    tried = TriedSets(normals, lost=LOST)
+    tried = TriedSets(partial(detected_views, normals=normals), LOST)
     assert views.missed(7, 0) == 1.0
     for number in range(4):
         first, last = views.edges[number]

@@ -65,10 +65,8 @@ def sets_of_parts(positions: Floats, size: int, rng: np.random.Generator) -> Ite
     An image may show no more of an object: of a long row of lamps hardly a wide set is then seen as a whole.
     """
     n, wave = len(positions), FIRST_WAVE
-    places = positions - positions.mean(axis=0)
     while True:
-        about = rng.standard_normal((wave, n)) @ places / math.sqrt(n)
-        near = np.argsort(((places - about[:, None]) ** 2).sum(axis=2), axis=1)
+        near = distances2(positions, wave, rng).argsort(axis=1)
         count = np.exp(rng.uniform(math.log(size), math.log(n + 1), wave)).astype(np.int64)
         sets = []
         for part, members in zip(near, np.maximum(count, size).tolist(), strict=True):
@@ -76,6 +74,20 @@ def sets_of_parts(positions: Floats, size: int, rng: np.random.Generator) -> Ite
             sets.append(drawn[width(positions, drawn).argmax()])
         yield np.array(sets)
         wave = min(2 * wave, LARGEST_WAVE)
+
+
+def distances2(positions: Floats, count: int, rng: np.random.Generator) -> Floats:
+    """Squared distances (``count``, n) of points (n, 3) from places that are spread as they are, less a constant."""
+    places = positions - positions.mean(axis=0)
+    about = rng.standard_normal((count, len(places))) @ places / math.sqrt(len(places))
+    return np.asarray((places**2).sum(axis=1) - 2.0 * about @ places.T)
+
+
+def in_turn(first: Iterator[Integers], second: Iterator[Integers]) -> Iterator[Integers]:
+    """Waves of two sources in turn, until the first one ends."""
+    for wave in first:
+        yield wave
+        yield next(second)
 
 
 def width(positions: Floats, sets: Integers) -> Floats:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,10 +16,9 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
-from rootmatch.hypergraph.random_tuples import distinct_tuples
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE, width
-from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, within
+from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, views_of_parts, within
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
@@ -39,8 +39,8 @@ has objects that show less of them."""
 RIVALS_KEPT, RIVALS_VERIFIED = 512, 64
 """Rivals that survive a batch and are kept, and how many of them are verified at most, one for each pose. Round values.
 """
-DRAWN = 16
-"""Sets of a view of which one is tried. A round value."""
+DRAWN, TAKEN = 64, 8
+"""Sets that are drawn at once, of as many views, and how many of them are taken. Round values."""
 RIVAL_RATIO = 0.25
 """Fraction of the likelihood ratio of the best hypothesis, in the same sequential test, that a rival has at least to be
 verified: less than of the evidence, as a minimal set may predict worse than another."""
@@ -84,7 +84,7 @@ def missed_among(search: Search, images: Integers, matched: int, known: Integers
     if tried is None:
         # a rival explains nearly as many detections, of any points
         least = max(search.minimal + 1, math.ceil(fewest(matched, SAME if known is None else RIVAL)))
-        tried, wanted = TriedSets(np.zeros((search.n, 3)), lost=LOST_OF_ALL, positions=search.positions), True
+        tried, wanted = TriedSets(partial(views_of_parts, positions=search.positions), LOST_OF_ALL), True
     test = search._test(0, least)
     for points in _wanted(search, tried, least) if wanted else search._waves():
         sets = search._prepared(points, len(arrangements))
@@ -115,20 +115,21 @@ def _looks_like_itself(search: Search) -> bool:
 def _wanted(search: Search, tried: TriedSets, least: int) -> Iterator[Integers]:
     """Waves of few minimal sets that miss hardly any pose which shows so many points, any of them.
 
-    The widest sets are often of the same few points: where one of these is hidden, all of them fail. So each is the one
-    of some drawn from the view that was met least often, by width times what it covers that those before it do not.
+    The widest sets are often of the same few points: where one of these is hidden, all of them fail. So sets are drawn
+    from the views that were met least often, and taken by width times what they cover that those before them do not.
     """
-    views, rng = tried.views(least), np.random.default_rng([search.n, least])
+    views, rng, size = tried.views(least), np.random.default_rng([search.n, least]), search.minimal
     needed, enough = np.ones(len(views)), RIVAL_MISSED
     while True:
         wave = list[Integers]()
         while len(wave) < LARGEST_WAVE and needed.mean() > enough:
-            members = np.flatnonzero(views[needed.argmax()])
-            sets = members[distinct_tuples(rng, DRAWN, len(members), search.minimal)]
-            covers = within(sets, views)
-            best = int((width(search.positions, sets) * (needed @ covers)).argmax())
+            if len(wave) % TAKEN == 0:
+                places = rng.random((DRAWN, search.n)) + ~views[np.argpartition(-needed, DRAWN)[:DRAWN]]
+                sets = np.sort(np.argpartition(places, size, axis=1)[:, :size], axis=1)
+                covers, wide = within(sets, views).astype(np.float32), width(search.positions, sets)
+            best = int((wide * (needed @ covers)).argmax())
             wave.append(sets[best])
-            needed *= np.where(covers[:, best], tried.lost, 1.0)
+            needed *= 1.0 - (1.0 - tried.lost) * covers[:, best]
         if wave:
             yield np.array(wave)
         elif enough == MISSED:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from itertools import chain
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from rootmatch.samplers.guided.detection_grid import grid_of
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
 from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
-from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, sets_of_parts
+from rootmatch.samplers.guided.minimal_sets import in_turn, minimal_sets, others_of, sets_of_parts
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
 from rootmatch.samplers.guided.rivals import RIVAL_RATIO, RIVALS_KEPT, RIVALS_VERIFIED, missed_among, try_rivals
@@ -42,7 +42,7 @@ from rootmatch.samplers.guided.sequential_test import (
 from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.verification import CANDIDATES, verify
-from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, missed_at_random
+from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, detected_views, missed_at_random
 
 VERIFIED = 10_000_000
 """Pairs of a prediction and a detection that are compared between two looks at the time: some milliseconds."""
@@ -150,16 +150,13 @@ class Search:
         if self.normals:
             return covering_waves(self.positions, self.facing, self.minimal, self.view_cosine)
         wide = minimal_sets(self.positions, self.minimal, self.rng)
-        if not self.single:
-            return wide
-        parts = sets_of_parts(self.positions, self.minimal, self.rng)
-        return chain.from_iterable(zip(wide, parts, strict=False))
+        return in_turn(wide, sets_of_parts(self.positions, self.minimal, self.rng)) if self.single else wide
 
     def _tried(self) -> TriedSets | None:
         """Record of the sets tried, which tells when nothing was missed; None without normals or for motions."""
         if not self.normals or not self.single:
             return None
-        return TriedSets(self.facing, self.view_cosine)
+        return TriedSets(partial(detected_views, normals=self.facing, view_cosine=self.view_cosine))
 
     def _none_missed(self, tried: TriedSets | None, sets_done: int) -> bool:
         """Whether a pose that explains as many points as the best one would have been met by the sets tried."""

@@ -8,7 +8,7 @@ is a direction to the camera with the points that face it, less some that go und
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import combinations
 
@@ -17,10 +17,12 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.random_tuples import distinct_sets
-from rootmatch.samplers.guided.minimal_sets import EVENNESS, FIRST_WAVE, LARGEST_WAVE, LISTED, width
+from rootmatch.samplers.guided.minimal_sets import EVENNESS, FIRST_WAVE, LARGEST_WAVE, LISTED, distances2, width
 
 VIEWS = 512
 """Directions that stand for all."""
+PARTS = 128
+"""Views of an object without normals that stand for all. A round value."""
 FACING = 0.25
 """Cosine between normal and direction to the camera above which a point counts as visible here: beyond 75° little light
 comes back. An order and a probability follow from it; no point is taken to be hidden."""
@@ -65,23 +67,18 @@ def _cosines(normals: Floats) -> Floats:
     return np.where(length > 0.0, cosine, 2.0)
 
 
-def detected_views(
-    matched: int, normals: Floats, view_cosine: Floats | None = None, positions: Floats | None = None
-) -> Bools:
+def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = None) -> Bools:
     """Points (V, n) that may be detected together where ``matched`` are, in each view that can show so many.
 
     They are taken at random from those that face the camera and, where these do not suffice, from those that are seen
-    edge-on. What shows fewer points from behind than a pose matches, such as a plate, is not seen from there. In every
-    second view of points with ``positions`` (n, 3) they are near one another: an image may show a part of an object.
+    edge-on. What shows fewer points from behind than a pose matches, such as a plate, is not seen from there.
     """
-    angles, places = (
-        None if one is None else np.ascontiguousarray(one, np.float64).tobytes() for one in (view_cosine, positions)
-    )
-    return _detected_views(matched, np.ascontiguousarray(normals, np.float64).tobytes(), angles, places)
+    angles = None if view_cosine is None else np.ascontiguousarray(view_cosine, np.float64).tobytes()
+    return _detected_views(matched, np.ascontiguousarray(normals, np.float64).tobytes(), angles)
 
 
 @lru_cache(maxsize=64)
-def _detected_views(matched: int, normal_bytes: bytes, angle_bytes: bytes | None, place_bytes: bytes | None) -> Bools:
+def _detected_views(matched: int, normal_bytes: bytes, angle_bytes: bytes | None) -> Bools:
     """See `detected_views`: frame after frame asks for the same ones."""
     normals = np.frombuffer(normal_bytes).reshape(-1, 3)
     view_cosine = None if angle_bytes is None else np.frombuffer(angle_bytes)
@@ -89,15 +86,31 @@ def _detected_views(matched: int, normal_bytes: bytes, angle_bytes: bytes | None
     facing = facing_points(normals, view_cosine)
     shown = cosine > (0.0 if view_cosine is None else view_cosine)
     order = np.where(facing, rng.random(facing.shape), np.where(shown, 3.0 - cosine, 4.0))
-    if place_bytes is not None:
-        positions = np.frombuffer(place_bytes).reshape(-1, 3)
-        positions = positions - positions.mean(axis=0)
-        about = rng.standard_normal(((len(order) + 1) // 2, len(positions))) @ positions / math.sqrt(len(positions))
-        order[::2] = ((positions - about[:, None]) ** 2).sum(axis=2)
     rank = np.argsort(np.argsort(order, axis=1), axis=1)
     count = shown.sum(axis=1)
     possible = count >= min(matched, int(count.max()))
     views = np.asarray((shown & (rank < matched))[possible])
+    views.setflags(write=False)
+    return views
+
+
+def views_of_parts(matched: int, positions: Floats) -> Bools:
+    """Points (PARTS, n) that may be detected together where ``matched`` are and no normals tell which.
+
+    In every second view they are any of the points (n, 3), in the others those nearest to some place: an image may show
+    a part of an object.
+    """
+    return _views_of_parts(matched, np.ascontiguousarray(positions, np.float64).tobytes())
+
+
+@lru_cache(maxsize=64)
+def _views_of_parts(matched: int, place_bytes: bytes) -> Bools:
+    """See `views_of_parts`."""
+    positions = np.frombuffer(place_bytes).reshape(-1, 3)
+    rng = np.random.default_rng([matched, len(positions)])
+    order = rng.random((PARTS, len(positions)))
+    order[::2] = distances2(positions, PARTS // 2, rng)
+    views = np.asarray(order.argsort(axis=1).argsort(axis=1) < matched)
     views.setflags(write=False)
     return views
 
@@ -183,38 +196,23 @@ class TriedSets:
 
     Parameters
     ----------
-    normals : (n, 3) array
-        Zero where a point has none, and may be seen from everywhere.
-    view_cosine : (n,) array, optional
-        Cosines of the view angles, where they are given.
+    views : callable
+        From a number of detected points to which (V, n) may be detected together; `detected_views` or `views_of_parts`.
     lost : float
         Probability that a set leads to nothing though all of it is detected.
-    positions : (n, 3) array, optional
-        Of the points, where no normals tell which of them are seen together; see `detected_views`.
     """
 
-    def __init__(
-        self,
-        normals: Floats,
-        view_cosine: Floats | None = None,
-        lost: float = FAILURE,
-        positions: Floats | None = None,
-    ) -> None:
-        self.normals, self.view_cosine, self.lost, self.positions = normals, view_cosine, lost, positions
+    def __init__(self, views: Callable[[int], Bools], lost: float = FAILURE) -> None:
+        self.views, self.lost = views, lost
         self.sets: list[Integers] = []
 
     def add(self, sets: Integers) -> None:
         """Record that these sets (S, m) were tried with all their images."""
         self.sets.append(sets)
 
-    def views(self, matched: int) -> Bools:
-        """See `detected_views`."""
-        return detected_views(matched, self.normals, self.view_cosine, self.positions)
-
     def missed(self, matched: int) -> float:
         """Probability that a pose with so many detected points was met by none of the sets."""
         if not self.sets:
             return 1.0
-        views = self.views(matched)
-        met = within(np.concatenate(self.sets), views).sum(axis=1)
+        met = within(np.concatenate(self.sets), self.views(matched)).sum(axis=1)
         return float((self.lost**met).mean())
