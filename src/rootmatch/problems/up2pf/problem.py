@@ -17,6 +17,7 @@ from rootmatch.problems.derived.store import shipped
 from rootmatch.problems.derived.tables import DerivedTables
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.zoom_pose import zoom_poses
 
 
@@ -99,16 +100,22 @@ class UP2PF(Problem):
         centred /= np.sqrt((centred**2).mean())
         return self.derived.tables(replace(points, source=self._rotated(centred)))
 
-    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
-        """Poses with focal lengths; see `Problem.poses`.
-
-        The seventh row and column of the covariance are those of the focal length; the others have rank 4.
-        """
-        rotations = (
+    @property
+    def upright(self) -> Upright:
+        """The vertical as a fit takes it."""
+        return Upright(
             rotation_to_vertical(self.vertical_world, "vertical_world"),
             rotation_to_vertical(self.vertical_camera, "vertical_camera"),
+            0.0,
         )
-        return zoom_poses(points, np.array(self.centre), rotations, assignments)
+
+    def poses(self, points: PointSets, assignments: NDArray[np.int64], start: Pose | None = None) -> list[Pose | None]:
+        """Poses with focal lengths; see `Problem.poses`.
+
+        The seventh row and column of the covariance are those of the focal length; the others have rank 4. From
+        ``start``, if it is given, the poses are those of its valley.
+        """
+        return zoom_poses(points, np.array(self.centre), self.upright, assignments, start)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5) in x, θ counted from the optical axis, of minimal sets (E, 3, 3) and (E, 3, 2)."""
