@@ -1,7 +1,7 @@
 """The image of a body in an upright camera of unknown focal length: the model of an image with one more parameter.
 
 The vertical is exact, so only the turn about it is unknown of a rotation, and its tilt is idle. Here the tilt about the
-camera's x axis holds the logarithm φ of the focal length over `middle_focal`: a pose (R, t) and φ are stored as
+camera's x axis holds the logarithm φ of the focal length over `usual_focal`: a pose (R, t) and φ are stored as
 Cᵀ Rx(φ) C R, with the rotation C of the camera onto a frame whose y is the vertical. A pose then has six parameters as
 any other, whose covariances, steps, changes and comparisons are those of `rootmatch.model.evidence`: a turn about the
 tilted vertical, which is that about the vertical itself, φ, a third rotation that moves nothing, and the position.
@@ -24,28 +24,11 @@ from rootmatch.model.pose_density import ANYWHERE, TURNS, Broad, PoseDensity, Te
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
 from rootmatch.problems.pose_fit.prior_residuals import Upright
+from rootmatch.problems.up2pf.focal_lengths import MOST_LOG, ZOOM, usual_focal
 
 Floats = NDArray[np.float64]
 
-USUAL_FOCAL, ZOOM = 1.2, 1.0
-"""Focal length over the width of the image, of which half of all cameras have a longer one: 45° across. And standard
-deviation of its logarithm: 95 % are between 6° and 140°, which covers what lenses have. Round values; a σ of 2 in the
-place of 1 lowers all log-odds by .7 at most."""
-MOST_LOG = 3.0
-"""Largest logarithm of a focal length over the usual one: beyond 1° across an image tells no focal length."""
 LOG_2PI = math.log(2.0 * math.pi)
-
-
-def middle_focal(centre: Floats, target: Floats) -> float:
-    """The focal length that half of all cameras exceed.
-
-    The image is as wide as the principal point is off its edge, or the detections from the principal point, times two.
-    """
-    half = float(np.max(np.abs(centre)))
-    size = 2.0 * centre
-    if not ((target >= 0.0) & (target <= size)).all():
-        half = float(np.abs(target - centre).max(initial=half))
-    return USUAL_FOCAL * 2.0 * max(half, 1e-300)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +93,7 @@ class ZoomModel(DetectionModel):
     @classmethod
     def of(cls, centre: Floats, upright: Upright, points: Floats, target: Floats, **told: object) -> ZoomModel:
         """The model of points (n, 3) and pixels (n', 2) by the principal point and the vertical."""
-        focal = middle_focal(centre, target)
+        focal = usual_focal(centre, target)
         camera = Camera(focal, focal, *centre.tolist())
         return cls(camera, points, target, upright=upright, prior=ZoomDensity(upright), **told)  # type: ignore[arg-type]
 
