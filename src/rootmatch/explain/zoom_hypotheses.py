@@ -58,6 +58,8 @@ class ZoomCandidate(Candidate):
 
     def poses_of(self, rows: Integers) -> Proposals:
         """See `Candidate.poses_of`: of whole hyper-edges, as three matches have hardly fewer poses than a body."""
+        if not len(rows):
+            return no_proposals(self.task.rows)
         return self._posed(rows, zoom_starts(self.task.points, *self._camera, rows, most=1))
 
     def proposals(self, assignments: Sequence[Integers]) -> Proposals:

@@ -24,12 +24,16 @@ def pays(task: SamplingTask) -> bool:
     """Whether a guided search is possible and cheaper than an exhaustive sweep."""
     most = LIMITS.guided if task.motions == 1 else LIMITS.guided_multi_motion
     searched = task.clouds is not None or task.views is not None
-    possible = searched or has_hypotheses(type(task.tables)) or _by_focal_length(task)
-    return possible and task.sweep_cost > most
+    possible = searched or has_hypotheses(type(task.tables))
+    return searches_focal_lengths(task) or (possible and task.sweep_cost > most)
 
 
-def _by_focal_length(task: SamplingTask) -> bool:
-    """Whether a camera of unknown focal length is searched at known ones."""
+def searches_focal_lengths(task: SamplingTask) -> bool:
+    """Whether a camera of unknown focal length is searched at known ones, which finds all that a sweep would.
+
+    Of 80 scenes with six of up to 14 points seen, all were trusted and right after the search alone, and 75 where a
+    sweep followed it (`benchmarks/zoom.py`, hidden points, seeds from 1000).
+    """
     return task.at_focal_lengths is not None and task.motions == 1
 
 
@@ -66,7 +70,7 @@ class Guided(GuidedOptions):
             return point_set_tensor(task, task.clouds, self)
         if task.views is not None:
             return two_view_tensor(task, self)
-        if task.at_focal_lengths is not None and task.motions == 1:
+        if task.at_focal_lengths is not None and searches_focal_lengths(task):
             return focal_tensor(task, task.at_focal_lengths, self)
         Capability.GUIDED.require(has_hypotheses(type(task.tables)), task.problem)
         search = search_of(task, self, task.deadline.part(SEARCHED, RESERVE))
