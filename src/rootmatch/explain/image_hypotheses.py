@@ -26,8 +26,10 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import ANY_POSE, DetectionModel
+from rootmatch.model.evidence import Evidence
 from rootmatch.model.gathering import gathered
 from rootmatch.model.line_readings import line_readings
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Known, PoseDensity
@@ -36,6 +38,7 @@ from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import (
     FEW,
     Proposals,
+    fitted,
     joined,
     look_alikes,
     no_proposals,
@@ -106,6 +109,10 @@ class Candidate:
     def proposals(self, assignments: Sequence[Integers]) -> Proposals:
         """Assignments with the poses that they lead to."""
         return proposals_of(self.task, self.model, assignments)
+
+    def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
+        """Assignments (K, n) at the best poses that lead on from these, and their evidence."""
+        return fitted(self.model, assignments)
 
     def twins(self, modes: Modes) -> Proposals:
         """Poses in which the body looks as in its best modes, whether the search met them or not."""

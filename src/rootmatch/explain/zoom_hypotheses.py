@@ -12,8 +12,10 @@ from rootmatch.explain.image_hypotheses import Candidate, best_of, few_twins, sy
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.depth_reversal import reversed_in_depth
+from rootmatch.model.evidence import Evidence
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
-from rootmatch.model.proposals import Proposals, joined, look_alikes, no_proposals
+from rootmatch.model.proposals import Proposals, joined, look_alikes, no_proposals, refitted
 from rootmatch.model.zoom_model import ZoomModel, unstored
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.prior_residuals import Upright
@@ -70,6 +72,10 @@ class ZoomCandidate(Candidate):
             return no_proposals(self.task.rows)
         rows = np.array(every)
         return self._posed(rows, zoom_fits(self.task.points, *self._camera, rows, most=VALLEYS))
+
+    def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
+        """See `Candidate.fitted`: each at several poses."""
+        return refitted(self.model, self.proposals(list(assignments)))
 
     def twins(self, modes: Modes) -> Proposals:
         """See `Candidate.twins`: at the focal lengths of the poses that they are twins of."""
