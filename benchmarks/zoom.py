@@ -28,7 +28,13 @@ CLEAN = {f"clean-{n}": (n, 0, 0) for n in (8, 10, 12, 16, 20)}
 CLUTTER = {f"clutter-{n}+{m}": (n, 0, m) for n, m in ((8, 4), (8, 8), (12, 6), (12, 12), (12, 20))}
 HIDDEN = {f"hidden-{n}-{h}+{m}": (n, h, m) for n, h, m in ((10, 3, 3), (12, 4, 4), (12, 6, 6))}
 UNRELATED = {f"unrelated-{n}x{m}": (n, m) for n, m in ((8, 8), (8, 12), (12, 12))}
-TOWERS = {"tower": (0, 0, 0), "tower-hidden": (0, 3, 0), "tower-mark": (1, 0, 0), "tower-mark-hidden": (1, 3, 2)}
+TOWERS = {
+    "tower": (0, 0, 0),
+    "tower-hidden": (0, 3, 0),
+    "tower-mark": (1, 0, 0),
+    "tower-mark-hidden": (1, 3, 2),
+    "tower-rough": (0, 2, 2),
+}
 Made = tuple[np.ndarray, np.ndarray, np.ndarray, rm.UP2PF]
 
 
@@ -49,13 +55,14 @@ def shown(
     return source, target[left], place[truth], rm.UP2PF(CENTRE, tuple(vertical), (0.0, 1.0, 0.0))
 
 
-def tower(marks: int, hidden: int, clutter: int, seed: int) -> Made:
-    """Three square floors of a tower, of which the four sides are alike but for a mark."""
+def tower(marks: int, hidden: int, clutter: int, seed: int, rough: float = 0.0) -> Made:
+    """Three square floors of a tower, of which the four sides are alike but for a mark, or for 3 cm of 2 m."""
     rng = np.random.default_rng([seed, 2])
     corners = [
         (x, y, z) for y, half in ((-1.5, 0.8), (0.0, 1.0), (1.5, 1.2)) for x in (-half, half) for z in (-half, half)
     ]
     source = np.array([*corners, *[(0.7, 0.6, 1.1)][:marks]])
+    source += rough * np.random.default_rng([seed, 4]).normal(size=source.shape)
     focal, mount = rng.uniform(500.0, 1500.0), axis_rotation(np.array([1.0, 0.0, 0.0]), rng.uniform(0.0, 0.3))
     rotation = mount @ axis_rotation(robot_scenes.DOWN, rng.uniform(-np.pi, np.pi))
     image = project(source @ rotation.T + mount @ np.array([0.0, 0.0, 8.0]), (focal, focal, *CENTRE))
@@ -75,7 +82,7 @@ def made(kind: str, seed: int) -> Made:
     if kind in UNRELATED:
         return unrelated(*UNRELATED[kind], seed)
     if kind in TOWERS:
-        return tower(*TOWERS[kind], seed)
+        return tower(*TOWERS[kind], seed, 0.03 if "rough" in kind else 0.0)
     return box(*(CLEAN | CLUTTER | HIDDEN)[kind], seed)
 
 

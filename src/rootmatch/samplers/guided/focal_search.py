@@ -9,8 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
+from rootmatch.deadline import Deadline
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.options import GuidedOptions
@@ -32,29 +31,33 @@ def focal_tensor(task: SamplingTask, tables: Callable[[], list[Any]], options: G
     ``tables``: those of a camera of each focal length, whose minimal sets are one point smaller.
     """
     deadline, every = task.deadline.part(SEARCHED, RESERVE), tables()
+    if options.max_seconds is not None and options.max_seconds < deadline.left():
+        deadline = Deadline(options.max_seconds)
     budget, spent = min(LIMITS.quick, options.budget // len(every)), 0
     few = replace(options, hypotheses=min(options.hypotheses, NAMED))
     while True:
         searches = []
-        for number, one in enumerate(every):
+        for one in every:
             known = replace(task, tables=one, order=task.order - 1, progress=None)
             search = Search(known, replace(few, budget=max(budget, 1)), deadline)
             with deadline.within():
                 search.run()
                 search.refine()
             searches.append(search)
+            spent += search.evaluated
             if task.progress is not None:
-                task.progress(number + 1, len(every))
-        spent += sum(search.evaluated for search in searches)
+                task.progress(min(spent, options.budget), options.budget)
         whole = _together(searches)
-        conclusive = bool(whole.hypotheses) and whole.hypotheses[0].evidence[0] > whole._false_alarm_level()
+        conclusive = float(whole.hypotheses[0].evidence.max(initial=0.0)) > whole._false_alarm_level()
         budget *= LONGER
         done = all(search.evaluated < search.budget for search in searches)
         if conclusive or done or deadline.passed() or spent + len(every) * budget > options.budget:
             break
+    if task.progress is not None:
+        task.progress(options.budget, options.budget)
     return sampled_among(
         task, whole.clusters, few, whole.rng, spent,
-        later=task.later and bool(whole.hypotheses) and not task.deadline.is_set,
+        later=task.later and not task.deadline.is_set,
         deadline=task.deadline,
         conclusive=conclusive,
         assignments=whole.assignments(),
@@ -63,7 +66,7 @@ def focal_tensor(task: SamplingTask, tables: Callable[[], list[Any]], options: G
 
 
 def _together(searches: list[Search]) -> Search:
-    """The first of several searches with what all of them tested and found."""
+    """The first of several searches with what all of them tested and found, in one batch, the strongest first."""
     whole = searches[0]
     whole.hypotheses = [batch for search in searches for batch in search.hypotheses]
     whole.tested = sum(search.tested for search in searches)
@@ -75,6 +78,5 @@ def _missed(search: Search, whole: Search) -> float:
     """Probability that one of the searches has missed a pose with as many matches as the best one of all."""
     if search.conclusive or search.missed == 0.0:
         return search.missed
-    best = whole.hypotheses[0].best[:1] if whole.hypotheses else np.empty((0, search.n), np.int64)
-    matched = max(int((best >= 0).sum()), search.minimal + 1)
+    matched = max(int((whole.hypotheses[0].best[:1] >= 0).sum()), search.minimal + 1)
     return missed_at_random(matched, search.n, search.minimal, search.sets_done)
