@@ -25,8 +25,8 @@ from rootmatch.errors import InputError
 
 CENTRE, SIGMA = (320.0, 240.0), 0.5
 CLEAN = {f"clean-{n}": (n, 0, 0) for n in (8, 10, 12, 16, 20)}
-CLUTTER = {f"clutter-{n}+{m}": (n, 0, m) for n, m in ((8, 4), (8, 8), (12, 6), (12, 12), (12, 20))}
-HIDDEN = {f"hidden-{n}-{h}+{m}": (n, h, m) for n, h, m in ((10, 3, 3), (12, 4, 4), (12, 6, 6))}
+CLUTTER = {f"clutter-{n}+{m}": (n, 0, m) for n, m in ((8, 4), (8, 8), (12, 6), (12, 12), (12, 20), (40, 40))}
+HIDDEN = {f"hidden-{n}-{h}+{m}": (n, h, m) for n, h, m in ((10, 3, 3), (12, 4, 4), (12, 6, 6), (40, 20, 60))}
 UNRELATED = {f"unrelated-{n}x{m}": (n, m) for n, m in ((8, 8), (8, 12), (12, 12))}
 TOWERS = {
     "tower": (0, 0, 0),

@@ -9,17 +9,17 @@ Floats = NDArray[np.float64]
 
 USUAL_FOCAL, ZOOM = 1.2, 1.0
 """Focal length over the width of the image that half of all cameras exceed: 45° across. And standard deviation of its
-logarithm: 95 % are between 6° and 140° across, which covers what lenses have. Round values; a deviation of 2 in the
+logarithm: 95 % are between 7° and 143° across, which covers what lenses have. Round values; a deviation of 2 in the
 place of 1 lowers log-odds by .7 at most."""
 MOST_LOG = 3.0
 """Largest logarithm of a focal length over the usual one: beyond 2° across an image tells no focal length."""
 REACH, STEP = 2.25, 0.15
-"""Logarithm of the focal lengths over the usual one up to which poses are searched, which is so for 97 % of cameras,
+"""Logarithm of the focal lengths over the usual one up to which poses are searched, which is so for 98 % of cameras,
 and its steps. Half a step displaces a detection by what `SLACK` allows. Round values."""
 SLACK = 0.005
 """Noise that a search allows for, beside the given one, over the detections' distance from the principal point: the
-nearest focal length of the grid is not the right one. With .005 the searches at both sides of 12 points name 11 or 12
-of them, with none 6 to 8 (`benchmarks/zoom.py`, seeds from 1000)."""
+nearest focal length of the grid is not the right one. With .005 searches a whole step beside the right focal length
+name 8 to 12 of 12 points, with none 6 to 8 (four scenes of `benchmarks/zoom.py`, seeds from 1000)."""
 
 
 def usual_focal(centre: Floats, target: Floats) -> float:

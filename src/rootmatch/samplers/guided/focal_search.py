@@ -5,7 +5,9 @@ What all of them find is judged as one search: a hypothesis has to be beyond wha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -13,14 +15,15 @@ from rootmatch.deadline import Deadline
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.rivals import RIVAL_MISSED
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.visibility import missed_at_random
 from rootmatch.samplers.limits import LIMITS
 
 SEARCHED, RESERVE = 0.6, 0.3
 """Share of the time left at a deadline that all searches may take, and seconds that suffice for the hyper-edges."""
-LONGER = 8
-"""Factor on the budget of each search if none has found anything. A round value."""
+LONGER = 4
+"""Factor on the budget of a search that goes on. A round value."""
 NAMED = 64
 """Most assignments that are handed on to be fitted. A round value."""
 
@@ -28,55 +31,70 @@ NAMED = 64
 def focal_tensor(task: SamplingTask, tables: Callable[[], list[Any]], options: GuidedOptions) -> SampledTensor:
     """Tensor of the hyper-edges among the correspondences that poses at all focal lengths name; see `Guided`.
 
+    Searches go on until one has found something and no other can well have missed as good a pose.
+
     ``tables``: those of a camera of each focal length, whose minimal sets are one point smaller.
     """
-    deadline, every = task.deadline.part(SEARCHED, RESERVE), tables()
+    deadline = task.deadline.part(SEARCHED, RESERVE)
     if options.max_seconds is not None and options.max_seconds < deadline.left():
         deadline = Deadline(options.max_seconds)
-    budget, spent = min(LIMITS.quick, options.budget // len(every)), 0
     few = replace(options, hypotheses=min(options.hypotheses, NAMED))
-    while True:
-        searches = []
-        for one in every:
-            known = replace(task, tables=one, order=task.order - 1, progress=None)
-            search = Search(known, replace(few, budget=max(budget, 1)), deadline)
+    tasks = [replace(task, tables=one, order=task.order - 1, progress=None) for one in tables()]
+    searches, going = dict[int, Search](), list(range(len(tasks)))
+    budget, spent = max(min(LIMITS.quick, options.budget // len(tasks)), 1), 0
+    while going:
+        for k in going:
+            searches[k] = search = Search(tasks[k], replace(few, budget=budget), deadline)
             with deadline.within():
                 search.run()
                 search.refine()
-            searches.append(search)
             spent += search.evaluated
             if task.progress is not None:
                 task.progress(min(spent, options.budget), options.budget)
-        whole = _together(searches)
-        conclusive = float(whole.hypotheses[0].evidence.max(initial=0.0)) > whole._false_alarm_level()
+        whole = Together(list(searches.values()))
+        going = [k for k in going if whole.may_miss(searches[k])]
         budget *= LONGER
-        done = all(search.evaluated < search.budget for search in searches)
-        if conclusive or done or deadline.passed() or spent + len(every) * budget > options.budget:
+        if deadline.passed() or spent + len(going) * budget > options.budget:
             break
     if task.progress is not None:
         task.progress(options.budget, options.budget)
     return sampled_among(
-        task, whole.clusters, few, whole.rng, spent,
+        task, whole.first.clusters, few, whole.first.rng, spent,
         later=task.later and not task.deadline.is_set,
         deadline=task.deadline,
-        conclusive=conclusive,
-        assignments=whole.assignments(),
-        missed=max(_missed(search, whole) for search in searches),
+        conclusive=whole.found,
+        assignments=whole.first.assignments(),
+        missed=max(whole.missed(search) for search in searches.values()),
     )  # fmt: skip
 
 
-def _together(searches: list[Search]) -> Search:
-    """The first of several searches with what all of them tested and found, in one batch, the strongest first."""
-    whole = searches[0]
-    whole.hypotheses = [batch for search in searches for batch in search.hypotheses]
-    whole.tested = sum(search.tested for search in searches)
-    whole._clustered()
-    return whole
+class Together:
+    """Several searches as one: the first of them gets copies of what all have tested and found.
 
+    Parameters
+    ----------
+    searches : list of Search
+    """
 
-def _missed(search: Search, whole: Search) -> float:
-    """Probability that one of the searches has missed a pose with as many matches as the best one of all."""
-    if search.conclusive or search.missed == 0.0:
-        return search.missed
-    matched = max(int((whole.hypotheses[0].best[:1] >= 0).sum()), search.minimal + 1)
-    return missed_at_random(matched, search.n, search.minimal, search.sets_done)
+    def __init__(self, searches: list[Search]) -> None:
+        self.first = first = copy(searches[0])
+        first.hypotheses = [batch for search in searches for batch in search.hypotheses]
+        first.tested = sum(search.tested for search in searches)
+        first._clustered()
+        (every,) = first.hypotheses
+        self.found = float(every.evidence.max(initial=0.0)) > first._false_alarm_level()
+        """Whether a hypothesis is beyond what chance reaches in all tests together."""
+        self.matched = max(int((every.best[:1] >= 0).sum()), first.minimal + 1)
+        """Points that the strongest hypothesis matches."""
+
+    def missed(self, search: Search) -> float:
+        """Probability that one of the searches has missed a pose with as many matches as the best one of all."""
+        if search.conclusive or search.missed == 0.0:
+            return search.missed
+        sets = search.solved / math.perm(search.n_target, search.minimal)
+        return missed_at_random(self.matched, search.n, search.minimal, sets)
+
+    def may_miss(self, search: Search) -> bool:
+        """Whether one of the searches is worth going on with: it has not ended by itself, and may have missed one."""
+        ended = search.conclusive or search.missed == 0.0
+        return not ended and (not self.found or self.missed(search) > RIVAL_MISSED)

@@ -89,7 +89,7 @@ class Search:
         """Mean number of clutter detections within a gate."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.positions = np.ascontiguousarray(tables.points.T)
-        self.solved = self.tested = self.evaluated = self.sets_done = 0
+        self.solved = self.tested = self.evaluated = 0
         self.refined_at, self.refined_clusters = -1, 0
         self.sure_sets = SURE_SETS if self.single and not self.normals else SETS
         """Minimal sets solved anew of a cluster that is beyond chance."""
@@ -121,7 +121,7 @@ class Search:
         one_of_many = self.single and not self.normals
         batch = batches.START if one_of_many else batches.FIRST
         pace = Pace(self.deadline, batches.CHUNKS)
-        tried = self._tried()
+        tried, sets_done = self._tried(), 0
         for wave, points in enumerate(self._waves()):
             sets = self._prepared(points, len(arrangements))
             test = self._test(wave)
@@ -135,10 +135,10 @@ class Search:
                 done, batch = last, batches.next_batch(batch, self.solved if one_of_many else None)
                 yield
             if whole:
-                self.sets_done += len(points)
+                sets_done += len(points)
                 if tried is not None:
                     tried.add(points)
-                if self._none_missed(tried):
+                if self._none_missed(tried, sets_done):
                     self.conclusive = True
                     return
         if whole:
@@ -156,7 +156,7 @@ class Search:
             return None
         return TriedSets(self.facing, self.view_cosine)
 
-    def _none_missed(self, tried: TriedSets | None) -> bool:
+    def _none_missed(self, tried: TriedSets | None, sets_done: int) -> bool:
         """Whether a pose that explains as many points as the best one would have been met by the sets tried."""
         matched = self._most_matched()
         if tried is not None:
@@ -164,7 +164,7 @@ class Search:
         elif not self.single or matched <= self.minimal + 1:
             return False
         else:
-            self.missed = missed_at_random(matched, self.n, self.minimal, self.sets_done)
+            self.missed = missed_at_random(matched, self.n, self.minimal, sets_done)
         return self.missed <= MISSED
 
     def _most_matched(self) -> int:
