@@ -61,6 +61,7 @@ PROBLEMS: dict[str, Callable[[np.random.Generator], Scene]] = {
     "p3p": image(rm.P3P(CAMERA), 8),
     "p3p, few points": image(rm.P3P(CAMERA), 4),
     "up2p": image(rm.UP2P(CAMERA, DOWN, DOWN), 8),
+    "up2pf": image(rm.UP2PF((320.0, 240.0), DOWN, DOWN), 4),
     "3p1": images(rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN)),
     "planar": images(rm.PlanarMotion(CAMERA, axis=DOWN)),
     "rigid, 3": sets(rm.Rigid, 3),

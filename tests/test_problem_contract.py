@@ -226,7 +226,8 @@ def test_match(name: str, case: Case) -> None:
     assert match.status is rm.Status.MATCHED
     assert match.score == pytest.approx(match.tensor.score(match.assignment))
     points, problem = match.task.points, case.problem
-    weighed = problem.takes_prior or any(one(points) is not None for one in (problem.point_clouds, problem.two_views))
+    searched = problem.point_clouds, problem.two_views, problem.at_focal_lengths
+    weighed = problem.takes_prior or any(one(points) is not None for one in searched)
     assert (match.probability is not None) == weighed
 
 
@@ -379,7 +380,8 @@ def test_paper_preset(case: Case) -> None:
 
 
 def test_guided(case: Case) -> None:
-    searched = case.problem.point_clouds(case.problem.validated(case.source, case.target)) or case.views
+    points = case.problem.validated(case.source, case.target)
+    searched = case.problem.point_clouds(points) or case.problem.at_focal_lengths(points) or case.views
     declared = case.kernels.hypotheses or searched
     works_or_is_refused(declared, "sampler", case, lambda: case.match(sampler="guided"))
     if not declared:

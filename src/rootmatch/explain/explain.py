@@ -80,7 +80,7 @@ def _predicted(task: MatchingTask) -> Finding:
 def _found(task: MatchingTask, judging: bool) -> Finding:
     """The finding of a task whose noise is known, by the route that its other knowledge calls for."""
     if task.bodies is not None:
-        if is_modelled(task.body(0)):
+        if task.problem.takes_prior and is_modelled(task.body(0)):
             return match_bodies_in_image(task, _named)
         return match_bodies(task, _explained)
     of_camera = task.problem.takes_prior  # two point sets are weighed with all that is known, see `MotionPrior`

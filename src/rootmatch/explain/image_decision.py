@@ -22,6 +22,7 @@ from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.predicted_poses import about_prediction, polished_pose
 from rootmatch.explain.rig_triples import most_triples
 from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.zoom_hypotheses import candidate_of, has_image_model
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.detection_model import DetectionModel
@@ -31,7 +32,6 @@ from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Others, Posterior
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
 
@@ -43,10 +43,10 @@ because too much of what it shows is unknown. A round value."""
 
 
 def is_modelled(task: MatchingTask) -> bool:
-    """Whether a task has a pose of its camera, in units of the noise: P3P and UP2P, and rigs."""
+    """Whether a task has a pose of its camera, in units of the noise: P3P, UP2P and UP2PF, and rigs."""
     in_noise = task.affinity.residual.kind in NOISE_KINDS
     by_noise = (in_noise and not task.options.is_paper) or task.has_prior
-    return by_noise and not task.options.packs_motions and task.problem.takes_prior
+    return by_noise and not task.options.packs_motions and has_image_model(task.problem)
 
 
 def assessed(
@@ -60,10 +60,10 @@ def assessed(
     if not judging:
         with suppress(OutOfTime):
             if sampled.assignments is None:
-                named[1:1] = Candidate.of(task, []).gathered(sampled.tensor)
+                named[1:1] = candidate_of(task, []).gathered(sampled.tensor)
         return replace(base, named=named)
     try:
-        body = Candidate.of(task, named, sampled.tensor if sampled.assignments is None else None)
+        body = candidate_of(task, named, sampled.tensor if sampled.assignments is None else None)
         told = body.alone()
     except OutOfTime:
         return base
@@ -176,8 +176,7 @@ def misfit_of(model: DetectionModel, modes: Modes, k: int) -> Misfit:
 
 def pose_of_mode(model: DetectionModel, modes: Modes, k: int) -> Pose:
     """The pose of one of the modes, of the points as they were given."""
-    R = modes.rotation[k]
-    return Pose.unchecked(R, *about_point(R, modes.position[k], modes.covariance[k], -model.centre))
+    return model.pose_of(modes.rotation[k], modes.position[k], modes.covariance[k])
 
 
 def other_poses(found: Finding) -> list[tuple[Pose, float]]:
@@ -215,7 +214,7 @@ def confidence_of_motions(
         part = alone.subset(points, pixels)
         each = np.full(len(own), math.nan)
         if is_modelled(part):
-            told = Candidate.of(part, [own]).alone()
+            told = candidate_of(part, [own]).alone()
             each = told.confidence_in(own) if len(told.probabilities) else each
         confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
     return confidence

@@ -25,8 +25,10 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import ANY_POSE, DetectionModel
+from rootmatch.model.evidence import Evidence
 from rootmatch.model.gathering import gathered
 from rootmatch.model.line_readings import line_readings
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Known, PoseDensity
@@ -35,6 +37,7 @@ from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import (
     FEW,
     Proposals,
+    fitted,
     joined,
     look_alikes,
     no_proposals,
@@ -80,26 +83,43 @@ class Candidate:
     @classmethod
     def of(cls, task: MatchingTask, assignments: list[Integers], tensor: AffinityTensor | None = None) -> Candidate:
         """The candidate by the assignments that were found, and by the hyper-edges of a sweep."""
-        nothing = cls(task, model_of(task), no_modes(task.rows))
+        nothing = cls(task, cls.modelled(task), no_modes(task.rows))
         if tensor is not None:
             assignments = [*assignments, *nothing.gathered(tensor)]
         return nothing.proposed(assignments) if assignments else nothing
+
+    @staticmethod
+    def modelled(task: MatchingTask) -> DetectionModel:
+        """The model of a task."""
+        return model_of(task)
 
     def gathered(self, tensor: AffinityTensor) -> list[Integers]:
         """Assignments that poses of single hyper-edges gather, of those with the largest weights.
 
         An assignment of all points that a solver found may hold several inconsistent parts, of which one is the body.
         """
-        strongest = np.argsort(-np.asarray(tensor.weights), kind="stable")[:HYPEREDGES]
-        i, j = np.divmod(tensor.indices[strongest].astype(np.int64), self.model.shape[1])
-        rows = np.full((len(strongest), self.model.shape[0]), -1, np.int64)
-        np.put_along_axis(rows, i, j, axis=1)
-        sets = poses_of_sets(self.model, rows, rows.shape[1])
-        return list(gathered(self.model, sets.alone, least=self.task.minimal + 1, most=GATHERED).assignments)
+        sets = self.poses_of(strongest(tensor, self.model.shape, HYPEREDGES))
+        return list(gathered(self.model, sets, least=self.task.minimal + 1, most=GATHERED).assignments)
+
+    def poses_of(self, rows: Integers) -> Proposals:
+        """Poses of minimal sets of the assignments (K, n) of hyper-edges, with the matches of these sets alone."""
+        return poses_of_sets(self.model, rows, rows.shape[1]).alone
+
+    def proposals(self, assignments: Sequence[Integers]) -> Proposals:
+        """Assignments with the poses that they lead to."""
+        return proposals_of(self.task, self.model, assignments)
+
+    def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
+        """Assignments (K, n) at the best poses that lead on from these, and their evidence."""
+        return fitted(self.model, assignments)
+
+    def twins(self, modes: Modes) -> Proposals:
+        """Poses in which the body looks as in its best modes, whether the search met them or not."""
+        return twins_of(self.task, self.model, modes)
 
     def proposed(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
-        proposals = proposals_of(self.task, self.model, assignments)
+        proposals = self.proposals(assignments)
         searched = len(proposals.assignments) > 0
         if predicted is not None:
             proposals = joined([proposals, predicted]) if searched else predicted
@@ -108,7 +128,7 @@ class Candidate:
 
     def also(self, assignments: Sequence[Integers]) -> Candidate:
         """The candidate of one of several bodies by further assignments and the twins of the best poses."""
-        proposals = proposals_of(self.task, self.model, assignments)
+        proposals = self.proposals(assignments)
         if not len(proposals.assignments):
             return self
         modes = modes_of(self.model, proposals, self.modes, of_several=True)
@@ -118,7 +138,7 @@ class Candidate:
         """Modes and the twins of the best of them."""
         if not len(modes.log_odds):
             return modes
-        twins = (twins_of if searched else twins_about_predictions)(self.task, self.model, modes)
+        twins = self.twins(modes) if searched else twins_about_predictions(self.task, self.model, modes)
         return modes_of(self.model, twins, modes) if len(twins.assignments) else modes
 
     def reconsidered(self, modes: Modes) -> Candidate:
@@ -132,6 +152,15 @@ class Candidate:
         return told
 
 
+def strongest(tensor: AffinityTensor, shape: tuple[int, int], most: int) -> Integers:
+    """Assignments (K, n) of the hyper-edges with the largest weights, each alone; ``shape``: (n, n')."""
+    order = np.argsort(-np.asarray(tensor.weights), kind="stable")[:most]
+    i, j = np.divmod(tensor.indices[order].astype(np.int64), shape[1])
+    rows = np.full((len(order), shape[0]), -1, np.int64)
+    np.put_along_axis(rows, i, j, axis=1)
+    return rows
+
+
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
     every = []
@@ -142,7 +171,7 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
             twin = None if other is body else twin_points(*sources)
             if twin is not None and len(other.modes.log_odds):
                 image = body.task.sightings_of(twin)
-                more.append(look_alikes(_best(other.modes), other.model.points, body.model.points, image[None]))
+                more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, image[None]))
         modes = body.modes
         if more:
             modes = modes_of(body.model, joined(more), modes, of_several=True, damaged=False)
@@ -254,10 +283,10 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: Sequenc
 
 def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
     """Poses in which the body looks as in its best modes, whether the search met them or not."""
-    first = _best(modes)
-    parts = [reversed_in_depth(model, first), *_twins_of_few(task, model, first)]
+    first = best_of(modes)
+    parts = [reversed_in_depth(model, first), *few_twins(task, model, first)]
     parts.append(line_readings(model, first.assignments))
-    for image in _symmetries(task):
+    for image in symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image[None]))
     return joined(parts)
 
@@ -268,9 +297,9 @@ def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Mo
     A prediction that is off by many degrees may not find what a better one of the same body has found, and would lose
     to it for that reason alone.
     """
-    first, prior, parts = _best(modes), model.prior, [no_proposals(task.rows)]
+    first, prior, parts = best_of(modes), model.prior, [no_proposals(task.rows)]
     if isinstance(prior, Doubted) and len(prior.predictions) > 1:
-        for image in _symmetries(task, (False,)):
+        for image in symmetries(task, (False,)):
             twins = look_alikes(first, model.points, model.points, image[None])
             known = (twins.assignments[:, None] == modes.assignments).all(axis=2).any(axis=1)
             twins = twins.take(~known)
@@ -278,11 +307,12 @@ def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Mo
     return joined(parts)
 
 
-def _best(modes: Modes) -> Proposals:
+def best_of(modes: Modes) -> Proposals:
+    """The poses of which twins are proposed."""
     return Proposals(modes.assignments[:TWINS], modes.rotation[:TWINS], modes.position[:TWINS])
 
 
-def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -> list[Proposals]:
+def few_twins(task: MatchingTask, model: DetectionModel, found: Proposals) -> list[Proposals]:
     """Poses in which a few other points of the body lie where the few that are matched do."""
     parts = []
     for k, assignment in enumerate(found.assignments):
@@ -295,7 +325,7 @@ def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -
     return parts
 
 
-def _symmetries(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
+def symmetries(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
     """Row of an assignment at the place of each in the near symmetries of a body: motions, reflections, or both."""
     points, normals = task.points.source, task.points.normals
     found = [one for kind in mirrored for one in symmetries_of(points, normals, mirrored=kind)]

@@ -13,13 +13,12 @@ from rootmatch.backends import cpu
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import is_modelled
-from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.zoom_hypotheses import candidate_of
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.model.evidence import about
-from rootmatch.model.proposals import fitted
 from rootmatch.samplers.guided.sampler import pays
 
 FIRST_GUESS = 0.004
@@ -153,13 +152,13 @@ def _scale(match: Finding, members: Integers, sigma: float) -> float:
 
 def _scale_in_image(task: MatchingTask, assignments: Integers, sigma: float) -> float:
     """As `_scale`, from the assignment (of K, n) whose pose explains most, each with the noise about its own pose."""
-    proposals, found, _ = fitted(model_of(task), assignments)
+    proposals, found, _ = candidate_of(task, []).fitted(assignments)
     scale = np.maximum(found.squared / found.freedom, LEAST**2)
     if len(scale) < 2:
         return float(scale[0]) if len(scale) else math.nan
     explained = []
     for k, each in enumerate(sigma * np.sqrt(scale)):
-        at_own_noise, _ = about(model_of(task.with_noise(float(each))), *proposals.take(np.array([k])))
+        at_own_noise, _ = about(candidate_of(task.with_noise(float(each)), []).model, *proposals.take(np.array([k])))
         explained.append(float(at_own_noise.log_odds[0]))
     return float(scale[int(np.argmax(explained))])
 

@@ -19,6 +19,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.up2p import UP2P
+from rootmatch.problems.up2pf import UP2PF
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -68,6 +69,8 @@ def polished_pose(found: Finding) -> Pose | None:
     points = task.points if task.rig is None else task.sightings[1]
     if found.model is not None:
         points = resolved(found.model, points, assignment, pose)
+    if isinstance(problem, UP2PF):
+        return problem.poses(points, assignment[None], pose)[0]
     prior = None
     if prior_holds and known is not None:
         prior = Known(known, points.source.mean(axis=0)).about(pose)

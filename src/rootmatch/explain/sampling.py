@@ -24,7 +24,7 @@ from rootmatch.problems.residual_dispatch import has_single
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion import Completion
 from rootmatch.samplers.exhaustive import exhaustive_tensor
-from rootmatch.samplers.guided.sampler import Guided, is_quick, pays
+from rootmatch.samplers.guided.sampler import Guided, is_quick, pays, searches_focal_lengths
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.samplers.random import random_tensor
 
@@ -152,6 +152,7 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)
     fallback = automatic and options.motions == 1 and sampling.sweep_cost <= affordable
+    fallback = fallback and not searches_focal_lengths(sampling)
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
     if fallback and _searched_first(task):

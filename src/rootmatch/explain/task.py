@@ -302,9 +302,9 @@ class MatchingTask:
             deadline=self.deadline.part(SAMPLED, RESERVE),
             clouds=self.problem.point_clouds(self.ordered_points),
             views=self.problem.two_views(self.ordered_points),
-            later=True,
-            more_images=self.more_images,
-        )
+            at_focal_lengths=self.problem.at_focal_lengths(self.ordered_points),
+            later=True, more_images=self.more_images,
+        )  # fmt: skip
 
     def with_noise(self, sigma: float) -> Self:
         """A copy of the task with an estimate of the noise of all points."""

@@ -28,6 +28,8 @@ from rootmatch.model.pose_density import Broad, PoseDensity
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.views import Views, rays_of, views_of
 from rootmatch.model.visibility import BARELY, UNSEEN, within
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.reference_point import about_point
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -194,6 +196,10 @@ class DetectionModel:
         """Rotations (K, 3, 3) and positions (K, 3) of the body's centre, of poses x = R X + t."""
         R, t = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float)
         return R, t + R @ self.centre
+
+    def pose_of(self, rotation: Floats, position: Floats, covariance: Floats) -> Pose:
+        """A pose (3, 3) and (3,) of the body's centre with its covariance (6, 6), of the points as they were given."""
+        return Pose.unchecked(rotation, *about_point(rotation, position, covariance, -self.centre))
 
     def linearised(self, rotation: Floats, position: Floats) -> Linearised:
         """Images of the points in poses (K, 3, 3) with the body's centre at (K, 3), to first order."""

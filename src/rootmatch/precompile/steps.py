@@ -97,6 +97,7 @@ def prebuilt_steps() -> dict[str, Step]:
     """Steps for the kernels of a wheel: all of `first_steps`, every problem and solver, and the paper's preset."""
     steps = first_steps()
     steps |= {f"match {name}": partial(matched, sample(name)) for name in PROBLEMS if name not in PAPER}
+    steps["sweep of up2pf"] = partial(matched, sample("up2pf"), sampler="exhaustive")  # which is searched otherwise
     steps |= {f"solver {name}, order {order}": partial(solved, name, order) for name in SOLVERS for order in (4, 3)}
     for name in PAPER:
         steps[f"paper {name}"] = partial(matched, simulated(name, 8, 0), preset="paper", samples=2000)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ClassVar, Protocol
 
@@ -257,6 +258,10 @@ class Problem(ABC):
 
     def two_views(self, points: PointSets) -> TwoViews | None:
         """Both images, as the search for their relative pose takes them; None if it cannot search."""
+        return None
+
+    def at_focal_lengths(self, points: PointSets) -> Callable[[], list[Any]] | None:
+        """What makes tables for the kernels of a known camera at some focal lengths; None where that is no unknown."""
         return None
 
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:

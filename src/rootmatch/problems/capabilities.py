@@ -33,7 +33,8 @@ class Capability(Enum):
     )
     """Declared by `Problem.least_for_pose`."""
     GUIDED = "sampler", "has no hypotheses to guide a search", 'use sampler="exhaustive" or "random"'
-    """Declared by `ProblemKernels.hypotheses`."""
+    """Declared by `ProblemKernels.hypotheses`, `Problem.point_clouds`, `Problem.two_views` and
+    `Problem.at_focal_lengths`."""
     COMPLETION = (
         "sampler",
         "has no predictions to complete minimal sets",

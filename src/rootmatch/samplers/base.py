@@ -48,6 +48,9 @@ class SamplingTask:
     """Time at which the search returns what it has found."""
     views: TwoViews | None = None
     """Both images, where the problem is one of two views whose relative poses can be searched."""
+    at_focal_lengths: Callable[[], list[Any]] | None = None
+    """Tables of the same points for the kernels of a camera of known focal length, at each of some focal lengths, where
+    the problem is one of a camera whose focal length is unknown."""
     problem: str = "the problem"
     """Name of the problem, for messages."""
     later: bool = False

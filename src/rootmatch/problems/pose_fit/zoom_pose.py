@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,15 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.descent import Floats, State, chi2_of, covariance_of, descended, lowest_of
+from rootmatch.problems.pose_fit.descent import (
+    ROUGH_STEPS,
+    Floats,
+    State,
+    chi2_of,
+    covariance_of,
+    descended,
+    lowest_of,
+)
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Upright
@@ -47,8 +56,42 @@ class _ZoomModel(ProjectionModel):
         return ProjectionModel(self.points, image, weight, self.camera, self.axes)
 
 
+class ZoomFits(NamedTuple):
+    """S poses with focal lengths of each of K assignments, the best first."""
+
+    rotation: Floats
+    """(K, S, 3, 3)."""
+    position: Floats
+    """(K, S, 3) of the centre of all source points in the camera frame."""
+    log_focal: Floats
+    """(K, S)."""
+    chi2: Floats
+    """(K, S); infinite where there is none."""
+
+
+def zoom_starts(points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, most: int) -> ZoomFits:
+    """Poses of a grid of rotations, with what then follows from linear equations; see `zoom_poses`."""
+    model, _, unit = _model_of(points, centre, upright, assignments)
+    starts, cost = _best_starts(model, upright, most)
+    shape = len(assignments), most
+    return ZoomFits(
+        starts[0].reshape(*shape, 3, 3), unit * starts[1].reshape(*shape, 3), starts[2].reshape(shape), cost
+    )
+
+
+def zoom_fits(points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, most: int) -> ZoomFits:
+    """The ``most`` lowest rough fits of each assignment, of `STARTS` that are made; several may be of one valley."""
+    model, _, unit = _model_of(points, centre, upright, assignments)
+    state, chi2 = descended(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0], ROUGH_STEPS)
+    (rotation, place, log), chi2 = lowest_of(state, chi2, len(assignments), most)
+    shape = len(assignments), most
+    return ZoomFits(
+        rotation.reshape(*shape, 3, 3), unit * place.reshape(*shape, 3), log.reshape(shape), chi2.reshape(shape)
+    )
+
+
 def zoom_poses(
-    points: PointSets, centre: Floats, rotations: tuple[Floats, Floats], assignments: Integers
+    points: PointSets, centre: Floats, upright: Upright, assignments: Integers, start: Pose | None = None
 ) -> list[Pose | None]:
     """The most likely pose and focal length of each assignment (K, n), None if there is none.
 
@@ -58,25 +101,23 @@ def zoom_poses(
         Points in space and pixels with their σ.
     centre : (2,) array
         Principal point.
-    rotations : two (3, 3) arrays
-        Of the world and of the camera onto frames whose y is the vertical.
+    upright : Upright
+        The known vertical.
     assignments : (K, n) int array
         −1 where unmatched; at least three matches in each.
+    start : Pose, optional
+        With a focal length, from which all are fitted; else from many.
     """
-    upright = Upright(*rotations, 0.0)
-    middle = points.source.mean(axis=0)
-    unit = float(np.sqrt(((points.source - middle) ** 2).mean()))
-    used, target = assignments >= 0, np.maximum(assignments, 0)
-    places = np.tile((points.source - middle) / unit, (len(assignments), 1, 1))
-    image = points.target[target] - centre
-    weight = np.where(used, 1.0 / points.target_noise[target], 0.0)
-
-    model = _ZoomModel(places, image, weight, Camera(1.0, 1.0, 0.0, 0.0), upright.camera[1:2])
+    model, middle, unit = _model_of(points, centre, upright, assignments)
     count = len(assignments)
-    starts = _starts(places, image, weight, upright)
-    cost = chi2_of(model.repeated(GRID).residuals(starts)).reshape(count, GRID)
-    best = (np.arange(count)[:, None] * GRID + np.argsort(cost, axis=1, kind="stable")[:, :STARTS]).ravel()
-    state, chi2 = lowest_of(*descended(model.repeated(STARTS), tuple(part[best] for part in starts)), count)
+    if start is None:
+        state, chi2 = descended(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0])
+        state, chi2 = lowest_of(state, chi2, count)
+    else:
+        assert start.focal is not None
+        place = (start.t + start.R @ middle) / unit
+        near = upright.nearest(start.R), place, np.log(start.focal)
+        state, chi2 = descended(model, tuple(np.repeat(np.asarray(one)[None], count, axis=0) for one in near))
     covariance = covariance_of(model, state)
     poses: list[Pose | None] = []
     for k, assignment in enumerate(assignments):
@@ -107,6 +148,31 @@ def zoom_poses(
             )
         )
     return poses
+
+
+def _model_of(
+    points: PointSets, centre: Floats, upright: Upright, assignments: Integers
+) -> tuple[_ZoomModel, Floats, float]:
+    """The fits of assignments, with the centre and the unit of the points that they use."""
+    middle = points.source.mean(axis=0)
+    unit = float(np.sqrt(((points.source - middle) ** 2).mean()))
+    used = assignments >= 0
+    most = int(used.sum(axis=1).max(initial=0))
+    packed = np.argsort(~used, axis=1, kind="stable")[:, :most]
+    target = np.maximum(np.take_along_axis(assignments, packed, axis=1), 0)
+    places, image = (points.source[packed] - middle) / unit, points.target[target] - centre
+    weight = np.where(np.take_along_axis(used, packed, axis=1), 1.0 / points.target_noise[target], 0.0)
+    return _ZoomModel(places, image, weight, Camera(1.0, 1.0, 0.0, 0.0), upright.camera[1:2]), middle, unit
+
+
+def _best_starts(model: _ZoomModel, upright: Upright, most: int) -> tuple[State, Floats]:
+    """The best starts of each fit, (K most, …), and their χ² (K, most)."""
+    starts = _starts(model.points, model.image, model.weight, upright)
+    count = len(model.points)
+    cost = chi2_of(model.repeated(GRID).residuals(starts)).reshape(count, GRID)
+    order = np.argsort(cost, axis=1, kind="stable")[:, :most]
+    best = (np.arange(count)[:, None] * GRID + order).ravel()
+    return tuple(part[best] for part in starts), np.take_along_axis(cost, order, axis=1)
 
 
 def _starts(points: Floats, image: Floats, weight: Floats, upright: Upright) -> State:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
@@ -17,7 +20,10 @@ from rootmatch.problems.derived.store import shipped
 from rootmatch.problems.derived.tables import DerivedTables
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.zoom_pose import zoom_poses
+from rootmatch.problems.up2p import UP2P
+from rootmatch.problems.up2pf.focal_lengths import focal_grid, search_noise
 
 
 @dataclass(frozen=True)
@@ -99,16 +105,39 @@ class UP2PF(Problem):
         centred /= np.sqrt((centred**2).mean())
         return self.derived.tables(replace(points, source=self._rotated(centred)))
 
-    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
-        """Poses with focal lengths; see `Problem.poses`.
+    def at_focal_lengths(self, points: PointSets) -> Callable[[], list[Any]] | None:
+        """See `Problem.at_focal_lengths`: those of `UP2P`, which takes no points that are all on one vertical line."""
+        turned = self._rotated(points.source - points.source.mean(axis=0))
+        off_line = np.abs(turned[:, [0, 2]]).max() > 1e-8 * np.abs(turned).max()
+        return partial(self._tables_at_focal_lengths, points) if off_line else None
 
-        The seventh row and column of the covariance are those of the focal length; the others have rank 4.
-        """
-        rotations = (
+    def _tables_at_focal_lengths(self, points: PointSets) -> list[Any]:
+        """Those tables."""
+        centre = np.array(self.centre)
+        noise = search_noise(centre, points.target, points.target_noise)
+        every = []
+        for focal in focal_grid(centre, points.target).tolist():
+            camera = Camera(focal, focal, *self.centre)
+            known = UP2P(camera, self.vertical_camera, self.vertical_world)
+            every.append(known.tables(replace(points, target_noise=noise)))
+        return every
+
+    @property
+    def upright(self) -> Upright:
+        """The vertical as a fit takes it."""
+        return Upright(
             rotation_to_vertical(self.vertical_world, "vertical_world"),
             rotation_to_vertical(self.vertical_camera, "vertical_camera"),
+            0.0,
         )
-        return zoom_poses(points, np.array(self.centre), rotations, assignments)
+
+    def poses(self, points: PointSets, assignments: NDArray[np.int64], start: Pose | None = None) -> list[Pose | None]:
+        """Poses with focal lengths; see `Problem.poses`.
+
+        The seventh row and column of the covariance are those of the focal length; the others have rank 4. From
+        ``start``, if it is given, the poses are those of its valley.
+        """
+        return zoom_poses(points, np.array(self.centre), self.upright, assignments, start)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5) in x, θ counted from the optical axis, of minimal sets (E, 3, 3) and (E, 3, 2)."""

@@ -8,6 +8,7 @@ from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.dispatch import has_hypotheses
+from rootmatch.samplers.guided.focal_search import focal_tensor
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.visible_search import search_of
 from rootmatch.samplers.limits import LIMITS
@@ -24,7 +25,16 @@ def pays(task: SamplingTask) -> bool:
     most = LIMITS.guided if task.motions == 1 else LIMITS.guided_multi_motion
     searched = task.clouds is not None or task.views is not None
     possible = searched or has_hypotheses(type(task.tables))
-    return possible and task.sweep_cost > most
+    return searches_focal_lengths(task) or (possible and task.sweep_cost > most)
+
+
+def searches_focal_lengths(task: SamplingTask) -> bool:
+    """Whether a camera of unknown focal length is searched at known ones, which finds all that a sweep would.
+
+    Of 80 scenes with six of up to 14 points seen, all were trusted and right after the search alone, and 75 where a
+    sweep took its place if it had found nothing beyond chance (`benchmarks/zoom.py`, hidden points, seeds from 1000).
+    """
+    return task.at_focal_lengths is not None and task.motions == 1
 
 
 def is_quick(task: SamplingTask) -> bool:
@@ -60,6 +70,8 @@ class Guided(GuidedOptions):
             return point_set_tensor(task, task.clouds, self)
         if task.views is not None:
             return two_view_tensor(task, self)
+        if task.at_focal_lengths is not None and searches_focal_lengths(task):
+            return focal_tensor(task, task.at_focal_lengths, self)
         Capability.GUIDED.require(has_hypotheses(type(task.tables)), task.problem)
         search = search_of(task, self, task.deadline.part(SEARCHED, RESERVE))
         with search.deadline.within():

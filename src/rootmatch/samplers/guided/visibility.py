@@ -184,7 +184,7 @@ def _covering(
     return ordered
 
 
-def missed_at_random(matched: int, n: int, size: int, sets: int) -> float:
+def missed_at_random(matched: int, n: int, size: int, sets: float) -> float:
     """Probability that none of so many sets met a pose with ``matched`` of n points detected, any of them."""
     inside = math.comb(matched, size) / math.comb(n, size)
     lost = LOST if matched < n else LOST_OF_ALL

@@ -1,0 +1,104 @@
+"""Hypotheses of an upright camera of unknown focal length: as `image_hypotheses`, each with its own focal length."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.detection_odds import candidate_log_odds
+from rootmatch.explain.image_hypotheses import Candidate, best_of, few_twins, symmetries
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.model.depth_reversal import reversed_in_depth
+from rootmatch.model.evidence import Evidence
+from rootmatch.model.linearised import Linearised
+from rootmatch.model.modes import Modes
+from rootmatch.model.proposals import Proposals, joined, look_alikes, no_proposals, refitted
+from rootmatch.model.zoom_model import ZoomModel, unstored
+from rootmatch.problems.base import Problem
+from rootmatch.problems.pose_fit.prior_residuals import Upright
+from rootmatch.problems.pose_fit.zoom_pose import ZoomFits, zoom_fits, zoom_starts
+from rootmatch.problems.up2pf import UP2PF
+
+VALLEYS = 4
+"""Fits of each assignment that are weighed, the lowest ones. A round value."""
+UPRIGHT = 0.1
+"""Tilt in radians beyond which a twin's pose is not taken upright: it would be another pose. A round value."""
+
+
+def has_image_model(problem: Problem) -> bool:
+    """Whether a pose of one camera, or of a rig, is fitted to points in space."""
+    return problem.takes_prior or isinstance(problem, UP2PF)
+
+
+def candidate_of(task: MatchingTask, assignments: list[Integers], tensor: AffinityTensor | None = None) -> Candidate:
+    """`Candidate.of` a task, by the model of its problem."""
+    kind = ZoomCandidate if isinstance(task.problem, UP2PF) else Candidate
+    return kind.of(task, assignments, tensor)
+
+
+class ZoomCandidate(Candidate):
+    """A body before a camera of unknown focal length."""
+
+    model: ZoomModel
+
+    @staticmethod
+    def modelled(task: MatchingTask) -> ZoomModel:
+        """See `Candidate.modelled`."""
+        problem, points = task.problem, task.points
+        assert isinstance(problem, UP2PF)
+        return ZoomModel.of(
+            np.array(problem.centre), problem.upright, points.source, points.target, sigma=points.target_noise,
+            rate=task.options.detection_rate, allowed=task.allowed,
+            log_weights=None if task.weights is None else candidate_log_odds(task),
+        )  # fmt: skip
+
+    def poses_of(self, rows: Integers) -> Proposals:
+        """See `Candidate.poses_of`: of whole hyper-edges, as three matches have hardly fewer poses than a body."""
+        if not len(rows):
+            return no_proposals(self.task.rows)
+        return self._posed(rows, zoom_starts(self.task.points, *self._camera, rows, most=1))
+
+    def proposals(self, assignments: Sequence[Integers]) -> Proposals:
+        """See `Candidate.proposals`: the lowest fits of each."""
+        enough = [one for one in assignments if np.count_nonzero(one >= 0) > self.task.minimal]
+        every = list({one.tobytes(): one for one in enough}.values())
+        if not every:
+            return no_proposals(self.task.rows)
+        rows = np.array(every)
+        return self._posed(rows, zoom_fits(self.task.points, *self._camera, rows, most=VALLEYS))
+
+    def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
+        """See `Candidate.fitted`: each at several poses."""
+        return refitted(self.model, self.proposals(list(assignments)))
+
+    def twins(self, modes: Modes) -> Proposals:
+        """See `Candidate.twins`: at the focal lengths of the poses that they are twins of."""
+        upright, best = self.model.upright, best_of(modes)
+        log_zoom, level = unstored(upright, best.rotation)
+        images, parts = symmetries(self.task), [no_proposals(self.task.rows)]
+        for k in range(len(level)):
+            first = best._replace(rotation=level).take(slice(k, k + 1))
+            twins = [reversed_in_depth(self.model, first), *few_twins(self.task, self.model, first)]
+            twins += [look_alikes(first, self.model.points, self.model.points, image[None]) for image in images]
+            every = joined(twins)
+            along = (every.rotation @ upright.world[1] * upright.camera[1]).sum(axis=1)
+            every = every.take(np.flatnonzero(along >= np.cos(UPRIGHT)))
+            log_focal = np.full(len(every.rotation), log_zoom[k] + np.log(self.model.camera.focal))
+            own = self.model.at_focal(unstored(upright, every.rotation)[1], log_focal)
+            parts.append(every._replace(rotation=own))
+        return joined(parts)
+
+    @property
+    def _camera(self) -> tuple[Floats, Upright]:
+        """Principal point and vertical."""
+        assert isinstance(self.task.problem, UP2PF)
+        return np.array(self.task.problem.centre), self.task.problem.upright
+
+    def _posed(self, rows: Integers, fits: ZoomFits) -> Proposals:
+        """Assignments (K, n) with those of their fits that there are."""
+        of, which = np.nonzero(np.isfinite(fits.chi2))
+        rotation = self.model.at_focal(fits.rotation[of, which], fits.log_focal[of, which])
+        return Proposals(rows[of], rotation, fits.position[of, which])
