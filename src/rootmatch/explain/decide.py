@@ -22,8 +22,9 @@ class TrustOptions:
     false_alarms : float
         Decimal logarithm of the expected number of false alarms up to which an assignment is trusted.
     missed : float
-        Probability of having missed another pose that explains as much, beyond which an assignment is ambiguous: the
-        search was cut short before it looked for one. A round value; searches that end by themselves are below 0.05.
+        Probability that there is another pose which explains as much and was missed, beyond which an assignment is
+        ambiguous: the search was cut short before it looked for one. As `MIN_PROBABILITY`; searches that end by
+        themselves are below it.
     noise_factor, noise_chance : float
         Factor on σ suggested by the residuals about the best pose, from which an assignment is not trusted if such
         residuals are rarer than this chance when σ is right: σ was stated too small, and points may be missing. With σ
@@ -44,7 +45,7 @@ class TrustOptions:
     noise_factor: float = 1.9
     noise_chance: float = 1e-3
     most_named: float = 8.0
-    missed: float = 0.5
+    missed: float = 0.05
     alternatives: int = 16
     support: float = 0.25
     last_support: float = 0.1
@@ -94,7 +95,7 @@ class Facts:
     min_probability: float = MIN_PROBABILITY
     """Least probability of a match that is trusted."""
     missed: float = 0.0
-    """Probability that a pose which explains as much was never met; 1 of so few matches that no search meets all."""
+    """Probability of a pose that explains as much and was never met; 1 of so few matches that no search meets all."""
     confirmed: bool = True
     """False for an assignment about a predicted pose that is not beyond chance."""
     was_ambiguous: bool = False

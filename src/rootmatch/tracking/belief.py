@@ -90,6 +90,8 @@ class Belief:
     def __init__(self, source: Floats, motion: MotionOptions) -> None:
         self.source, self.motion = source, motion
         self.poses: list[FollowedPose] = []
+        self.unfollowed = 0.0
+        """Probability of poses that a frame left possible and that are not followed, as there were too many."""
 
     def __bool__(self) -> bool:
         return bool(self.poses)
@@ -100,9 +102,10 @@ class Belief:
         return self.poses[0].filter
 
     @property
-    def identity(self) -> float:
-        """Probability that the most probable hypothesis is of the body, and not of something else; 1 without any."""
-        return 1.0 / (1.0 + math.exp(self.poses[0].log_other)) if self.poses else 1.0
+    def certainty(self) -> float:
+        """Probability that a hypothesis is right: that the best one is of the body, and no pose was left out."""
+        other = math.exp(self.poses[0].log_other) if self.poses else 0.0
+        return (1.0 - self.unfollowed) / (1.0 + other)
 
     @property
     def shares(self) -> Floats:
@@ -206,7 +209,11 @@ class Belief:
         likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
         every = [self._after(step, model, modes, time) for step in likely]
-        self.poses = [one for one in every if one.log_other < GIVEN_UP]
+        known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
+        followed = {step.mode for step in likely}
+        new = [k for k, of in enumerate(origin.tolist()) if of < 0 and k not in followed]
+        left = float(told.probabilities[new].sum() + told.probabilities[len(origin) :].sum())
+        self.unfollowed = max(left, self.unfollowed if known else 0.0)
 
     def _take_motion(self, found: Finding, time: float) -> None:
         """Take in a match of two point sets: only one that is trusted tells a pose."""

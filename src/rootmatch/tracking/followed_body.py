@@ -169,7 +169,7 @@ class FollowedBody:
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        unsure |= bool(found.prior_holds) and self.belief.identity < found.facts.min_probability
+        unsure |= bool(found.prior_holds) and self.belief.certainty < found.facts.min_probability
         if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found
@@ -197,6 +197,10 @@ class FollowedBody:
                 self.forget()
             return
         self.missed, self.detections = 0, found.task.shape[1]
+        least = found.facts.min_probability
+        if self.belief and 1.0 - self.belief.unfollowed < least and frame - self.searched >= self.options.search_every:
+            self.forget()  # what is not followed can only be found anew
+            return
         if frame % self.options.search_every == 0 and self.belief and not in_space:
             self.belief.add_flipped(found, time)
             self.belief.add_turned(self.symmetries)

@@ -15,7 +15,7 @@ from rootmatch.deadline import Deadline
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.rivals import RIVAL_MISSED
+from rootmatch.samplers.guided.rivals import RIVAL_MISSED, missed_rival
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.visibility import missed_at_random
 from rootmatch.samplers.limits import LIMITS
@@ -64,7 +64,7 @@ def focal_tensor(task: SamplingTask, tables: Callable[[], list[Any]], options: G
         deadline=task.deadline,
         conclusive=whole.found,
         assignments=whole.first.assignments(),
-        missed=max(whole.missed(search) for search in searches.values()),
+        missed=missed_rival(whole.first, max(whole.missed(search) for search in searches.values())),
     )  # fmt: skip
 
 

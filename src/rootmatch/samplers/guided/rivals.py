@@ -41,6 +41,8 @@ RIVALS_KEPT, RIVALS_VERIFIED = 512, 64
 """
 DRAWN, TAKEN = 64, 8
 """Sets that are drawn at once, of as many views, and how many of them are taken. Round values."""
+EXISTS = 0.1
+"""Probability that there is a rival of what does not look like itself in any pose that was met. A round value."""
 RIVAL_RATIO = 0.25
 """Fraction of the likelihood ratio of the best hypothesis, in the same sequential test, that a rival has at least to be
 verified: less than of the evidence, as a minimal set may predict worse than another."""
@@ -103,6 +105,11 @@ def missed_among(search: Search, images: Integers, matched: int, known: Integers
         if enough or search._spent():
             return missed
     return 0.0
+
+
+def missed_rival(search: Search, missed: float) -> float:
+    """Probability that there is a rival that a search has missed, by the one of having missed it if there is one."""
+    return missed if _looks_like_itself(search) else EXISTS * missed
 
 
 def _looks_like_itself(search: Search) -> bool:

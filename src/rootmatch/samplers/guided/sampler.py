@@ -10,6 +10,7 @@ from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.dispatch import has_hypotheses
 from rootmatch.samplers.guided.focal_search import focal_tensor
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.rivals import missed_rival
 from rootmatch.samplers.guided.visible_search import search_of
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.samplers.point_sets.sampler import point_set_tensor
@@ -90,5 +91,5 @@ class Guided(GuidedOptions):
             deadline=task.deadline,
             conclusive=search.conclusive,
             assignments=search.assignments() if search.single else None,
-            missed=search.missed,
+            missed=missed_rival(search, search.missed),
         )  # fmt: skip
