@@ -216,7 +216,7 @@ def unjudged(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
         task=task,
         assignment=named[0] if named else np.full(task.rows, -1, np.int64),
         others=named[1 : 1 + TRUST.alternatives],
-        facts=Facts(confirmed=False),
+        facts=Facts(confirmed=False, missed=sampled.missed),
         tensor=sampled.tensor,
         soft=None if solution is None else solution.soft,
         converged=solution is None or solution.converged,

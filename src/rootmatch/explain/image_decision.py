@@ -117,6 +117,7 @@ def told_by(
     if isinstance(prior, Doubted):
         prediction = int(prior.prediction_of(modes.rotation[k : k + 1], modes.position[k : k + 1])[0])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
+    missed = 0.0 if holds else missed  # a search need not meet what is predicted
     sure = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met

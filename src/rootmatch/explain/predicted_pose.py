@@ -56,5 +56,5 @@ def match_predicted(
     with suppress(OutOfTime):
         named = searched.named if choice is None else searched.named[:NAMED]
         body = body.proposed(named or searched.every, predicted)
-        return told_by(replace(searched, task=task), body.alone(), body)
+        return told_by(replace(searched, task=task), body.alone(), body, missed=searched.facts.missed)
     return searched
