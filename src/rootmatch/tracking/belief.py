@@ -210,9 +210,8 @@ class Belief:
         # an average takes several evaluations of the posterior: only poses that are followed have one
         every = [self._after(step, model, modes, time) for step in likely]
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
-        followed = {step.mode for step in likely}
-        new = [k for k, of in enumerate(origin.tolist()) if of < 0 and k not in followed]
-        left = float(told.probabilities[new].sum() + told.probabilities[len(origin) :].sum())
+        cut = [k for k in (step.mode for step in go_on if step.origin < 0 and step not in likely) if k is not None]
+        left = float(told.probabilities[cut].sum() + told.probabilities[len(origin) :].sum())
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
 
     def _take_motion(self, found: Finding, time: float) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rootmatch.arrays import Integers
+from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.samplers.guided import batches
@@ -22,6 +22,7 @@ from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets,
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
+    from rootmatch.samplers.guided.survivors import Survivors
 
 SAME = 0.7
 """Fraction of the best hypothesis's detections that a rival explains at least, where normals tell what is visible, or
@@ -67,6 +68,13 @@ def try_rivals(search: Search) -> None:
             search.missed = max(search.missed, missed)
 
 
+def allowed_to(search: Search, images: Integers) -> Bools:
+    """The possible correspondences (n, n') with some detections."""
+    mask = np.zeros(search.shape, np.bool_)
+    mask[:, images] = True
+    return mask & search.allowed if search.allowed.size else mask
+
+
 def fewest(matched: int, share: float) -> float:
     """Detections that a rival of a hypothesis with so many explains at least: this share of them, and nearly all.
 
@@ -105,6 +113,21 @@ def missed_among(search: Search, images: Integers, matched: int, known: Integers
         if enough or search._spent():
             return missed
     return 0.0
+
+
+def verify_rivals(search: Search, found: Survivors) -> None:
+    """Verify the survivors of a batch one by one, the strongest first, that none of those before explains.
+
+    What looks like itself has many rivals, each met by many sets.
+    """
+    for _ in range(RIVALS_VERIFIED):
+        if not len(found.ratios):
+            return
+        before = len(search.hypotheses)
+        search._verify(found.points[:1], found.images[:1])
+        found = found.take(slice(1, None))
+        if len(search.hypotheses) > before:
+            found = found.apart_from(search.hypotheses[-1].best[0])
 
 
 def missed_rival(search: Search, missed: float) -> float:

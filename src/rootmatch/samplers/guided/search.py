@@ -29,7 +29,14 @@ from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import in_turn, minimal_sets, others_of, sets_of_parts
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
-from rootmatch.samplers.guided.rivals import RIVAL_RATIO, RIVALS_KEPT, RIVALS_VERIFIED, missed_among, try_rivals
+from rootmatch.samplers.guided.rivals import (
+    RIVAL_RATIO,
+    RIVALS_KEPT,
+    allowed_to,
+    missed_among,
+    try_rivals,
+    verify_rivals,
+)
 from rootmatch.samplers.guided.sequential_test import (
     VISIBLE,
     VISIBLE_OF_MANY,
@@ -238,17 +245,11 @@ class Search:
         most = batches.verified_of(solved, self.single) if images is None else RIVALS_KEPT
         survivors, ratios, counts = run_sequential_tests(
             self.padded, self.grid, test, sets, arrangements,
-            first=first, last=last, allowed=self.allowed if images is None else self._allowed_to(images),
+            first=first, last=last, allowed=self.allowed if images is None else allowed_to(self, images),
             keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
             threads=threads_worth(solved // batches.WORTH_A_THREAD), images=images,
         )  # fmt: skip
         self._keep(sets.points, survivors, ratios, counts, most, known=known, rivals=images is not None)
-
-    def _allowed_to(self, images: Integers) -> Bools:
-        """The possible correspondences (n, n') with some detections."""
-        mask = np.zeros(self.shape, np.bool_)
-        mask[:, images] = True
-        return mask & self.allowed if self.allowed.size else mask
 
     def _keep(
         self,
@@ -263,8 +264,7 @@ class Search:
         """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m).
 
         Of rivals of a ``known`` assignment (n,) only those that may be another pose. Where the best survivor turns out
-        to be beyond chance, the weak ones are not verified. What looks like itself has many ``rivals``, each met by
-        many sets: those are verified that no verified one explains.
+        to be beyond chance, the weak ones are not verified, but for those of ``rivals``, see `verify_rivals`.
         """
         solved, tested, looked_up = counts.sum(axis=0).tolist()
         self.solved += solved
@@ -273,17 +273,9 @@ class Search:
         found = Survivors.of(points, survivors, ratios, most)
         if known is not None and len(found.ratios):
             found = found.rivals_of(known, RIVAL_RATIO)
-        if not len(found.ratios):
-            return
         if rivals:
-            for _ in range(RIVALS_VERIFIED):
-                if not len(found.ratios):
-                    return
-                before = len(self.hypotheses)
-                self._verify(found.points[:1], found.images[:1])
-                found = found.take(slice(1, None))
-                if len(self.hypotheses) > before:
-                    found = found.apart_from(self.hypotheses[-1].best[0])
+            verify_rivals(self, found)
+        if rivals or not len(found.ratios):
             return
         first, level, before = len(found.ratios), self._false_alarm_level(), len(self.hypotheses)
         if self.single and found.ratios[0] > level:

@@ -17,7 +17,7 @@ from rootmatch.samplers.guided.dispatch import has_listed
 from rootmatch.samplers.guided.local_search import CROWDED, LEAST, LocalSearch
 from rootmatch.samplers.guided.model_views import model_views
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.rivals import SAME, fewest
+from rootmatch.samplers.guided.rivals import SAME, allowed_to, fewest
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
@@ -89,7 +89,7 @@ class VisibleSearch(Search):
     def _missed_among(self, images: Integers, matched: int, known: Integers | None = None) -> float:
         """See `Search`: sets that are visible together, until no pose that explains so many can well be missed."""
         explained = SAME * matched if known is not None else fewest(matched, SAME)
-        least, mask = max(self.minimal + 1, math.ceil(explained)), self._allowed_to(images)
+        least, mask = max(self.minimal + 1, math.ceil(explained)), allowed_to(self, images)
         for number in range(len(self.views.edges)):
             sets, pace, done = self.views.wave(number, self.tables), Pace(self.deadline), 0
             while done < len(sets.shapes) and (block := pace.block(len(sets.shapes) - done)):
