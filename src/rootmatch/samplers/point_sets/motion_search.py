@@ -24,8 +24,8 @@ from rootmatch.samplers.point_sets.triangles import GATE, Triangles
 
 ROUNDS = 4
 """Rounds in which a motion is fitted to the points that it explains; the gate narrows from one to the next."""
-ENTRIES = 2_000_000
-"""Pairs of points that are compared at once, so that a block of them takes some ten milliseconds."""
+ENTRIES = 50_000
+"""Pairs of points that are compared at once: as many as stay in the processor's cache."""
 TRIPLES, LEAST, BLOCK = 6_000, 12, 64
 """Most triples that are tried, and least, however clear the best motion is, and how many at once later on: three of ten
 matched points in a hundred are among so many with 99.5 %."""
@@ -92,9 +92,7 @@ class MotionSearch:
     @property
     def missed(self) -> float:
         """Probability that a motion which explains as many points as the best one was never met."""
-        if not self.hypotheses or any(part.exhausted for part in self.parts):
-            return 0.0
-        matched = int((self.hypotheses[0].assignment >= 0).sum())
+        matched = int((self.hypotheses[0].assignment >= 0).sum()) if self.hypotheses else 0
         return math.prod(part.missed(matched) for part in self.parts)
 
     def run(self, budget: int = 500_000_000) -> None:
@@ -109,7 +107,7 @@ class MotionSearch:
                     return
                 if self.task.motions == 1 and self.conclusive and self.missed < MISSED:
                     return
-            count = BLOCK
+            count = min(2 * count, BLOCK)
             if self.task.progress is not None:
                 self.task.progress(min(self.tried, TRIPLES), TRIPLES)
 
@@ -133,7 +131,7 @@ class MotionSearch:
         clouds = self.clouds
         self.judged += len(images)
         self.evaluated += len(images) * self.n
-        step = max(1, min(BLOCK, ENTRIES // (self.n * self.n_target)))
+        step = max(1, ENTRIES // (self.n * self.n_target))
         counts, every = np.empty(len(images), np.int64), []
         for start in range(0, len(images), step):
             checkpoint()
@@ -141,12 +139,7 @@ class MotionSearch:
             every.append(
                 fitted_motions(clouds.source[sources[part]], clouds.target[images[part]], clouds.scaled, clouds.mirror)
             )
-            squared, variance = every[-1].squares(clouds)
-            close = squared <= WIDE_GATE**2 * variance
-            if self.allowed is not None:
-                close &= self.allowed
-            # as many as have one, of either set
-            counts[part] = np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1))
+            counts[part] = every[-1].explained(clouds, WIDE_GATE, self.allowed)
         # the best ones of each triple
         order = np.lexsort((-counts, number))
         ordered = number[order]

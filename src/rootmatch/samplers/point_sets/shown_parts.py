@@ -86,6 +86,8 @@ class ShownParts:
         """Probability that none of the triples tried led to a motion with so many matches, whichever points."""
         if not self._last:
             return 1.0
+        if self.exhausted and all((odds < math.log(2.0 * LOST)).all() for odds in self._odds):
+            return 0.0
         met = np.concatenate(self._last, axis=1) < matched
         return float(np.exp(met @ np.concatenate(self._odds)).mean())
 
