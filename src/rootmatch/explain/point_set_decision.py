@@ -80,6 +80,18 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
         checkpoint()
     if (found := _as_predicted(task, model)) is not None:
         return found
+    return _searched(task, model, [])
+
+
+def of_one_motion(task: MatchingTask, named: Integers) -> Finding:
+    """The finding of a part of a task that a packing took for one motion, with the labelling (n,) that it named."""
+    model = model_of(task)
+    assert model is not None
+    return _searched(task, model, [named])
+
+
+def _searched(task: MatchingTask, model: PointSetModel, named: list[Integers]) -> Finding:
+    """The finding of what a search finds, and of named labellings: of all triples of small sets, where they are few."""
     labellings = _labellings(task, model) if is_small(model.clouds) else None
     if labellings is not None and not labellings.cut:
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.weights)
@@ -87,8 +99,8 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
         return assessed(task, model, sampled, labellings.proper, labellings.mirrored)
     sampled = sample(task)
     if labellings is None:
-        return assessed(task, model, sampled, proposed(task, model, sampled, []))
-    proposals = proposed(task, model, sampled, list(labellings.proper))
+        return assessed(task, model, sampled, proposed(task, model, sampled, named))
+    proposals = proposed(task, model, sampled, [*labellings.proper, *named])
     return assessed(task, model, sampled, proposals, labellings.mirrored)
 
 
