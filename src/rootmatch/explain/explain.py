@@ -99,9 +99,10 @@ def _found(task: MatchingTask, judging: bool) -> Finding:
 
 
 def _several_motions(task: MatchingTask) -> Finding:
-    """Groups of one motion each, packed."""
-    solution, sampled = motions_of_pairs(task) if pays(task) else pack_motions(task, sample(task))
-    return judged_motions(assess(task, solution, sampled))
+    """Groups of one motion each: among proposed pairs, which are evidence themselves, or packed and judged."""
+    if pays(task):
+        return assess(task, *motions_of_pairs(task))
+    return judged_motions(assess(task, *pack_motions(task, sample(task))))
 
 
 def _one_motion(task: MatchingTask, judging: bool) -> Finding:

@@ -151,10 +151,10 @@ class MotionSearch:
 
     def _is_new(self, triple: Integers, images: Integers, explained: int) -> bool:
         """Whether the motion of a triple may be none of those that are kept, and of account beside them."""
+        least = 0.0
         if self.task.motions == 1 and self.conclusive:
-            if explained < WORTH * (self.hypotheses[0].assignment >= 0).sum():
-                return False
-        return not any((one.assignment[triple] == images).all() for one in self.hypotheses)
+            least = WORTH * np.count_nonzero(self.hypotheses[0].assignment >= 0)
+        return explained >= least and not any((one.assignment[triple] == images).all() for one in self.hypotheses)
 
     def _refine(self, motion: Motions) -> None:
         """Fit a motion to the points that it explains, several times, and keep it if it is among the best."""

@@ -34,7 +34,6 @@ class Motions(NamedTuple):
         variance = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
         return np.maximum(squared, 0.0), variance
 
-
     def explained(self, clouds: PointClouds, gate: float, allowed: Bools | None) -> Integers:
         """How many points (H,) of the set with fewer of them are within a gate in σ of one of the other set."""
         centre = clouds.target.mean(axis=0)
@@ -48,7 +47,7 @@ class Motions(NamedTuple):
         close = first @ second.T >= 0.0
         if allowed is not None:
             close &= allowed
-        return np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1))
+        return np.asarray(np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1)))
 
 
 def fitted_motions(source: Floats, target: Floats, scaled: bool, mirror: bool, weight: Floats | None = None) -> Motions:

@@ -102,9 +102,7 @@ class Triangles:
         np.put_along_axis(back, TURNED[side[number]], corners, axis=1)
         return Alike(number, back, np.minimum(PAIRS / np.maximum(count, 1), 1.0), compared)
 
-    def _first_sides(
-        self, triples: Integers, near: Floats, variance: Floats
-    ) -> tuple[Integers, Integers, Integers]:
+    def _first_sides(self, triples: Integers, near: Floats, variance: Floats) -> tuple[Integers, Integers, Integers]:
         """The side (T,) of each triple that is compared first, and the first and the number of the pairs like it.
 
         It is the one that fewest pairs are like; of another size all are, and a scale is best known from the longest.
