@@ -35,7 +35,7 @@ from rootmatch.problems.up2pf.problem import UP2PF
 from rootmatch.samplers.guided import visible_search
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.samplers.guided.visible_search import search_of
-from rootmatch.samplers.point_sets import motion_search
+from rootmatch.samplers.point_sets import triangles
 from rootmatch.samplers.point_sets.motion_search import MotionSearch
 from rootmatch.solvers.base import SECONDS_PER_PAIR, Solution, empty_solution, solved
 
@@ -203,12 +203,12 @@ def test_pairs_of_large_point_sets_are_not_sorted_late() -> None:
     task = MatchingTask.of(Rigid(3), source, target, noise=0.01, options=MatchOptions(), deadline=NEVER)
     model = point_set_decision.model_of(task)
     assert model is not None
-    seconds = motion_search.SECONDS_PER_PAIR * 12**2
+    seconds = triangles.SECONDS_PER_PAIR * 12**2
     arguments = task.sampling_task, model.clouds, NEVER
     with Deadline(0.9 * seconds, clock=Clock()).enforced(), pytest.raises(OutOfTime):
         MotionSearch(*arguments)
     with Deadline(1.1 * seconds, clock=Clock()).enforced():
-        assert len(MotionSearch(*arguments).pairs) == 66
+        assert [len(of.lengths) for of in MotionSearch(*arguments).triangles] == [66, 66]
 
 
 def looks_at(clock: Clock, work: Callable[[], Any]) -> int:

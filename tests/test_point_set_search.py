@@ -11,9 +11,11 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.deadline import NEVER
 from rootmatch.explain.task import MatchingTask
-from rootmatch.samplers.point_sets import motion_search
+from rootmatch.problems.points import distances
+from rootmatch.samplers.point_sets import motion_search, triangles
 from rootmatch.samplers.point_sets.motion_search import MotionSearch
 from rootmatch.samplers.point_sets.motions import fitted_motions
+from rootmatch.samplers.point_sets.shown_parts import LOST, ORDERS, ShownParts
 
 PROBLEMS = [rm.Rigid(2), rm.Rigid(3), rm.Similarity(2), rm.Similarity(3), rm.Similarity(2, mirror=True)]
 
@@ -51,8 +53,8 @@ def search_of(
 @pytest.mark.parametrize("problem", PROBLEMS)
 @pytest.mark.parametrize("masked", [False, True])
 def test_triangles_that_are_alike(problem: rm.Similarity, masked: bool) -> None:
-    """Against loops over all triples of targets, each judged by the lengths of its sides and its turn."""
-    sigma, gate = 0.02, motion_search.GATE
+    """Against loops over all triples of targets, each judged by the lengths of its sides."""
+    sigma, gate = 0.02, triangles.GATE
     source, target, _ = fiducials(problem, 1, 8, 8, 3, sigma)
     allowed = np.random.default_rng(0).random((8, 11)) < 0.7 if masked else None
     search = search_of(problem, source, target, sigma, candidates=allowed)
@@ -64,25 +66,30 @@ def test_triangles_that_are_alike(problem: rm.Similarity, masked: bool) -> None:
         for k, l, m in itertools.permutations(range(11), 3):  # noqa: E741
             if allowed is not None and not (allowed[a, k] and allowed[b, l] and allowed[c, m]):
                 continue
-            ab, kl = side(clouds.source, a, b), side(clouds.target, k, l)
-            s = kl / ab if clouds.scaled else 1.0
+            sides = (((a, b), (k, l)), ((b, c), (l, m)), ((a, c), (k, m)))
+            lengths = [(side(clouds.source, *one), side(clouds.target, *other)) for one, other in sides]
+            longest, its_image = max(lengths)
+            s = its_image / longest if clouds.scaled else 1.0
             first = 2.0 * noisy + 2.0 * s * s * exact**2
-            if not clouds.scaled and abs(kl - ab) > gate * np.sqrt(first):
-                continue
-            of_scale = first / ab**2 if clouds.scaled else 0.0
+            of_scale = first / longest**2 if clouds.scaled else 0.0
             close = True
-            for p, q in ((a, k), (b, l)):
-                length = side(clouds.source, p, c)
-                spread = 2.0 * noisy + 2.0 * s * s * exact**2 + of_scale * length**2
-                close &= abs(side(clouds.target, q, m) - s * length) <= gate * np.sqrt(spread)
-            if close and problem.dimension == 2 and not problem.mirror:
-                corners = clouds.source[[a, b, c]], clouds.target[[k, l, m]]
-                turns = [np.linalg.det(np.stack([x[1] - x[0], x[2] - x[0]])) for x in corners]
-                close = turns[0] * turns[1] > 0.0
+            for length, image in lengths:
+                of_side = of_scale if length < longest else 0.0
+                close &= abs(image - s * length) <= gate * np.sqrt(first + of_side * length**2)
             if close:
                 expected.append((k, l, m))
-        found = search._alike(np.array([a, b, c]))
-        assert sorted(map(tuple, found.tolist())) == sorted(expected)
+        of_source, of_target = search.triangles
+        triple = np.array([[c, a, b], [a, b, c]])
+        found = of_target.alike(triple, of_source.far, clouds.source_variance, allowed, search.rng)
+        assert_same_triangles(found, expected)
+
+
+def assert_same_triangles(found: triangles.Alike, expected: list[tuple[int, int, int]]) -> None:
+    """Those of a triple in two orders of its corners."""
+    assert found.share.tolist() == [1.0, 1.0]
+    first, second = (found.corners[found.number == k] for k in range(2))
+    assert sorted(map(tuple, first[:, [1, 2, 0]].tolist())) == sorted(expected)
+    assert sorted(map(tuple, second.tolist())) == sorted(expected)
 
 
 def test_motions_are_those_of_scipy() -> None:
@@ -140,6 +147,52 @@ def test_a_hundred_against_a_hundred(problem: rm.Similarity, dimension: int) -> 
         assert pose.covariance is not None
         assert pose.rms_sigma == pytest.approx(1.0, abs=0.3)
         assert len(pose.R) == dimension
+
+
+@pytest.mark.parametrize(("problem", "stray"), [(rm.Rigid(3), 0), (rm.Rigid(3), 20), (rm.Similarity(3), 5)])
+def test_a_part_about_one_place_is_found(problem: rm.Similarity, stray: int) -> None:
+    """The fifteen nearest to a place of 150 points, as a camera in space shows a part of a large object."""
+    for seed in range(2):
+        plan, reported, truth = fiducials(problem, seed, 150, 150, stray, 0.0005)
+        distance = np.linalg.norm(plan - plan[seed], axis=1)
+        hidden = truth[np.argsort(distance)[15:]]
+        left = np.setdiff1d(np.arange(len(reported)), hidden)
+        match = rm.match(plan, reported[left], problem, noise=(0.0, 0.0005))
+        assert match.status is rm.Status.MATCHED
+        shown = np.argsort(distance)[:15]
+        assert (left[match.assignment[shown]] == truth[shown]).all()
+
+
+def test_what_was_missed_is_the_share_of_parts_that_no_triple_is_all_in() -> None:
+    """Against drawing parts anew and looking whether one of the triples that were tried lies in each."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1.0, 1.0, (60, 3))
+    parts = ShownParts(points, distances(points), rng)
+    triples = parts.triples(40)
+    assert all(len(set(one)) == 3 for one in triples.tolist())
+    assert parts.missed(10) == 1.0
+    parts.add(triples, np.ones(40))
+    fresh = ShownParts(points, distances(points), np.random.default_rng(1))
+    for shown in (6, 20, 40):
+        left = []
+        for order in fresh._orders(2_000):
+            part = set(np.argsort(order)[:shown].tolist())
+            left.append(LOST ** sum(part.issuperset(one) for one in triples.tolist()))
+        # so many orders stand for all of them
+        assert abs(parts.missed(shown) - np.mean(left)) < 4.0 * np.std(left) / np.sqrt(ORDERS)
+    assert parts.missed(6) > parts.missed(20) > parts.missed(40)
+
+
+def test_all_triples_of_few_points_are_tried_once() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1.0, 1.0, (9, 3))
+    parts = ShownParts(points, distances(points), rng)
+    every = []
+    while not parts.exhausted:
+        every.append(parts.triples(12))
+        parts.add(every[-1], np.ones(len(every[-1])))
+    assert sorted(map(tuple, np.concatenate(every).tolist())) == list(itertools.combinations(range(9), 3))
+    assert parts.missed(4) == 0.0
 
 
 def test_a_fifth_is_enough() -> None:

@@ -71,6 +71,9 @@ def test_problems_without_a_pose_of_their_camera_refuse_it() -> None:
         rm.match(scene.model, scene.target, rm.UP2PF((640.0, 480.0), (0, 1, 0), (0, 1, 0)), source_noise=SIGMA)
     with pytest.raises(rm.InputError, match=r"^source_noise: noise is a pair"):
         rm.match(scene.model, scene.placed, rm.Rigid(), noise=(0.1, 0.1), source_noise=SIGMA)
+    apart = rm.match(scene.model, scene.placed, rm.Rigid(), noise=(0.0, 0.1), source_noise=SIGMA)
+    together = rm.match(scene.model, scene.placed, rm.Rigid(), noise=(SIGMA, 0.1))
+    assert apart.log_odds == together.log_odds
 
 
 def test_every_way_to_say_it_is_the_same() -> None:

@@ -17,6 +17,7 @@ from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import Choice, match_bodies_in_image
 from rootmatch.explain.image_decision import assessed as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
+from rootmatch.explain.judged_motions import judged_motions
 from rootmatch.explain.known_pose import match_known
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import solve_with_estimated_noise
@@ -98,9 +99,10 @@ def _found(task: MatchingTask, judging: bool) -> Finding:
 
 
 def _several_motions(task: MatchingTask) -> Finding:
-    """Groups of one motion each, packed."""
-    solution, sampled = motions_of_pairs(task) if pays(task) else pack_motions(task, sample(task))
-    return assess(task, solution, sampled)
+    """Groups of one motion each: among proposed pairs, which are evidence themselves, or packed and judged."""
+    if pays(task):
+        return assess(task, *motions_of_pairs(task))
+    return judged_motions(assess(task, *pack_motions(task, sample(task))))
 
 
 def _one_motion(task: MatchingTask, judging: bool) -> Finding:

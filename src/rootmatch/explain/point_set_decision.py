@@ -13,7 +13,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, empty_tensor
-from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_decision import lead_by_odds
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.near_symmetries import symmetries_of
@@ -80,13 +80,28 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
         checkpoint()
     if (found := _as_predicted(task, model)) is not None:
         return found
-    if is_small(model.clouds):
+    return _searched(task, model, [])
+
+
+def of_one_motion(task: MatchingTask, named: Integers) -> Finding:
+    """The finding of a part of a task that a packing took for one motion, with the labelling (n,) that it named."""
+    model = model_of(task)
+    assert model is not None
+    return _searched(task, model, [named])
+
+
+def _searched(task: MatchingTask, model: PointSetModel, named: list[Integers]) -> Finding:
+    """The finding of what a search finds, and of named labellings: of all triples of small sets, where they are few."""
+    labellings = _labellings(task, model) if is_small(model.clouds) else None
+    if labellings is not None and not labellings.cut:
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.weights)
-        labellings = _labellings(task, model)
         sampled = SampledTensor(tensor, labellings.tried)
         return assessed(task, model, sampled, labellings.proper, labellings.mirrored)
     sampled = sample(task)
-    return assessed(task, model, sampled, proposed(task, model, sampled, []))
+    if labellings is None:
+        return assessed(task, model, sampled, proposed(task, model, sampled, named))
+    proposals = proposed(task, model, sampled, [*labellings.proper, *named])
+    return assessed(task, model, sampled, proposals, labellings.mirrored)
 
 
 def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
@@ -193,13 +208,17 @@ def assessed(
         )
     assignment, probability = found.assignments[0], float(found.probabilities[0])
     confidence, unmatched = found.confidence()
-    others, sure = found.assignments[1:], found.sure(least, LEAST)
+    prior_holds, pose = _with_prior(task, model, assignment)
+    # a motion that is where it is known to be needs no search
+    missed = 0.0 if prior_holds else sampled.missed
+    others = found.assignments[1:]
+    sure = found.sure(least, LEAST) if missed <= TRUST.missed else None
     if found.present >= least and sure is not None:
         left_out = (sure[0] < 0) & (assignment >= 0)
         if left_out.any():
             others = found.assignments
+            prior_holds, pose = _with_prior(task, model, sure[0])
         (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
-    prior_holds, pose = _with_prior(task, model, assignment)
     different = ((others >= 0) & (others != assignment)).any(axis=1)
     fit = model.fit(assignment[None])
     fault = Misfit.of(float(fit.chi2[0]), int(fit.dof[0]))
@@ -213,6 +232,8 @@ def assessed(
             contested=sure is None,
             min_probability=least,
             sure_of_the_rest=sure is not None,
+            false_alarms=math.inf if does_not_fit(fault) else -math.inf,
+            missed=missed,
         ),
         tensor=sampled.tensor,
         soft=soft,

@@ -163,7 +163,7 @@ class Problem(ABC):
         )  # fmt: skip
         if source_noise is None:
             return points
-        if self.noisy_source and isinstance(noise, tuple | list) and len(noise) == 2:
+        if self.noisy_source and isinstance(noise, tuple | list) and len(noise) == 2 and np.any(noise[0]):
             raise InputError("source_noise: noise is a pair, which says it already; leave one of them out")
         return self.with_source_noise(points, source_noise)
 

@@ -49,8 +49,8 @@ class Similarity(Problem):
     The pose is the most likely motion of the source onto the target. In space three points have no handedness, so the
     hyper-edges of a mirrored set agree; without ``mirror`` no pose fits it, and the match is not trusted.
 
-    Above two million hyper-edges, the guided search takes triples of source points, finds similar triangles in the
-    target and judges the motion of each by all points: 100 points against 100 take a quarter of a second.
+    Above two million hyper-edges, the guided search takes triples of either set, finds similar triangles in the other
+    and judges the motion of each by all points: 100 points against 100 take half a second, a tenth with known scale.
 
     Exact fiducials of a plan (CT) against a tracker's points with 0.2 mm of noise, some missing and some stray::
 

@@ -115,11 +115,14 @@ def missed_among(search: Search, images: Integers, matched: int, known: Integers
     return 0.0
 
 
-def verify_rivals(search: Search, found: Survivors) -> None:
+def verify_rivals(search: Search, found: Survivors, known: Integers | None) -> None:
     """Verify the survivors of a batch one by one, the strongest first, that none of those before explains.
 
-    What looks like itself has many rivals, each met by many sets.
+    What looks like itself has many rivals, each met by many sets. Of a ``known`` assignment (n,) only those are rivals
+    that may have another pose.
     """
+    if known is not None and len(found.ratios):
+        found = found.rivals_of(known, RIVAL_RATIO)
     for _ in range(RIVALS_VERIFIED):
         if not len(found.ratios):
             return

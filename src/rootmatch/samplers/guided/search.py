@@ -30,7 +30,6 @@ from rootmatch.samplers.guided.minimal_sets import in_turn, minimal_sets, others
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
 from rootmatch.samplers.guided.rivals import (
-    RIVAL_RATIO,
     RIVALS_KEPT,
     allowed_to,
     missed_among,
@@ -237,9 +236,10 @@ class Search:
         images: Integers | None = None,
         known: Integers | None = None,
     ) -> None:
-        """Test one batch of tasks and verify the best survivors; for rivals of a ``known`` assignment (n,) see `_keep`.
+        """Test one batch of tasks and verify the best survivors.
 
-        If only some ``images`` may be matched, ``arrangements`` are places in them.
+        If only some ``images`` may be matched, ``arrangements`` are places in them, and the survivors rivals of the best
+        hypothesis; of a ``known`` assignment (n,), if they are its own images.
         """
         solved = (last - first) * ((self.n_target if images is None else len(images)) - self.minimal + 1)
         most = batches.verified_of(solved, self.single) if images is None else RIVALS_KEPT
@@ -249,33 +249,27 @@ class Search:
             keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
             threads=threads_worth(solved // batches.WORTH_A_THREAD), images=images,
         )  # fmt: skip
-        self._keep(sets.points, survivors, ratios, counts, most, known=known, rivals=images is not None)
+        if images is None:
+            self._keep(sets.points, survivors, ratios, counts, most)
+        else:
+            self._count(counts)
+            verify_rivals(self, Survivors.of(sets.points, survivors, ratios, most), known)
 
-    def _keep(
-        self,
-        points: Integers,
-        survivors: Integers,
-        ratios: Floats,
-        counts: Integers,
-        most: int,
-        known: Integers | None = None,
-        rivals: bool = False,
-    ) -> None:
-        """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m).
-
-        Of rivals of a ``known`` assignment (n,) only those that may be another pose. Where the best survivor turns out
-        to be beyond chance, the weak ones are not verified, but for those of ``rivals``, see `verify_rivals`.
-        """
+    def _count(self, counts: Integers) -> None:
+        """Count what the tests of some chunks did."""
         solved, tested, looked_up = counts.sum(axis=0).tolist()
         self.solved += solved
         self.tested += tested
         self.evaluated += solved + looked_up
+
+    def _keep(self, points: Integers, survivors: Integers, ratios: Floats, counts: Integers, most: int) -> None:
+        """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m).
+
+        Where the best survivor turns out to be beyond chance, the weak ones are not verified.
+        """
+        self._count(counts)
         found = Survivors.of(points, survivors, ratios, most)
-        if known is not None and len(found.ratios):
-            found = found.rivals_of(known, RIVAL_RATIO)
-        if rivals:
-            verify_rivals(self, found)
-        if rivals or not len(found.ratios):
+        if not len(found.ratios):
             return
         first, level, before = len(found.ratios), self._false_alarm_level(), len(self.hypotheses)
         if self.single and found.ratios[0] > level:

@@ -49,6 +49,8 @@ class Labellings(NamedTuple):
     """Labellings by reflections, if none is looked for: only those with more matches than any of the others."""
     tried: int
     """Number of motions tried."""
+    cut: bool
+    """Whether more triples are alike than are followed up: the noise is large."""
 
 
 def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | None = None) -> Labellings:
@@ -67,13 +69,14 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | Non
         Possible correspondences.
     """
     source, target = _alike(clouds, allowed)
+    cut = len(source) == MOST_MOTIONS
     proper = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, mirror)]
     found = grown(clouds, _distinct(proper, 3), mirror, allowed)
     most = int((found >= 0).sum(axis=1).max(initial=2))
     if mirror or most >= min(len(clouds.source), len(clouds.target)):
-        return Labellings(found, found[:0], len(source))
+        return Labellings(found, found[:0], len(source), cut)
     mirrored = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, True)[-1:]]
-    return Labellings(found, grown(clouds, _distinct(mirrored, most + 1), True, allowed), 2 * len(source))
+    return Labellings(found, grown(clouds, _distinct(mirrored, most + 1), True, allowed), 2 * len(source), cut)
 
 
 def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | None) -> Integers:

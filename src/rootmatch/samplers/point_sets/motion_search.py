@@ -1,8 +1,9 @@
-"""The search for motions between two point sets: triples of source points, and the triples of targets like them.
+"""The search for motions between two point sets: triples of either set, and the triples of the other like them.
 
-Three points give the motion. A wide triple of source points is compared with the triangles of the targets: pairs of
-targets as far apart as its first two points are looked up in a sorted list, third ones are those at the right distances
-from both. Few triangles are alike by chance; the motion of each is judged by how many of all points it explains.
+Three points give the motion. A triple of one set is compared with the triangles of the other, see
+`rootmatch.samplers.point_sets.triangles`. Few triangles are alike by chance; the motion of each is judged by how many
+of all points it explains. Triples are drawn from both sets in turn: all of one lie in what both sets show, and only a
+few of the other where that is large; see `rootmatch.samplers.point_sets.shown_parts`.
 """
 
 from __future__ import annotations
@@ -14,34 +15,29 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import Deadline, checkpoint
-from rootmatch.problems.points import PointClouds, distances
+from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
+from rootmatch.samplers.point_sets.shown_parts import ShownParts
+from rootmatch.samplers.point_sets.triangles import GATE, Triangles
 
 ROUNDS = 4
 """Rounds in which a motion is fitted to the points that it explains; the gate narrows from one to the next."""
-BLOCK = 64
-"""Motions that are judged together, at most."""
-SECONDS_PER_PAIR = 1e-7
-"""Time to sort a pair of targets by distance, for looking it up."""
-ENTRIES = 2_000_000
-"""Pairs of points that are compared at once, so that a block of them takes some ten milliseconds."""
-
-TRIPLES, LEAST = 6_000, 12
-"""Most triples of source points that are tried, and least, however clear the best motion is: three of ten matched
-points in a hundred are among so many with 99.5 %."""
-DRAWS = 4
-"""Random triples of which the widest is tried: fewer are flat, more are all at the rim."""
+ENTRIES = 50_000
+"""Pairs of points that are compared at once: as many as stay in the processor's cache."""
+TRIPLES, LEAST, BLOCK = 6_000, 12, 64
+"""Most triples that are tried, and least, however clear the best motion is, and how many at once later on: three of ten
+matched points in a hundred are among so many with 99.5 %."""
 MISSED = 0.005
 """Probability at which a motion that explains as many points as the best one may have been missed."""
-GATE, WIDE_GATE = 3.7, 8.0
-"""Deviation in σ up to which distances within a triple agree (of 10,000 right ones two are lost), and within which a
-point counts for the motion of a triple, whose own error it covers too."""
-PAIRS = 20_000
-"""Most pairs of targets that are tried for a side; a seeded selection of more."""
+WIDE_GATE = 8.0
+"""Deviation in σ within which a point counts for the motion of a triple, whose own error it covers too."""
 REFINED = 4
 """Motions of a triple, those that explain the most points, that are refined on these points."""
+WORTH = 0.5
+"""Share of the matches of the best motion that another one has to explain to be refined. A round value: evidence grows
+with each match beyond three, so that half as many are never of account."""
 KEPT, CANDIDATES = 20, 3
 """Distinct motions that are kept, and targets that a point may have in each."""
 BEYOND = 5.0
@@ -68,23 +64,20 @@ class MotionSearch:
         self.rng = np.random.default_rng(task.seed)
         self.n, self.n_target = task.shape
         self.dimension = clouds.source.shape[1]
-        self.near, self.far = distances(clouds.source), distances(clouds.target)
-        checkpoint(SECONDS_PER_PAIR * self.n_target**2)
         self.allowed = task.candidates
-        first, second = np.triu_indices(self.n_target, 1)
-        order = np.argsort(self.far[first, second], kind="stable")
-        self.pairs = np.stack([first[order], second[order]], axis=1)
-        self.lengths = self.far[self.pairs[:, 0], self.pairs[:, 1]]
-        variance = clouds.target_variance
-        self.widest = math.sqrt(2.0 * float(variance.max()) + 2.0 * float(clouds.source_variance.max()))
+        self.triangles = (
+            Triangles(clouds.source, clouds.source_variance, clouds.scaled),
+            Triangles(clouds.target, clouds.target_variance, clouds.scaled),
+        )
+        points = (clouds.source, clouds.target)
+        self.parts = [ShownParts(own, of.far, self.rng) for own, of in zip(points, self.triangles, strict=True)]
         # the density of detections that chance spreads over the box of the targets
+        variance = clouds.target_variance.max()
         box = np.ptp(clouds.target, axis=0)
-        box = np.maximum(box * (self.n_target + 1) / (self.n_target - 1), 2.0 * np.sqrt(2.0 * np.pi * variance.max()))
+        box = np.maximum(box * (self.n_target + 1) / (self.n_target - 1), 2.0 * np.sqrt(2.0 * np.pi * variance))
         self.log_density = math.log(self.n_target) - float(np.log(box).sum())
         self.hypotheses: list[MotionHypothesis] = []
         self.evaluated = self.judged = self.tried = 0
-        self._whole: set[frozenset[int]] = set()
-        """Triples that were compared with all triangles of the targets: once more would find nothing new."""
 
     @property
     def level(self) -> float:
@@ -96,119 +89,72 @@ class MotionSearch:
         """Whether the best motion is beyond chance."""
         return bool(self.hypotheses) and self.hypotheses[0].evidence > self.level
 
+    @property
+    def missed(self) -> float:
+        """Probability that a motion which explains as many points as the best one was never met."""
+        matched = int((self.hypotheses[0].assignment >= 0).sum()) if self.hypotheses else 0
+        return math.prod(part.missed(matched) for part in self.parts)
+
     def run(self, budget: int = 500_000_000) -> None:
         """Try triples until a motion as good as the best one can hardly have been missed, or the budget is spent."""
+        # those of the smaller set first: more of them lie in what both sets show
+        sides = (0, 1) if self.n <= self.n_target else (1, 0)
+        count = LEAST
         while self.tried < TRIPLES and self.evaluated < budget and not self.deadline.passed():
-            if self.tried >= LEAST and self._finished():
-                return
-            triple = self._triple()
-            key = frozenset(triple.tolist())
-            # few points have few triples, which are drawn again and again
-            if key not in self._whole:
-                if self._sees_all_pairs(triple):
-                    self._whole.add(key)
-                self._take(triple, self._alike(triple))
-            self.tried += 1
-            if self.task.progress is not None and self.tried % BLOCK == 0:
-                self.task.progress(self.tried, TRIPLES)
+            for side in sides:
+                self._try(side, self.parts[side].triples(count))
+                if any(part.exhausted for part in self.parts):
+                    return
+                if self.task.motions == 1 and self.conclusive and self.missed < MISSED:
+                    return
+            count = min(2 * count, BLOCK)
+            if self.task.progress is not None:
+                self.task.progress(min(self.tried, TRIPLES), TRIPLES)
 
-    def _finished(self) -> bool:
-        """Whether a motion that explains as many points would have been found, at least once, by now."""
-        if self.task.motions != 1 or not self.conclusive:
-            return False
-        matched = float((self.hypotheses[0].assignment >= 0).mean())
-        return self.tried * math.log1p(-min(matched**3, 1.0 - 1e-12)) < math.log(MISSED)
-
-    def _triple(self) -> Integers:
-        """The widest of some random triples, by area."""
-        drawn = self.rng.integers(0, self.n, (DRAWS, 3))
-        a, b, c = drawn.T
-        sides = np.sort(np.stack([self.near[a, b], self.near[b, c], self.near[a, c]]), axis=0)
-        # Heron: 16 times the squared area, 0 for a point drawn twice
-        low, middle, high = sides
-        area = (low + middle + high) * (low + middle - high) * (high + low - middle) * (high + middle - low)
-        return np.asarray(drawn[int(np.argmax(area))], dtype=np.int64)
-
-    def _pairs_as_long(self, length: float) -> Integers:
-        """Pairs of targets (P, 2) that may be two source points so far apart; all where the scale is unknown."""
-        if self.clouds.scaled:
-            return self.pairs
-        window = GATE * self.widest
-        low, high = np.searchsorted(self.lengths, [length - window, length + window])
-        return self.pairs[low:high]
-
-    def _sees_all_pairs(self, triple: Integers) -> bool:
-        """Whether none of the pairs is left out for being too many, whichever two of the points come first."""
-        a, b, c = triple.tolist()
-        sides = (self.near[a, b], self.near[b, c], self.near[a, c])
-        return max(len(self._pairs_as_long(side)) for side in sides) <= PAIRS
-
-    def _alike(self, triple: Integers) -> Integers:
-        """Triples of targets (H, 3) whose triangle is that of the source points, up to noise."""
-        a, b, c = triple.tolist()
-        if len({a, b, c}) < 3:
-            return np.empty((0, 3), np.int64)
-        clouds = self.clouds
-        ab, ac, bc = self.near[a, b], self.near[a, c], self.near[b, c]
-        pairs = self._pairs_as_long(ab)
-        if len(pairs) > PAIRS:
-            pairs = pairs[np.sort(self.rng.permutation(len(pairs))[:PAIRS])]
-        pairs = np.concatenate([pairs, pairs[:, ::-1]])
-        if self.allowed is not None:
-            pairs = pairs[self.allowed[a, pairs[:, 0]] & self.allowed[b, pairs[:, 1]]]
-        self.evaluated += len(pairs) * self.n_target
-        u, v = clouds.source_variance, clouds.target_variance
-        k, l = pairs.T  # noqa: E741
-        length = self.far[k, l]
-        scale = length / ab if clouds.scaled else np.ones(len(pairs))
-        own = v[k] + v[l] + scale**2 * (u[a] + u[b])
-        alike = np.abs(length - scale * ab) <= GATE * np.sqrt(own)
-        k, l, scale, own = k[alike], l[alike], scale[alike, None], own[alike, None]  # noqa: E741
-        # an unknown scale has the noise of the side that it is taken from
-        of_scale = own / ab**2 if clouds.scaled else np.zeros_like(own)
-        third = np.ones((len(k), self.n_target), np.bool_)
-        step = max(1, ENTRIES // self.n_target)
-        for first in range(0, len(k), step):
-            checkpoint()
-            rows = slice(first, first + step)
-            for corner, image, side in ((a, k[rows], ac), (b, l[rows], bc)):
-                variance = v[image][:, None] + v + scale[rows] ** 2 * (u[corner] + u[c]) + of_scale[rows] * side**2
-                third[rows] &= (self.far[image] - scale[rows] * side) ** 2 <= GATE**2 * variance
-        if self.allowed is not None:
-            third &= self.allowed[c]
-        row, m = np.nonzero(third)
-        k, l = k[row], l[row]  # noqa: E741
-        distinct = (m != k) & (m != l)
-        found: Integers = np.stack([k, l, m], axis=1)[distinct]
+    def _try(self, side: int, triples: Integers) -> None:
+        """Look for triples (T, 3) of one set, 0 of the source, in the other one, and judge the motions."""
+        clouds, (own, other) = self.clouds, self.triangles[:: 1 if side == 0 else -1]
+        allowed = self.allowed if side == 0 or self.allowed is None else self.allowed.T
+        found = other.alike(triples, own.far, own.variance, allowed, self.rng)
+        self.evaluated += found.compared
+        self.tried += len(triples)
+        sources, images = (triples[found.number], found.corners)[:: 1 if side == 0 else -1]
+        number = found.number
         if self.dimension == 2 and not clouds.mirror:
-            turns = _turn(clouds.target[found]) * _turn(clouds.source[triple][None])
-            found = found[turns > 0.0]
-        return found
+            right = _turn(clouds.target[images]) * _turn(clouds.source[sources]) > 0.0
+            sources, images, number = sources[right], images[right], number[right]
+        self._take(number, sources, images)
+        self.parts[side].add(triples, found.share)
 
-    def _take(self, triple: Integers, images: Integers) -> None:
-        """Judge the motions that take the triple onto its images; refine and keep the best."""
+    def _take(self, number: Integers, sources: Integers, images: Integers) -> None:
+        """Judge the motions that take triples (H, 3) onto images, by their triples; refine and keep the best."""
         clouds = self.clouds
-        if not len(images):
-            return
-        counts, every = np.empty(len(images)), []
-        block = max(1, min(BLOCK, ENTRIES // (self.n * self.n_target)))
-        for start in range(0, len(images), block):
-            checkpoint()
-            part = slice(start, start + block)
-            target = clouds.target[images[part]]
-            source = np.broadcast_to(clouds.source[triple], target.shape)
-            every.append(fitted_motions(source, target, clouds.scaled, clouds.mirror))
-            squared, variance = every[-1].squares(clouds)
-            close = squared <= WIDE_GATE**2 * variance
-            if self.allowed is not None:
-                close &= self.allowed
-            # as many as have one, of either set
-            counts[part] = np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1))
         self.judged += len(images)
         self.evaluated += len(images) * self.n
-        for one in np.argsort(-counts, kind="stable")[:REFINED].tolist():
-            if counts[one] > 3:
-                self._refine(every[one // block].take(np.array([one % block])))
+        step = max(1, ENTRIES // (self.n * self.n_target))
+        counts, every = np.empty(len(images), np.int64), []
+        for start in range(0, len(images), step):
+            checkpoint()
+            part = slice(start, start + step)
+            every.append(
+                fitted_motions(clouds.source[sources[part]], clouds.target[images[part]], clouds.scaled, clouds.mirror)
+            )
+            counts[part] = every[-1].explained(clouds, WIDE_GATE, self.allowed)
+        # the best ones of each triple
+        order = np.lexsort((-counts, number))
+        ordered = number[order]
+        rank = np.arange(len(order)) - np.searchsorted(ordered, ordered)
+        chosen = order[(rank < REFINED) & (counts[order] > 3)]
+        for one in chosen[np.argsort(-counts[chosen], kind="stable")].tolist():
+            if self._is_new(sources[one], images[one], int(counts[one])):
+                self._refine(every[one // step].take(np.array([one % step])))
+
+    def _is_new(self, triple: Integers, images: Integers, explained: int) -> bool:
+        """Whether the motion of a triple may be none of those that are kept, and of account beside them."""
+        least = 0.0
+        if self.task.motions == 1 and self.conclusive:
+            least = WORTH * np.count_nonzero(self.hypotheses[0].assignment >= 0)
+        return explained >= least and not any((one.assignment[triple] == images).all() for one in self.hypotheses)
 
     def _refine(self, motion: Motions) -> None:
         """Fit a motion to the points that it explains, several times, and keep it if it is among the best."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.problems.points import PointClouds
 
 
@@ -33,6 +33,21 @@ class Motions(NamedTuple):
         squared = (first**2).sum(axis=-1)[..., None] - 2.0 * first @ second.T + (second**2).sum(axis=-1)
         variance = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
         return np.maximum(squared, 0.0), variance
+
+    def explained(self, clouds: PointClouds, gate: float, allowed: Bools | None) -> Integers:
+        """How many points (H,) of the set with fewer of them are within a gate in σ of one of the other set."""
+        centre = clouds.target.mean(axis=0)
+        moved = clouds.source @ self.linear.swapaxes(-1, -2) + (self.shift - centre)[:, None]
+        seen = clouds.target - centre
+        # the gate less the squared distance, half of it, is one product: |x|² + |y|² − 2 x·y and both variances
+        own = 0.5 * (gate**2 * (self.scale**2)[:, None] * clouds.source_variance - (moved**2).sum(axis=-1))
+        other = 0.5 * (gate**2 * clouds.target_variance - (seen**2).sum(axis=-1))
+        first = np.concatenate([moved, own[..., None], np.ones((*own.shape, 1))], axis=-1)
+        second = np.concatenate([seen, np.ones((len(seen), 1)), other[:, None]], axis=-1)
+        close = first @ second.T >= 0.0
+        if allowed is not None:
+            close &= allowed
+        return np.asarray(np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1)))
 
 
 def fitted_motions(source: Floats, target: Floats, scaled: bool, mirror: bool, weight: Floats | None = None) -> Motions:

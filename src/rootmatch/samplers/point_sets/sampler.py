@@ -28,5 +28,6 @@ def point_set_tensor(task: SamplingTask, clouds: PointClouds, options: GuidedOpt
         chance_samples=CHANCE_SAMPLES,
         conclusive=search.conclusive,
         assignments=search.assignments() if task.motions == 1 else None,
+        missed=search.missed,
     )  # fmt: skip
     return sampled._replace(chance_weight=sampled.chance, evaluated=sampled.evaluated + CHANCE_SAMPLES)

@@ -1,0 +1,107 @@
+"""The judgement of several motions by the model of one: each is weighed with the points and detections others leave.
+
+A packing names groups of one motion each by hyper-edges. Where the problem fits poses the model of one motion then
+decides: what does not fit a motion's pose is unmatched, a motion that is not beyond chance goes, and what it leaves may
+belong to another one. The motions are right together with the product of their probabilities, and the status follows
+from the facts of all of them, each of which has to be trusted.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rootmatch.arrays import Integers
+from rootmatch.deadline import OutOfTime, checkpoint
+from rootmatch.explain.decide import Facts, Status
+from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.image_decision import is_modelled, told_by
+from rootmatch.explain.point_set_decision import model_of, of_one_motion
+from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.zoom_hypotheses import candidate_of
+from rootmatch.solvers.packing.solver import inside_groups
+
+ROUNDS = 3
+"""Most rounds in which each motion is judged again where others have left points or detections. A round value."""
+
+
+def judged_motions(found: Finding) -> Finding:
+    """The finding of a packing, judged by the model of one motion; the same where the problem has no such model."""
+    alone = replace(found.task, options=replace(found.task.options, motions=1, sampler=None, samples=None))
+    if not is_modelled(alone) and model_of(alone) is None:
+        return found
+    assignment, labels = found.assignment.copy(), found.motion_labels.copy()
+    parts: dict[int, Finding] = {}
+    try:
+        for _ in range(ROUNDS):
+            before = assignment.copy()
+            for label in np.unique(labels[labels >= 0]).tolist():
+                checkpoint()
+                parts[label] = _judged(alone, assignment, labels, label)
+            if np.array_equal(before, assignment):
+                break
+    except OutOfTime:
+        return found.with_facts(confirmed=False)
+    return _together(found, assignment, labels, parts)
+
+
+def _judged(alone: MatchingTask, assignment: Integers, labels: Integers, label: int) -> Finding:
+    """The finding of one motion among what the others leave, to which the assignment and its labels are changed.
+
+    Its confidence is that of all points (n,), NaN where another motion has them.
+    """
+    points = np.flatnonzero((labels == label) | (assignment < 0))
+    own = np.where(labels[points] == label, assignment[points], -1)
+    pixels = np.setdiff1d(np.arange(alone.shape[1]), assignment[(labels >= 0) & (labels != label)])
+    part = alone.subset(points, pixels)
+    own = np.where(own >= 0, np.searchsorted(pixels, np.maximum(own, 0)), -1)
+    if is_modelled(part):
+        body = candidate_of(part, [own])
+        told = told_by(nothing_found(part, None), body.alone(), body)
+    else:
+        told = of_one_motion(part, own)
+    matched = (told.assignment >= 0) & (told.status is not Status.UNTRUSTED)
+    assignment[points] = np.where(matched, pixels[told.assignment], -1)
+    labels[points] = np.where(matched, label, -1)
+    confidence = np.full(len(assignment), math.nan)
+    confidence[points] = math.nan if told.confidence is None else told.confidence
+    return replace(told, confidence=confidence)
+
+
+def _together(found: Finding, assignment: Integers, labels: Integers, parts: dict[int, Finding]) -> Finding:
+    """The finding of all motions that are left, the largest first.
+
+    The confidence in an unmatched point is that of the motion that is least certain of it.
+    """
+    sizes = np.bincount(labels[labels >= 0])
+    left = [label for label in np.argsort(-sizes, kind="stable").tolist() if sizes[label]]
+    numbers, confidence = np.full(len(labels), -1), np.full(len(labels), math.nan)
+    for number, label in enumerate(left):
+        confidence = np.fmin(confidence, np.asarray(parts[label].confidence))
+        numbers[labels == label] = number
+    facts = [parts[label].facts for label in left]
+    nothing = Facts(present=0.0, probability=0.0, lead=0.0)
+    return replace(
+        found,
+        assignment=assignment,
+        labels=numbers,
+        facts=replace(_of_all(facts), lead=found.facts.lead) if facts else nothing,
+        scores=[inside_groups(found.tensor, assignment, numbers), *found.every_score[1:]],
+        confidence=confidence,
+        log_odds=sum(parts[label].log_odds or 0.0 for label in left),
+    )
+
+
+def _of_all(facts: list[Facts]) -> Facts:
+    """The facts of several motions together."""
+    return Facts(
+        present=min(one.present or 0.0 for one in facts),
+        probability=math.prod(one.probability or 0.0 for one in facts),
+        contested=any(one.contested for one in facts),
+        sure_of_the_rest=all(one.sure_of_the_rest for one in facts),
+        min_probability=facts[0].min_probability,
+        missed=max(one.missed for one in facts),
+        false_alarms=max(one.false_alarms for one in facts),
+    )

@@ -1,0 +1,74 @@
+"""Several motions that nobody told apart: what the model of one motion says of each, and of all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.simulation.scenes import up2p_scene
+
+SIGMA = 0.0005
+
+
+def bodies(seed: int, count: int, hidden: int, stray: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (7 · count, 3) of bodies, what is measured of them with some hidden, and the truth."""
+    rng = np.random.default_rng(seed)
+    points, moved = [], []
+    for k in range(count):
+        body = rng.uniform(-0.1, 0.1, (7, 3))
+        points.append(body + np.array([0.3 * k, 0.0, 0.0]))
+        moved.append(body @ Rotation.random(random_state=rng).as_matrix().T + np.array([0.3 * k, 0.0, 1.0]))
+    source, every = np.concatenate(points), np.concatenate(moved)
+    shown = np.sort(rng.permutation(len(source))[hidden:])
+    target = every[shown] + SIGMA * rng.normal(size=(len(shown), 3))
+    target = np.concatenate([target, rng.uniform(every.min(axis=0), every.max(axis=0), (stray, 3))])
+    truth = np.full(len(source), -1)
+    truth[shown] = np.arange(len(shown))
+    return source, target, truth
+
+
+@pytest.mark.parametrize("motions", [2, "auto"])
+def test_a_hidden_point_gets_no_stray(motions: int | str) -> None:
+    for seed in range(4):
+        source, target, truth = bodies(seed, 2, 2, 2)
+        match = rm.match(source, target, rm.Rigid(), noise=(0.0, SIGMA), motions=motions)
+        assert match.status is rm.Status.MATCHED
+        assert match.probability is not None
+        assert match.probability >= 0.95
+        matched = match.assignment >= 0
+        assert (match.assignment == truth)[matched].all()
+        assert (match.confidence[matched] > 0.9).all()
+        for number, pose in enumerate(match.poses):
+            own = match.motion_labels == number
+            assert pose is not None
+            off = pose.transform(source[own]) - target[match.assignment[own]]
+            assert np.linalg.norm(off, axis=1).max() < 6.0 * SIGMA
+            assert len(pose.inliers) == own.sum()
+
+
+def test_the_probability_of_all_is_below_that_of_each() -> None:
+    source, target, _ = bodies(3, 3, 0, 0)
+    match = rm.match(source, target, rm.Rigid(), noise=(0.0, SIGMA), motions=3)
+    alone = rm.match(source[:7], target[:7], rm.Rigid(), noise=(0.0, SIGMA))
+    assert alone.probability is not None
+    assert match.probability == pytest.approx(alone.probability**3, abs=1e-3)
+
+
+def test_motions_of_unrelated_points_go() -> None:
+    rng = np.random.default_rng(5)
+    source, target = rng.uniform(-1.0, 1.0, (2, 12, 3))
+    match = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.02), motions=2)
+    assert match.status is rm.Status.UNTRUSTED
+    assert match.probability is not None
+    assert match.probability < 0.5
+    assert match.confidence.shape == (12,)
+
+
+def test_motions_in_an_image_have_a_probability() -> None:
+    scene = up2p_scene(12, 0, noise=0.5, seed=4, motions=2)
+    match = rm.match(scene.source, scene.target, scene.problem, noise=0.5, motions=2)
+    assert match.status is rm.Status.MATCHED
+    assert match.probability is not None
+    assert match.probability >= 0.95
