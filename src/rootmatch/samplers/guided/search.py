@@ -238,8 +238,8 @@ class Search:
     ) -> None:
         """Test one batch of tasks and verify the best survivors.
 
-        If only some ``images`` may be matched, ``arrangements`` are places in them, and the survivors rivals of the best
-        hypothesis; of a ``known`` assignment (n,), if they are its own images.
+        If only some ``images`` may be matched, ``arrangements`` are places in them, and the survivors are rivals of the
+        best hypothesis; of a ``known`` assignment (n,), if they are its own images.
         """
         solved = (last - first) * ((self.n_target if images is None else len(images)) - self.minimal + 1)
         most = batches.verified_of(solved, self.single) if images is None else RIVALS_KEPT
