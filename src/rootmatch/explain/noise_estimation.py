@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,8 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.backends import cpu
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import is_modelled
-from rootmatch.explain.image_hypotheses import model_of
+from rootmatch.explain.image_decision import is_modelled, told_by
+from rootmatch.explain.image_hypotheses import Candidate, model_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
@@ -57,10 +58,12 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
         The finding of a task whose noise is known.
     """
     first = first_guess(task.image[0], task.camera_of)
-    match, guess = _first_match(task, solve, first)
+    found = _first_matches(task, solve, first)
+    match, guess = found[0]
+    known = [one.assignment for one, _ in found]
     for _ in range(ROUNDS):
         try:
-            sigma = estimated_noise(match, guess)
+            sigma = estimated_noise(match, guess, known)
         except OutOfTime:
             break
         if math.isnan(sigma) or max(sigma / guess, guess / sigma) < SETTLED:
@@ -69,22 +72,44 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
             break
         guess = min(max(sigma, LEAST * first), 4.0 * first)
         match = solve(_round(task, guess))
+        known.append(match.assignment)
+    return _among(match, known)
+
+
+def _among(match: Finding, known: list[Integers]) -> Finding:
+    """A finding weighed with what was found at other σ and its own search did not name."""
+    task = match.task
+    if match.posterior is None or task.has_prior or not is_modelled(task):
+        return match
+    named = {one.tobytes() for one in match.every}
+    more = [one for one in known if one.tobytes() not in named]
+    if not more:
+        return match
+    with suppress(OutOfTime):
+        body = Candidate.of(task, [*match.every, *more])
+        return told_by(match, body.alone(), body, missed=match.facts.missed)
     return match
 
 
-def _first_match(
+def _first_matches(
     task: MatchingTask, solve: Callable[[MatchingTask], Finding], generous: float
-) -> tuple[Finding, float]:
-    """A finding to begin with, and its σ.
+) -> list[tuple[Finding, float]]:
+    """Findings to begin with, and the σ of each; the first one is to go on with.
 
-    The more generous σ, the less tells a hypothesis from chance, and a long search may end by its budget where one with
-    a smaller σ ends at once. So a search is cut short and the next smaller σ tried before more is spent.
+    The more generous σ, the less tells a hypothesis from chance: a search may then miss the right pose, of which the
+    image is far more probable at a smaller σ, or a long one end by its budget where one with a smaller σ ends at once.
+    So several σ are tried, and a long search is cut short and the next σ tried before more is spent.
     """
     widest = _round(task, generous)
     known = task.prior_pose is not None or task.known is not None
-    by_search = task.options.chosen_sampler == "auto" and task.options.motions == 1 and pays(widest.sampling_task)
-    if known or task.rig is not None or not by_search:
-        return solve(widest), generous
+    by_search = task.options.chosen_sampler == "auto" and task.options.motions == 1
+    if known or not by_search:
+        return [(solve(widest), generous)]
+    if task.rig is not None:
+        every = [(solve(_round(task, rung * generous)), rung * generous) for rung in RUNGS]
+        return sorted(every, key=lambda one: -(one[0].log_odds or 0.0))
+    if not pays(widest.sampling_task):
+        return [(solve(widest), generous)]
     found: dict[float, Finding] = {}
     for budget in BUDGETS:
         for rung in RUNGS:
@@ -92,8 +117,8 @@ def _first_match(
                 continue  # that search ended by itself
             found[rung] = solve(replace(_round(task, rung * generous), budget=budget))
             if found[rung].status or task.deadline.passed():
-                return found[rung], rung * generous
-    return found[1.0], generous
+                return [(found[rung], rung * generous)]
+    return [(found[1.0], generous)]
 
 
 def _round(task: MatchingTask, sigma: float) -> MatchingTask:
@@ -107,8 +132,10 @@ def first_guess(target: Floats, camera_of: Integers) -> float:
     return FIRST_GUESS * max(float(np.linalg.norm(np.ptp(image, axis=0))) for image in images)
 
 
-def estimated_noise(match: Finding, sigma: float) -> float:
+def estimated_noise(match: Finding, sigma: float, known: Sequence[Integers] = ()) -> float:
     """σ from the residuals inside an assignment that was found with ``sigma``; NaN if there are too few.
+
+    ``known``: what was found at other σ, and may be right in its place.
 
     If the problem fits poses, σ follows from χ² of the points of each motion about their best pose. Otherwise it is the
     scale at which the squared residuals of their hyper-edges, cut off at 9, have the mean of their distribution.
@@ -120,7 +147,7 @@ def estimated_noise(match: Finding, sigma: float) -> float:
     for members in groups:
         if len(members) <= problem.order:
             continue
-        scale = _scale(match, members, sigma)
+        scale = _scale(match, members, sigma, known)
         if math.isfinite(scale):
             squares.append(scale * (len(members) - problem.minimal))
             freedom.append(len(members) - problem.minimal)
@@ -129,7 +156,7 @@ def estimated_noise(match: Finding, sigma: float) -> float:
     return sigma * math.sqrt(sum(squares) / sum(freedom))
 
 
-def _scale(match: Finding, members: Integers, sigma: float) -> float:
+def _scale(match: Finding, members: Integers, sigma: float, known: Sequence[Integers]) -> float:
     """Square of the ratio of the true σ to the assumed one, estimated from one group."""
     problem, points = match.task.problem, match.task.points
     one_motion = replace(match.task, options=replace(match.task.options, motions=1))
@@ -140,6 +167,7 @@ def _scale(match: Finding, members: Integers, sigma: float) -> float:
         if len(members) == (match.assignment >= 0).sum():
             # if σ is far too large, a wrong assignment can seem as good as the right one, which fits far better
             assignments += [other for other in match.others if (other >= 0).sum() >= len(members)]
+            assignments += [other for other in known if (other >= 0).sum() > match.task.minimal]
         return _scale_in_image(one_motion, np.array(assignments), sigma) / CENTRE
     if match.noise_factor is not None:
         return max(match.noise_factor, LEAST) ** 2 / CENTRE
