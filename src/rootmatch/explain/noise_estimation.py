@@ -105,7 +105,7 @@ def _first_matches(
     by_search = task.options.chosen_sampler == "auto" and task.options.motions == 1
     if known or not by_search:
         return [(solve(widest), generous)]
-    if task.rig is not None:
+    if task.rig is not None or (is_modelled(task) and not pays(widest.sampling_task)):
         every = [(solve(_round(task, rung * generous)), rung * generous) for rung in RUNGS]
         return sorted(every, key=lambda one: -(one[0].log_odds or 0.0))
     if not pays(widest.sampling_task):
