@@ -12,6 +12,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.backends import cpu
 from rootmatch.deadline import OutOfTime
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import is_modelled, told_by
 from rootmatch.explain.image_hypotheses import Candidate, model_of
@@ -20,7 +21,7 @@ from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.model.evidence import about
-from rootmatch.model.proposals import fitted
+from rootmatch.model.proposals import Proposals, fitted
 from rootmatch.samplers.guided.sampler import pays
 
 FIRST_GUESS = 0.004
@@ -41,9 +42,11 @@ RUNGS = (0.25, 1.0, 1.0 / 16.0)
 """First guesses of σ over the generous one, in the order in which they are searched with: detectors are often that
 good."""
 GROWTH = 4
-BUDGETS = tuple(8_000_000 * GROWTH**k for k in range(4))
-"""Evaluations that a search with a first guess may take, in turn: 60 points of which 20 are seen take 2 to 17 million
-with the noise stated, and 500 million at ten times that (`benchmarks/targets.py --sizes 60 --seen 20`)."""
+BUDGETS = tuple(8_000_000 * GROWTH**k for k in range(3))
+"""Evaluations that a search with a first guess may take, in turn; together as many as with the noise stated. 60 points of which
+20 are seen take 2 to 17 million with the noise stated, and 500 million at ten times that (`benchmarks/targets.py --sizes 60 --seen 20`)."""
+HALVINGS = 9
+"""Of the range of σ² beside a noise of the model, in its logarithm: to within 3 %. A round value."""
 LEAST = 1e-3
 """Smallest σ relative to the first guess: exact data have none."""
 
@@ -58,7 +61,7 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
         The finding of a task whose noise is known.
     """
     first = first_guess(task.image[0], task.camera_of)
-    found = _first_matches(task, solve, first)
+    found, budget = _first_matches(task, solve, first)
     match, guess = found[0]
     known = [one.assignment for one, _ in found]
     for _ in range(ROUNDS):
@@ -66,13 +69,15 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
             sigma = estimated_noise(match, guess, known)
         except OutOfTime:
             break
-        if math.isnan(sigma) or max(sigma / guess, guess / sigma) < SETTLED:
+        if math.isnan(sigma) or task.deadline.passed():
             break
-        if task.deadline.passed():
+        sigma = min(max(sigma, LEAST * first), 4.0 * first)
+        if max(sigma / guess, guess / sigma) < SETTLED:
             break
-        guess = min(max(sigma, LEAST * first), 4.0 * first)
-        match = solve(_round(task, guess))
+        guess = sigma
+        match = solve(replace(_round(task, guess), budget=budget))
         known.append(match.assignment)
+        budget = None if budget is None else max(budget - match.evaluated, BUDGETS[0])
     return _among(match, known)
 
 
@@ -93,21 +98,22 @@ def _among(match: Finding, known: list[Integers]) -> Finding:
 
 def _first_matches(
     task: MatchingTask, solve: Callable[[MatchingTask], Finding], generous: float
-) -> list[tuple[Finding, float]]:
-    """Findings to begin with, and the σ of each; the first one is to go on with.
+) -> tuple[list[tuple[Finding, float]], int | None]:
+    """Findings to begin with and the σ of each, the one to go on with first; and the budget of all later searches.
 
     The more generous σ, the less tells a hypothesis from chance: a search may then miss the right pose, of which the
     image is far more probable at a smaller σ, or a long one end by its budget where one with a smaller σ ends at once.
-    So several σ are tried, and a long search is cut short and the next σ tried before more is spent.
+    So several σ are tried, and a long search is cut short and the next σ tried before more is spent. It ends when the
+    body is beyond chance.
     """
     widest = _round(task, generous)
     known = task.prior_pose is not None or task.known is not None
     by_search = task.options.chosen_sampler == "auto" and task.options.motions == 1
     if known or not by_search:
-        return [(solve(widest), generous)]
+        return [(solve(widest), generous)], None
     if task.rig is not None or (is_modelled(task) and not pays(widest.sampling_task)):
         every = [(solve(_round(task, rung * generous)), rung * generous) for rung in RUNGS]
-        return sorted(every, key=lambda one: -(one[0].log_odds or 0.0))
+        return sorted(every, key=_log_odds), None
     if not pays(widest.sampling_task):
         return [(solve(widest), generous)]
     found: dict[float, Finding] = {}
@@ -117,8 +123,16 @@ def _first_matches(
                 continue  # that search ended by itself
             found[rung] = solve(replace(_round(task, rung * generous), budget=budget))
             if found[rung].status or task.deadline.passed():
-                return [(found[rung], rung * generous)]
-    return [(found[1.0], generous)]
+                return [(found[rung], rung * generous)], BUDGETS[-1]
+        every = sorted([(one, rung * generous) for rung, one in found.items()], key=_log_odds)
+        if every[0][0].status is not Status.UNTRUSTED:
+            break  # which pose it is, a better σ may tell
+    return every, BUDGETS[-1]
+
+
+def _log_odds(one: tuple[Finding, float]) -> float:
+    """By which findings are sorted, those that explain most first."""
+    return -(one[0].log_odds or 0.0)
 
 
 def _round(task: MatchingTask, sigma: float) -> MatchingTask:
@@ -183,6 +197,8 @@ def _scale_in_image(task: MatchingTask, assignments: Integers, sigma: float) -> 
     """As `_scale`, from the assignment (of K, n) whose pose explains most, each with the noise about its own pose."""
     proposals, found, _ = fitted(model_of(task), assignments)
     scale = np.maximum(found.squared / found.freedom, LEAST**2)
+    if task.points.source_covariance is not None:
+        scale = np.array([_scale_beside_source(task, proposals.take(np.array([k])), sigma) for k in range(len(scale))])
     if len(scale) < 2:
         return float(scale[0]) if len(scale) else math.nan
     explained = []
@@ -190,6 +206,16 @@ def _scale_in_image(task: MatchingTask, assignments: Integers, sigma: float) -> 
         at_own_noise, _ = about(model_of(task.with_noise(float(each))), *proposals.take(np.array([k])))
         explained.append(float(at_own_noise.log_odds[0]))
     return float(scale[int(np.argmax(explained))])
+
+
+def _scale_beside_source(task: MatchingTask, proposal: Proposals, sigma: float) -> float:
+    """As `_scale_in_image`, of one assignment with its pose, where a part of the residuals is noise of the model."""
+    low, high = LEAST**2, 1.0 / LEAST**2
+    for _ in range(HALVINGS):
+        middle = math.sqrt(low * high)
+        found, _ = about(model_of(task.with_noise(sigma * math.sqrt(middle))), *proposal)
+        low, high = (middle, high) if found.squared[0] > found.freedom[0] else (low, middle)
+    return math.sqrt(low * high)
 
 
 def mean_cut(freedom: int) -> float:
