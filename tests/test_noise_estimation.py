@@ -9,7 +9,7 @@ from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.noise_estimation import mean_cut, scale_of, solve_with_estimated_noise
 from rootmatch.explain.task import MatchingTask
-from rootmatch.simulation import p3p_scene, up2p_scene
+from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
 
 @pytest.mark.parametrize(("make", "clutter"), [(p3p_scene, 0), (up2p_scene, 10)])
@@ -28,6 +28,17 @@ def test_estimate_of_exact_points_is_small() -> None:
     match = rm.match(scene.source, scene.target, scene.problem, noise="auto")
     assert match.noise < 0.01
     np.testing.assert_array_equal(match.assignment, scene.truth)
+
+
+def test_noise_of_two_views_and_two_point_sets_is_estimated() -> None:
+    """Which no image decides: the generous first guess is the only one."""
+    scene = three_plus_one_scene(10, 0, 0.5, 1, baseline=1.0)
+    match = rm.match(scene.source, scene.target, scene.problem, noise="auto")
+    assert 0.2 < match.noise < 1.0
+    rng = np.random.default_rng(0)
+    source = rng.uniform(-1.0, 1.0, (8, 3))
+    match = rm.match(source, source + rng.normal(scale=0.002, size=(8, 3)), rm.Rigid(), noise="auto")
+    assert 0.0008 < match.noise < 0.004
 
 
 def test_other_words_are_refused() -> None:

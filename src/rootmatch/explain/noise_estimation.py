@@ -43,8 +43,9 @@ RUNGS = (0.25, 1.0, 1.0 / 16.0)
 good."""
 GROWTH = 4
 BUDGETS = tuple(8_000_000 * GROWTH**k for k in range(3))
-"""Evaluations that a search with a first guess may take, in turn; together as many as with the noise stated. 60 points of which
-20 are seen take 2 to 17 million with the noise stated, and 500 million at ten times that (`benchmarks/targets.py --sizes 60 --seen 20`)."""
+"""Evaluations that a search with a first guess may take, in turn; of all of them together as many as a search with the
+noise stated. 60 points of which 20 are seen take 2 to 17 million with the noise stated, and 500 million at ten times
+that (`benchmarks/targets.py --sizes 60 --seen 20`)."""
 HALVINGS = 9
 """Of the range of σ² beside a noise of the model, in its logarithm: to within 3 %. A round value."""
 LEAST = 1e-3
@@ -108,14 +109,13 @@ def _first_matches(
     """
     widest = _round(task, generous)
     known = task.prior_pose is not None or task.known is not None
-    by_search = task.options.chosen_sampler == "auto" and task.options.motions == 1
-    if known or not by_search:
+    alone = known or task.options.chosen_sampler != "auto" or task.options.motions != 1
+    by_search = not alone and task.rig is None and pays(widest.sampling_task)
+    if alone or not (by_search or is_modelled(task)):
         return [(solve(widest), generous)], None
-    if task.rig is not None or (is_modelled(task) and not pays(widest.sampling_task)):
+    if not by_search:
         every = [(solve(_round(task, rung * generous)), rung * generous) for rung in RUNGS]
         return sorted(every, key=_log_odds), None
-    if not pays(widest.sampling_task):
-        return [(solve(widest), generous)]
     found: dict[float, Finding] = {}
     for budget in BUDGETS:
         for rung in RUNGS:
