@@ -213,3 +213,20 @@ def test_a_derived_problem_is_shown_without_its_code() -> None:
     shown = repr(rm.PlanarMotion(CAMERA, axis=(0, 1, 0)).derived)
     assert shown.startswith("DerivedProblem('planar', source=Bearings(")
     assert len(shown) < 1000
+
+
+@pytest.mark.parametrize("noise", [0, 0.0, (np.arange(len(SCENE.target)) > 0).astype(float)])
+def test_exact_detections_are_refused(noise: Any) -> None:
+    with pytest.raises(InputError, match=r"^noise: 0 given, with which no measured point fits; give"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, noise=noise)
+
+
+def test_too_few_detections_are_counted_in_the_callers_words() -> None:
+    with pytest.raises(InputError, match=r"^target: 3 points given, at least 4 needed by p3p without prior=$"):
+        rm.match(SCENE.source, SCENE.target[:3], SCENE.problem)
+
+
+def test_detections_of_a_rig_without_cameras_are_refused() -> None:
+    rig = rm.Rig([(rm.Camera(800.0, 800.0, 320.0, 240.0), np.eye(3), np.zeros(3))])
+    with pytest.raises(InputError, match=r"of a rig, give \(pixels, index of the camera of each\)"):
+        rm.match(SCENE.source, SCENE.target, rm.P3P(rig))

@@ -202,7 +202,9 @@ def holds_prior(world: World, match: rm.Match) -> None:
 
 def holds_estimate(world: World, match: rm.Match) -> None:
     if "empty frame" not in world.features:
-        assert 0.4 * world.sigma < match.noise < 2.5 * world.sigma
+        # beside a noise of the model it is what that leaves, of exact points nothing
+        assert match.noise < 2.5 * world.sigma
+        assert "source_noise" in world.features or match.noise > 0.4 * world.sigma
 
 
 def holds_time(world: World, match: rm.Match) -> None:
@@ -277,7 +279,6 @@ REFUSED: dict[tuple[str, ...], str] = {
     ("Rigid", "resolution"): "resolution: rigid has no camera",
     ("bodies", "auto noise"): 'noise: "auto" is not estimated from several bodies',
     ("Tracker", "auto noise"): "noise: 'auto' given; a tracker needs",
-    ("auto noise", "source_noise"): 'noise: "auto" is not estimated beside source_noise=',
 }
 """Features that do not go together, and how the error begins that says so."""
 

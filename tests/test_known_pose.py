@@ -230,3 +230,16 @@ def test_a_tracker_is_told_in_every_frame(labelled: bool) -> None:
     assert all(state is rm.TrackingState.TRACKING for state in tracker.states.values())
     with pytest.raises(rm.InputError, match=r"^prior"):
         tracker.update(scene.target, prior=3)  # type: ignore[arg-type]
+
+
+def test_many_points_are_searched_before_their_pairs_are_tried() -> None:
+    """Of 60 points and 42 detections there are three million pairs of matches, of which two are looked at."""
+    rng = np.random.default_rng(0)
+    source, R = rng.uniform(-0.5, 0.5, (60, 3)), Rotation.random(rng=rng).as_matrix()
+    target = CAMERA.project(source[:36] @ R.T + [0.0, 0.0, 3.0]) + rng.normal(scale=0.3, size=(36, 2))
+    target = np.vstack([target, rng.uniform((400, 200), (900, 700), (6, 2))])
+    prior = rm.PosePrior(rotation=(R, np.radians(1.0)))
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=0.3, prior=prior)
+    assert match
+    assert match.evaluated > 0
+    np.testing.assert_array_equal(match.assignment[:36], np.arange(36))

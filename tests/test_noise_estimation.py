@@ -9,7 +9,7 @@ from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.noise_estimation import mean_cut, scale_of, solve_with_estimated_noise
 from rootmatch.explain.task import MatchingTask
-from rootmatch.simulation import p3p_scene, up2p_scene
+from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
 
 @pytest.mark.parametrize(("make", "clutter"), [(p3p_scene, 0), (up2p_scene, 10)])
@@ -28,6 +28,17 @@ def test_estimate_of_exact_points_is_small() -> None:
     match = rm.match(scene.source, scene.target, scene.problem, noise="auto")
     assert match.noise < 0.01
     np.testing.assert_array_equal(match.assignment, scene.truth)
+
+
+def test_noise_of_two_views_and_two_point_sets_is_estimated() -> None:
+    """Which no image decides: the generous first guess is the only one."""
+    scene = three_plus_one_scene(10, 0, 0.5, 1, baseline=1.0)
+    match = rm.match(scene.source, scene.target, scene.problem, noise="auto")
+    assert 0.2 < match.noise < 1.0
+    rng = np.random.default_rng(0)
+    source = rng.uniform(-1.0, 1.0, (8, 3))
+    match = rm.match(source, source + rng.normal(scale=0.002, size=(8, 3)), rm.Rigid(), noise="auto")
+    assert 0.0008 < match.noise < 0.004
 
 
 def test_other_words_are_refused() -> None:
@@ -87,3 +98,27 @@ def test_no_long_search_is_spent_on_a_guess_of_noise_that_is_far_too_large() -> 
     assert found.status
     np.testing.assert_array_equal(found.assignment[:20], np.arange(20))
     assert sum(each.evaluated for each in spent) < 2e8
+
+
+def test_noise_of_a_rig_is_not_that_of_a_wrong_pose() -> None:
+    """At a generous σ the searches in single cameras may miss the right pose, which explains far more at its own σ."""
+    right = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        source, camera = rng.uniform(-0.15, 0.15, (7, 3)), rm.Camera(900.0, 900.0, 640.0, 480.0)
+        views = [
+            (camera, Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix(), np.array([0.0, 0.0, 1.8]))
+            for turn in (-0.7, 0.0, 0.7)
+        ]
+        placed = source @ Rotation.random(rng=rng).as_matrix().T
+        detections, cameras, truth = [], [], np.full((3, 7), -1)
+        for k, (_, R, t) in enumerate(views):
+            seen = np.sort(rng.choice(7, 4, replace=False))
+            truth[k, seen] = sum(map(len, detections)) + np.arange(4)
+            pixels = camera.project(placed[seen] @ R.T + t) + rng.normal(scale=0.3, size=(4, 2))
+            detections.append(np.vstack([pixels, rng.uniform(0.0, [1280.0, 960.0], (3, 2))]))
+            cameras += [k] * 7
+        match = rm.match(source, (np.vstack(detections), cameras), rm.P3P(rm.Rig(views)), noise="auto")
+        right += bool(match) and bool((match.sightings.assignment[truth >= 0] == truth[truth >= 0]).all())
+        assert not match or 0.15 < match.noise < 0.6
+    assert right >= 19

@@ -178,3 +178,21 @@ def test_covariances_of_two_point_sets_turn_with_the_source() -> None:
     assert by_target.pose is not None
     np.testing.assert_allclose(by_source.pose.t, by_target.pose.t, atol=1e-3)
     np.testing.assert_allclose(by_source.pose.covariance, by_target.pose.covariance, rtol=0.02, atol=1e-7)
+
+
+def test_noise_of_detections_is_estimated_beside_that_of_the_model() -> None:
+    """Which is stated, and spreads an image by as much as the detections have."""
+    factors, right = [], 0
+    for seed in range(12):
+        scene = Scene(seed)
+        match = scene.match(noise="auto")
+        factors.append(match.noise / PIXEL)
+        right += bool(match) and bool((match.assignment == scene.truth).all())
+    assert right >= 11
+    assert 0.5 < np.median(factors) < 1.5
+
+
+def test_noise_is_not_estimated_beside_that_of_one_of_two_point_sets() -> None:
+    scene = Scene(0)
+    with pytest.raises(rm.InputError, match=r"^noise: .*source_noise= of point sets; give a number"):
+        rm.match(scene.model, scene.placed, rm.Rigid(), noise="auto", source_noise=SIGMA)

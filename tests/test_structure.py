@@ -27,7 +27,7 @@ def callers(name: str) -> set[str]:
 
 def test_noise_is_parsed_in_one_place() -> None:
     assert callers("check_noise") == {"problems/noise.py"}
-    assert callers("parse_noise") == {"problems/base.py", "explain/task.py"}  # as given, and as estimated
+    assert callers("parse_noise") == {"problems/base.py"}  # as given, and as estimated
 
 
 def test_points_are_validated_by_the_problem_alone() -> None:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rootmatch.problems.up2pf import UP2PF as UP2PF
     from rootmatch.result import Match, Status
     from rootmatch.samplers.guided.sampler import Guided
-    from rootmatch.tracking.tracker import Tracker, TrackingState
+    from rootmatch.tracking.tracker import Tracker, TrackingOptions, TrackingState
 
 _LATER = {
     **MODULES,
@@ -50,6 +50,7 @@ _LATER = {
     "Rig": "cameras.rig",
     "Status": "result",
     "Tracker": "tracking.tracker",
+    "TrackingOptions": "tracking.tracker",
     "TrackingState": "tracking.tracker",
     "Uncalibrated": "problems.derived.measurements",
     "derive": "derivation.derive",
@@ -95,6 +96,7 @@ __all__ = [
     "RootmatchError",
     "Status",
     "Tracker",
+    "TrackingOptions",
     "TrackingState",
     "Uncalibrated",
     "__version__",

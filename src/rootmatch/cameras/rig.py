@@ -122,6 +122,8 @@ class Rig(CameraModel):
                 raise InputError(f"target: pixels {pixels.shape} and index {index.shape} given; give (n', 2) and (n',)")
             target = np.column_stack([pixels, index])
         rows = np.asarray(target)
+        if rows.ndim == 2 and rows.shape[1] == 2:
+            raise InputError(f"target: shape {rows.shape} given; of a rig, give (pixels, index of the camera of each)")
         if rows.ndim == 2 and rows.shape[1] == 3 and rows.dtype.kind in "fiu":
             wrong = ~np.isin(rows[:, 2], np.arange(len(self.views)))
             if wrong.any():

@@ -16,7 +16,7 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
-from rootmatch.explain.known_rotation import lines_of_sight, poses_by_rotation
+from rootmatch.explain.known_rotation import lines_of_sight, pairs_are_drawn, poses_by_rotation
 from rootmatch.explain.predicted_poses import knowledge_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
@@ -29,6 +29,8 @@ from rootmatch.problems.up2p import UP2P
 
 SURE = 0.1
 """Standard deviation of a direction, in radians, up to which a search takes it for a vertical. A round value."""
+QUICK = 8_000_000
+"""Evaluations of that search: half a second. A round value."""
 REACH = 4.0
 """Standard deviations of a position within which its detections are searched. A round value."""
 
@@ -36,14 +38,18 @@ REACH = 4.0
 def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | None) -> Finding:
     """The match of a task of which the pose is known in part.
 
-    What a known rotation proposes is weighed first. Where that is not believed, the image is searched with what is
-    known, then without it, as it may be wrong; without ``solve`` it is not searched. What is told is the posterior of
-    everything that was proposed.
+    What a known rotation proposes is weighed first; of many points, whose pairs are only drawn, after a short search,
+    which mostly finds them in less time. Where that is not believed, the image is searched with what is known, then
+    without it, as it may be wrong; without ``solve`` it is not searched. What is told is the posterior of everything
+    that was proposed.
     """
     assert task.known is not None
-    body, named, evaluated = Candidate.of(task, []), list[Integers](), 0
-    proposed = None
+    body, proposed = Candidate.of(task, []), None
     found = nothing_found(task, f"{task.shape[1]} detections are given, too few for a search")
+    if solve is not None and task.budget is None and pairs_are_drawn(task):
+        quick = match_searched(replace(task, budget=QUICK), solve, body)
+        if quick.status is Status.MATCHED:
+            return replace(quick, task=task)
     with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
         proposed = proposals_by_knowledge(task, body.model)
         if proposed is not None:
@@ -53,6 +59,19 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
                 return replace(found, reason=None)
     if solve is None:
         return found
+    return match_searched(task, solve, body, proposed=proposed, found=found)
+
+
+def match_searched(
+    task: MatchingTask,
+    solve: Callable[[MatchingTask], Finding],
+    body: Candidate,
+    proposed: Proposals | None = None,
+    found: Finding | None = None,
+) -> Finding:
+    """What searches find, weighed with what was ``proposed`` and told by ``found``."""
+    named, evaluated = list[Integers](), 0
+    found = found or nothing_found(task, f"{task.shape[1]} detections are given, too few for a search")
     for part, columns in _searches(task):
         if len(columns) < part.problem.order or task.deadline.passed():
             continue

@@ -80,6 +80,12 @@ def poses_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionMode
     return joined([Proposals(one.assignment[None], *stepped(one.found, one.at)) for one in every])
 
 
+def pairs_are_drawn(task: MatchingTask) -> bool:
+    """Whether there are more pairs of matches than are looked at, before any is excluded."""
+    count = task.shape[0] * task.shape[1] if task.allowed is None else int(task.allowed.sum())
+    return math.comb(count, 2) > MOST_PAIRS
+
+
 def lines_of_sight(task: MatchingTask) -> tuple[Floats, Floats, Floats]:
     """Origins (n', 3) and unit directions (n', 3) of the detections' lines of sight, and their σ (n',) in radians."""
     points, camera = task.points, task.problem.camera  # type: ignore[attr-defined]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +12,16 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.backends import cpu
 from rootmatch.deadline import OutOfTime
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import is_modelled
+from rootmatch.explain.image_decision import is_modelled, told_by
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import candidate_of
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.model.evidence import about
+from rootmatch.model.proposals import Proposals
 from rootmatch.samplers.guided.sampler import pays
 
 FIRST_GUESS = 0.004
@@ -39,9 +42,12 @@ RUNGS = (0.25, 1.0, 1.0 / 16.0)
 """First guesses of σ over the generous one, in the order in which they are searched with: detectors are often that
 good."""
 GROWTH = 4
-BUDGETS = tuple(8_000_000 * GROWTH**k for k in range(4))
-"""Evaluations that a search with a first guess may take, in turn: 60 points of which 20 are seen take 2 to 17 million
-with the noise stated, and 500 million at ten times that (`benchmarks/targets.py --sizes 60 --seen 20`)."""
+BUDGETS = tuple(8_000_000 * GROWTH**k for k in range(3))
+"""Evaluations that a search with a first guess may take, in turn; of all of them together as many as a search with the
+noise stated. 60 points of which 20 are seen take 2 to 17 million with the noise stated, and 500 million at ten times
+that (`benchmarks/targets.py --sizes 60 --seen 20`)."""
+HALVINGS = 9
+"""Of the range of σ² beside a noise of the model, in its logarithm: to within 3 %. A round value."""
 LEAST = 1e-3
 """Smallest σ relative to the first guess: exact data have none."""
 
@@ -56,34 +62,60 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
         The finding of a task whose noise is known.
     """
     first = first_guess(task.image[0], task.camera_of)
-    match, guess = _first_match(task, solve, first)
+    found, budget = _first_matches(task, solve, first)
+    match, guess = found[0]
+    known = [one.assignment for one, _ in found]
     for _ in range(ROUNDS):
         try:
-            sigma = estimated_noise(match, guess)
+            sigma = estimated_noise(match, guess, known)
         except OutOfTime:
             break
-        if math.isnan(sigma) or max(sigma / guess, guess / sigma) < SETTLED:
+        if math.isnan(sigma) or task.deadline.passed():
             break
-        if task.deadline.passed():
+        sigma = min(max(sigma, LEAST * first), 4.0 * first)
+        if max(sigma / guess, guess / sigma) < SETTLED:
             break
-        guess = min(max(sigma, LEAST * first), 4.0 * first)
-        match = solve(_round(task, guess))
+        guess = sigma
+        match = solve(replace(_round(task, guess), budget=budget))
+        known.append(match.assignment)
+        budget = None if budget is None else max(budget - match.evaluated, BUDGETS[0])
+    return _among(match, known)
+
+
+def _among(match: Finding, known: list[Integers]) -> Finding:
+    """A finding weighed with what was found at other σ and its own search did not name."""
+    task = match.task
+    if match.posterior is None or task.has_prior or not is_modelled(task):
+        return match
+    named = {one.tobytes() for one in match.every}
+    more = [one for one in known if one.tobytes() not in named]
+    if not more:
+        return match
+    with suppress(OutOfTime):
+        body = candidate_of(task, [*match.every, *more])
+        return told_by(match, body.alone(), body, missed=match.facts.missed)
     return match
 
 
-def _first_match(
+def _first_matches(
     task: MatchingTask, solve: Callable[[MatchingTask], Finding], generous: float
-) -> tuple[Finding, float]:
-    """A finding to begin with, and its σ.
+) -> tuple[list[tuple[Finding, float]], int | None]:
+    """Findings to begin with and the σ of each, the one to go on with first; and the budget of all later searches.
 
-    The more generous σ, the less tells a hypothesis from chance, and a long search may end by its budget where one with
-    a smaller σ ends at once. So a search is cut short and the next smaller σ tried before more is spent.
+    The more generous σ, the less tells a hypothesis from chance: a search may then miss the right pose, of which the
+    image is far more probable at a smaller σ, or a long one end by its budget where one with a smaller σ ends at once.
+    So several σ are tried, and a long search is cut short and the next σ tried before more is spent. It ends when the
+    body is beyond chance.
     """
     widest = _round(task, generous)
     known = task.prior_pose is not None or task.known is not None
-    by_search = task.options.chosen_sampler == "auto" and task.options.motions == 1 and pays(widest.sampling_task)
-    if known or task.rig is not None or not by_search:
-        return solve(widest), generous
+    alone = known or task.options.chosen_sampler != "auto" or task.options.motions != 1
+    by_search = not alone and task.rig is None and pays(widest.sampling_task)
+    if alone or not (by_search or is_modelled(task)):
+        return [(solve(widest), generous)], None
+    if not by_search:
+        every = [(solve(_round(task, rung * generous)), rung * generous) for rung in RUNGS]
+        return sorted(every, key=_log_odds), None
     found: dict[float, Finding] = {}
     for budget in BUDGETS:
         for rung in RUNGS:
@@ -91,8 +123,16 @@ def _first_match(
                 continue  # that search ended by itself
             found[rung] = solve(replace(_round(task, rung * generous), budget=budget))
             if found[rung].status or task.deadline.passed():
-                return found[rung], rung * generous
-    return found[1.0], generous
+                return [(found[rung], rung * generous)], BUDGETS[-1]
+        every = sorted([(one, rung * generous) for rung, one in found.items()], key=_log_odds)
+        if every[0][0].status is not Status.UNTRUSTED:
+            break  # which pose it is, a better σ may tell
+    return every, BUDGETS[-1]
+
+
+def _log_odds(one: tuple[Finding, float]) -> float:
+    """By which findings are sorted, those that explain most first."""
+    return -(one[0].log_odds or 0.0)
 
 
 def _round(task: MatchingTask, sigma: float) -> MatchingTask:
@@ -106,8 +146,10 @@ def first_guess(target: Floats, camera_of: Integers) -> float:
     return FIRST_GUESS * max(float(np.linalg.norm(np.ptp(image, axis=0))) for image in images)
 
 
-def estimated_noise(match: Finding, sigma: float) -> float:
+def estimated_noise(match: Finding, sigma: float, known: Sequence[Integers] = ()) -> float:
     """σ from the residuals inside an assignment that was found with ``sigma``; NaN if there are too few.
+
+    ``known``: what was found at other σ, and may be right in its place.
 
     If the problem fits poses, σ follows from χ² of the points of each motion about their best pose. Otherwise it is the
     scale at which the squared residuals of their hyper-edges, cut off at 9, have the mean of their distribution.
@@ -119,7 +161,7 @@ def estimated_noise(match: Finding, sigma: float) -> float:
     for members in groups:
         if len(members) <= problem.order:
             continue
-        scale = _scale(match, members, sigma)
+        scale = _scale(match, members, sigma, known)
         if math.isfinite(scale):
             squares.append(scale * (len(members) - problem.minimal))
             freedom.append(len(members) - problem.minimal)
@@ -128,7 +170,7 @@ def estimated_noise(match: Finding, sigma: float) -> float:
     return sigma * math.sqrt(sum(squares) / sum(freedom))
 
 
-def _scale(match: Finding, members: Integers, sigma: float) -> float:
+def _scale(match: Finding, members: Integers, sigma: float, known: Sequence[Integers]) -> float:
     """Square of the ratio of the true σ to the assumed one, estimated from one group."""
     problem, points = match.task.problem, match.task.points
     one_motion = replace(match.task, options=replace(match.task.options, motions=1))
@@ -139,6 +181,7 @@ def _scale(match: Finding, members: Integers, sigma: float) -> float:
         if len(members) == (match.assignment >= 0).sum():
             # if σ is far too large, a wrong assignment can seem as good as the right one, which fits far better
             assignments += [other for other in match.others if (other >= 0).sum() >= len(members)]
+            assignments += [other for other in known if (other >= 0).sum() > match.task.minimal]
         return _scale_in_image(one_motion, np.array(assignments), sigma) / CENTRE
     if match.noise_factor is not None:
         return max(match.noise_factor, LEAST) ** 2 / CENTRE
@@ -154,6 +197,8 @@ def _scale_in_image(task: MatchingTask, assignments: Integers, sigma: float) -> 
     """As `_scale`, from the assignment (of K, n) whose pose explains most, each with the noise about its own pose."""
     proposals, found, _ = candidate_of(task, []).fitted(assignments)
     scale = np.maximum(found.squared / found.freedom, LEAST**2)
+    if task.points.source_covariance is not None:
+        scale = np.array([_scale_beside_source(task, proposals.take(np.array([k])), sigma) for k in range(len(scale))])
     if len(scale) < 2:
         return float(scale[0]) if len(scale) else math.nan
     explained = []
@@ -161,6 +206,16 @@ def _scale_in_image(task: MatchingTask, assignments: Integers, sigma: float) -> 
         at_own_noise, _ = about(candidate_of(task.with_noise(float(each)), []).model, *proposals.take(np.array([k])))
         explained.append(float(at_own_noise.log_odds[0]))
     return float(scale[int(np.argmax(explained))])
+
+
+def _scale_beside_source(task: MatchingTask, proposal: Proposals, sigma: float) -> float:
+    """As `_scale_in_image`, of one assignment with its pose, where a part of the residuals is noise of the model."""
+    low, high = LEAST**2, 1.0 / LEAST**2
+    for _ in range(HALVINGS):
+        middle = math.sqrt(low * high)
+        found, _ = about(candidate_of(task.with_noise(sigma * math.sqrt(middle)), []).model, *proposal)
+        low, high = (middle, high) if found.squared[0] > found.freedom[0] else (low, middle)
+    return math.sqrt(low * high)
 
 
 def mean_cut(freedom: int) -> float:

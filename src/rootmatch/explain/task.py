@@ -18,12 +18,11 @@ from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.prior_validation import Prior, check_predicted, of_each
-from rootmatch.explain.validation import check_choice, check_problem, split_candidates
+from rootmatch.explain.validation import check_choice, check_not_exact, check_problem, split_candidates
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.points import CheckedSource, PointSets
 from rootmatch.problems.pose_fit.pose import Pose
@@ -152,9 +151,11 @@ class MatchingTask:
         estimates = isinstance(noise, str)
         if estimates:
             check_choice("noise", noise, ("auto",))
-            if source_noise is not None:
-                raise InputError('noise: "auto" is not estimated beside source_noise=; give a number')
+            if source_noise is not None and problem.noisy_source:
+                raise InputError('noise: "auto" is not estimated beside source_noise= of point sets; give a number')
             noise = 0.0  # until it is estimated
+        else:
+            check_not_exact(noise)
         if not isinstance(source, CheckedSource):
             problem = problem.for_points(source)
         least = 1 if prior is not None and problem.takes_prior else None
@@ -307,10 +308,8 @@ class MatchingTask:
         )  # fmt: skip
 
     def with_noise(self, sigma: float) -> Self:
-        """A copy of the task with an estimate of the noise of all points."""
-        pixels = self.problem.noise_pixels(self.points.source, self.points.target)
-        parsed = parse_noise(sigma, self.shape, self.problem.noisy_source, self.problem.name, pixels)
-        points = self.points.with_noise(*parsed)
+        """A copy of the task with an estimate of the noise of all points, that of a measured model aside."""
+        points = self.problem.with_noise(self.points, sigma)
         return replace(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
 
     def body(self, k: int) -> Self:

@@ -66,6 +66,20 @@ def check_assignment(assignment: ArrayLike, shape: tuple[int, int]) -> Integers:
     return np.asarray(array, dtype=np.int64)
 
 
+def check_not_exact(noise: Any) -> None:
+    """Refuse a noise of zero of any target point: no pose would fit a measured one."""
+    of_target = noise[1] if isinstance(noise, tuple | list) and len(noise) == 2 else noise
+    try:
+        exact = np.asarray(of_target, np.float64) == 0.0
+    except (TypeError, ValueError):
+        return  # which is refused with the points
+    if exact.any():
+        raise InputError(
+            "noise: 0 given, with which no measured point fits; give the standard deviation of a coordinate of the "
+            "target in its unit, such as 0.3 pixels: a small one for exact points"
+        )
+
+
 def check_size(shape: tuple[int, int], count: float, limit: int) -> None:
     """Refuse an exhaustive sweep beyond the limit, with its size and the alternatives."""
     if count > limit:

@@ -153,8 +153,8 @@ def nearest_hyperedges(
             f"source: shape {np.shape(source)} given; this invariant takes points of "
             f"{' or '.join(map(str, chosen.dimensions))} coordinates, (n, {chosen.dimensions[0]})"
         )
-    first = check_points(source, dimension, "source", chosen.order)
-    second = check_points(target, dimension, "target", chosen.order)
+    first = check_points(source, dimension, "source", chosen.order, of="this invariant")
+    second = check_points(target, dimension, "target", chosen.order, of="this invariant")
     n, n_target = len(first), len(second)
     wanted = _count(tuples, n * n_target, "tuples")
     near = _count(neighbours, n * n_target, "neighbours")

@@ -95,7 +95,7 @@ class Problem(ABC):
         """The source, checked once for all targets; see `validated`."""
         if normals is not None:
             Capability.NORMALS.require(self.takes_normals, self.name)
-        points = check_points(source, self.source_dimension, "source", self.order, distinct)
+        points = check_points(source, self.source_dimension, "source", self.order, distinct, of=self.name)
         facing = None if normals is None else check_normals(normals, len(points))
         return CheckedSource(points, facing, check_view_angle(view_angle, normals, len(points)))
 
@@ -146,7 +146,9 @@ class Problem(ABC):
             checked = settled.checked_source(source, normals, view_angle, distinct=distinct)
             return settled.validated(checked, target, noise, source_noise=source_noise, least_target=least_target)
         first, facing, cosine = source
-        second = check_points(self.joined(target), self.target_dimension, "target", least_target or self.order)
+        needing = f"{self.name} without prior=" if self.takes_prior else self.name
+        least = least_target or self.order
+        second = check_points(self.joined(target), self.target_dimension, "target", least, of=needing)
         of_source = of_target = None
         if self.noisy_source and not self.source_is_image:
             noise, of_source, of_target = split_noise(noise, first, second)
@@ -191,6 +193,12 @@ class Problem(ABC):
     def in_image(self, points: PointSets) -> PointSets:
         """Points whose detections have the noise of the source in theirs, as far as that shows in the image."""
         return points if self.noisy_source or self.sensor is None else with_model_noise(points, self.sensor)
+
+    def with_noise(self, points: PointSets, sigma: float) -> PointSets:
+        """Points with one σ of a coordinate for that of all, without the noise that is stated of a measured model."""
+        pixels = self.noise_pixels(points.source, points.target)
+        of_source, of_target = parse_noise(sigma, points.shape, self.noisy_source, self.name, pixels)
+        return self.in_image(replace(points, source_noise=of_source, target_noise=of_target, noise_alone=None))
 
     def joined(self, target: ArrayLike) -> ArrayLike:
         """Detections as rows of one array: those of a rig may be given as a pair ``(pixels, index of the camera)``."""

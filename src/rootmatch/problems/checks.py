@@ -29,7 +29,7 @@ def as_floats(value: ArrayLike, name: str, expected: str) -> Floats:
     return array
 
 
-def check_points(points: ArrayLike, dimension: int, name: str, least: int, distinct: bool = True) -> Floats:
+def check_points(points: ArrayLike, dimension: int, name: str, least: int, distinct: bool = True, *, of: str) -> Floats:
     """Points as a contiguous float array, or one clear error that says what is wrong with them.
 
     Parameters
@@ -43,6 +43,8 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
         How many points the problem needs.
     distinct : bool
         Whether no two may be the same.
+    of : str
+        What needs so many, for the message.
     """
     array = as_points(points, dimension, name)
     if array.ndim != 2 or array.shape[1] != dimension:
@@ -56,7 +58,7 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
         far = np.flatnonzero((np.abs(array) > MOST).any(axis=1))
         raise InputError(f"{name}: point {far[0]} lies beyond {MOST:g}; choose another unit, or remove it")
     if len(array) < least:
-        raise InputError(f"{name}: {len(array)} points given, at least {least} needed for one hyper-edge")
+        raise InputError(f"{name}: {len(array)} points given, at least {least} needed by {of}")
     same = repeated(array) if distinct else None
     if same is not None:
         raise InputError(f"{name}: points {same[0]} and {same[1]} are the same; remove repeated points")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -82,10 +82,6 @@ class PointSets:
             target_covariance=None if self.target_covariance is None else self.target_covariance[second],
             noise_alone=None if self.noise_alone is None else self.noise_alone[second],
         )
-
-    def with_noise(self, source: Floats, target: Floats) -> PointSets:
-        """These points with another noise."""
-        return replace(self, source_noise=source, target_noise=target)
 
 
 class CheckedSource(NamedTuple):
