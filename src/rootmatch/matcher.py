@@ -238,11 +238,11 @@ max_hyperedges, max_evaluations
     def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:
         """Fault of a frame's detections that any detector may cause; None if there is none."""
         if detections.size == 0:
-            return f"no detections given, at least {self.problem.order} needed for one hyper-edge"
+            return f"no detections given, at least {self.problem.order} needed by {self.problem.name}"
         if detections.ndim != 2 or detections.shape[1] != self.problem.target_dimension:
             return None  # no frame: `rootmatch.match` says what it is
         if len(detections) < least:
-            return f"{len(detections)} detections given, at least {self.problem.order} needed for one hyper-edge"
+            return f"{len(detections)} detections given, at least {self.problem.order} needed by {self.problem.name}"
         same = repeated(detections)
         return None if same is None else f"detections {same[0]} and {same[1]} are the same; keep one of them"
 
