@@ -64,6 +64,8 @@ class Finding:
     noise_factor : float, optional
     noise_dof : int
         Degrees of freedom of the residuals that tell it.
+    mode : int
+        Which mode of ``posterior`` it tells.
     sequence_factor : float
         Factor on the stated σ that the frames before suggest, with which this one was matched; 1 for a single image.
     reason : str, optional
@@ -97,6 +99,7 @@ class Finding:
     log_odds: float | None = None
     noise_factor: float | None = None
     noise_dof: int = 0
+    mode: int = 0
     sequence_factor: float = 1.0
     reason: str | None = None
     prior_holds: bool | None = None

@@ -157,6 +157,7 @@ def told_by(
         log_odds=float(modes.log_odds[k]),
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
+        mode=k,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
         pose=pose_of_mode(model, modes, k) if believed else None,
     )

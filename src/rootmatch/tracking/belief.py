@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.rig_triples import most_triples
@@ -208,7 +209,7 @@ class Belief:
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
         likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
-        every = [self._after(step, model, modes, time) for step in likely]
+        every = [self._after(step, found, model, modes, time) for step in likely]
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
         cut = [k for k in (step.mode for step in go_on if step.origin < 0 and step not in likely) if k is not None]
         left = float(told.probabilities[cut].sum() + told.probabilities[len(origin) :].sum())
@@ -225,7 +226,7 @@ class Belief:
         if pose is not None:
             self.poses = [FollowedPose(MotionFilter(self.source, pose, time, self.motion))]
 
-    def _after(self, step: _Step, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
+    def _after(self, step: _Step, found: Finding, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
         """The hypothesis that a step leads to."""
         if step.mode is None:
             return replace(self.poses[step.origin], log_weight=step.log_weight, shown=0.0)
@@ -235,9 +236,10 @@ class Belief:
         else:
             filter_ = self.poses[step.origin].filter.copy()
             filter_.update(pose, time, step.chance)
-            log_other = after_frame(
-                self.poses[step.origin].log_other, misfit_of(model, modes, step.mode), TEMPER, len(model.images) > 1
-            )
+            misfit = Misfit(math.nan, found.noise_factor or math.nan, found.noise_dof)
+            if step.mode != found.mode or found.noise_factor is None:
+                misfit = misfit_of(model, modes, step.mode)
+            log_other = after_frame(self.poses[step.origin].log_other, misfit, TEMPER, len(model.images) > 1)
         return FollowedPose(filter_, step.log_weight, step.shown, log_other)
 
 
