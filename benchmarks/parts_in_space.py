@@ -15,7 +15,6 @@ hidden, and two others.
 
 from __future__ import annotations
 
-import argparse
 import time
 from typing import Any, NamedTuple
 
@@ -23,6 +22,7 @@ import numpy as np
 from constellations import judge
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from shared import head, parser, row
 
 import rootmatch as rm
 
@@ -127,13 +127,10 @@ KINDS = {
 
 def main() -> None:
     """Print one row for each kind."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=1000)
-    parser.add_argument("--kinds", nargs="+", default=list(KINDS))
-    given = parser.parse_args()
-    print("| kind | scenes | trusted | right of these | wrong of these | seconds | seeds of wrong |")
-    print("|---|---|---|---|---|---|---|")
+    ask = parser(__doc__, seeds=20, first_seed=1000)
+    ask.add_argument("--kinds", nargs="+", default=list(KINDS))
+    given = ask.parse_args()
+    head("kind", "scenes", "trusted", "right of these", "wrong of these", "seconds", "seeds of wrong")
     for kind in given.kinds:
         trusted, full, wrong, seconds = 0, 0, [], []
         for seed in range(given.first_seed, given.first_seed + given.seeds):
@@ -144,8 +141,7 @@ def main() -> None:
             _, off, right = judge(match.assignment, made.truth)
             trusted, full = trusted + bool(match), full + (bool(match) and right)
             wrong += [seed] if match and off else []
-        median = f"{np.median(seconds):.2f}"
-        print(f"| {kind} | {given.seeds} | {trusted} | {full} | {len(wrong)} | {median} | {wrong} |", flush=True)
+        row(kind, given.seeds, trusted, full, len(wrong), f"{np.median(seconds):.2f}", wrong)
 
 
 if __name__ == "__main__":

@@ -11,12 +11,12 @@ vertical exact (up2p) or not known (p3p). What is exactly regular has a rival a 
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numpy as np
 from constellations import judge
 from numpy.typing import NDArray
+from shared import head, parser, row
 
 import rootmatch as rm
 
@@ -54,11 +54,9 @@ def scene(seed: int, size: tuple[int, int], jitter: float) -> tuple[Floats, Floa
 
 def main() -> None:
     """Print one row for each kind and problem."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=1000)
-    given = parser.parse_args()
-    print("| kind | problem | images | trusted | wrong | ambiguous | median s |\n|---|---|---|---|---|---|---|")
+    ask = parser(__doc__, seeds=20, first_seed=1000)
+    given = ask.parse_args()
+    head("kind", "problem", "images", "trusted", "wrong", "ambiguous", "median s")
     for kind, (size, jitter) in KINDS.items():
         for name, problem in PROBLEMS.items():
             told, wrong, times = list[rm.Status](), list[int](), list[float]()
@@ -72,8 +70,7 @@ def main() -> None:
                 told.append(match.status)
                 wrong += [seed] if match and judge(match.assignment, truth)[1] else []
             counts = [told.count(one) for one in (rm.Status.MATCHED, rm.Status.AMBIGUOUS)]
-            cells = kind, name, len(told), counts[0], f"{len(wrong)} {wrong}", counts[1], f"{np.median(times):.3f}"
-            print("|", " | ".join(map(str, cells)), "|", flush=True)
+            row(kind, name, len(told), counts[0], f"{len(wrong)} {wrong}", counts[1], f"{np.median(times):.3f}")
 
 
 if __name__ == "__main__":

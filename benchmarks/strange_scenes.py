@@ -21,7 +21,6 @@ may be matched with its own detection or be left out. Defaults were chosen on se
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +28,7 @@ import numpy as np
 from constellations import judge
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from shared import head, parser, row
 
 import rootmatch as rm
 
@@ -277,12 +277,10 @@ def bodies_of(kind: str, made: Scene, match: rm.Match) -> list[tuple[bool, int, 
 
 def main() -> None:
     """Print one row for each kind."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=1000)
-    parser.add_argument("--kinds", nargs="+", default=list(KINDS))
-    given = parser.parse_args()
-    print("| kind | bodies | trusted | right of these | wrong of these | seeds of wrong |\n|---|---|---|---|---|---|")
+    ask = parser(__doc__, seeds=20, first_seed=1000)
+    ask.add_argument("--kinds", nargs="+", default=list(KINDS))
+    given = ask.parse_args()
+    head("kind", "bodies", "trusted", "right of these", "wrong of these", "seeds of wrong")
     for kind in given.kinds:
         every, wrong = [], []
         for seed in range(given.first_seed, given.first_seed + given.seeds):
@@ -293,7 +291,7 @@ def main() -> None:
             wrong += [seed for trusted, count, _ in found if trusted and count]
         sure = [one for one in every if one[0]]
         right = sum(one[2] for one in sure)
-        print(f"| {kind} | {len(every)} | {len(sure)} | {right} | {len(wrong)} | {wrong} |", flush=True)
+        row(kind, len(every), len(sure), right, len(wrong), wrong)
 
 
 if __name__ == "__main__":

@@ -10,13 +10,13 @@ them is not; "expected wrong" is how many of these its probabilities let expect.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
+from shared import head, parser, row
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
@@ -101,13 +101,12 @@ def made(kind: str, seed: int) -> Made:
 
 def main() -> None:
     """Print a row for each kind."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=1000)
-    parser.add_argument("--kinds", default=",".join([*(CLEAN | CLUTTER | HIDDEN | TOWERS | UNRELATED), "any"]))
-    options = parser.parse_args()
+    ask = parser(__doc__, scenes=20, first_seed=1000)
+    ask.add_argument("--kinds", default=",".join([*(CLEAN | CLUTTER | HIDDEN | TOWERS | UNRELATED), "any"]))
+    options = ask.parse_args()
     print(f"seeds {options.first_seed} to {options.first_seed + options.scenes - 1}")
-    print("| kind | right | wrong | ambiguous | untrusted | truth listed | refused | expected wrong | median ms |")
+    told = "kind", "right", "wrong", "ambiguous", "untrusted", "truth listed", "refused", "expected wrong", "median ms"
+    head(*told, "seeds of wrong", "first seeds without a match")
     for kind in options.kinds.split(","):
         counts = dict.fromkeys(("right", "wrong", "ambiguous", "untrusted", "listed", "refused"), 0)
         times, wrong, lost, expected = [], [], [], 0.0
@@ -132,16 +131,8 @@ def main() -> None:
             seen = truth >= 0
             every = [match.assignment, *(one for one, _ in match.alternatives)]
             counts["listed"] += any((one[seen] == truth[seen]).mean() >= 0.8 for one in every) if seen.any() else 0
-        cells = [str(counts[name]) for name in counts]
         median = f"{statistics.median(times):.0f}" if times else "-"
-        print(
-            "| " + " | ".join([kind, *cells, f"{expected:.2f}", median]) + " |",
-            "wrong",
-            wrong,
-            "not",
-            lost[:12],
-            flush=True,
-        )
+        row(kind, *counts.values(), f"{expected:.2f}", median, wrong, lost[:12])
 
 
 if __name__ == "__main__":

@@ -17,7 +17,8 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.diagnosis import Diagnosis, diagnosed
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import confidence_of_motions, other_poses
+from rootmatch.explain.image_decision import other_poses
+from rootmatch.explain.judged_motions import confidence_of_motions
 from rootmatch.explain.poses import Pose, poses_of
 from rootmatch.explain.predicted_poses import poses_of_finding
 from rootmatch.explain.status_advice import advice, is_undetermined

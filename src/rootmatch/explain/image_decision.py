@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, OutOfTime
+from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
@@ -34,8 +34,6 @@ from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
-
-Integers = NDArray[np.int64]
 
 KEPT = 0.8
 """Part of its matches that has to remain of a trusted body: a pose that is certain with fewer is called ambiguous,
@@ -196,27 +194,3 @@ def other_poses(found: Finding) -> list[tuple[Pose, float]]:
         pose = pose_of_mode(found.model, modes, k)
         out.append((polished_pose(replace(found, pose=pose)) or pose, float(chances[k])))
     return out
-
-
-def confidence_of_motions(
-    task: MatchingTask, assignment: NDArray[np.int64], motions: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Confidence (n,) in each match of several motions, each with the points and detections that the others leave.
-
-    For an unmatched point it is that of the least certain motion.
-    """
-    confidence = np.full(len(assignment), math.nan)
-    alone = replace(task, options=replace(task.options, motions=1), deadline=NEVER)
-    for label in range(int(motions.max(initial=-1)) + 1):
-        points = np.flatnonzero((motions == label) | (assignment < 0))
-        others = assignment[(motions != label) & (assignment >= 0)]
-        pixels = np.setdiff1d(np.arange(task.shape[1]), others)
-        place = np.searchsorted(pixels, np.maximum(assignment[points], 0))
-        own = np.where(assignment[points] >= 0, place, -1)
-        part = alone.subset(points, pixels)
-        each = np.full(len(own), math.nan)
-        if is_modelled(part):
-            told = candidate_of(part, [own]).alone()
-            each = told.confidence_in(own) if len(told.probabilities) else each
-        confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
-    return confidence

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.detection_odds import candidate_log_odds
@@ -46,8 +47,6 @@ from rootmatch.model.proposals import (
     rough_fits,
 )
 from rootmatch.problems.pose_fit.reference_point import about_point
-
-Integers = NDArray[np.int64]
 
 TWINS = 4
 """Number of a body's first poses for which near-symmetric poses and look-alikes of another body are proposed. A round

@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.arrays import Integers
-from rootmatch.deadline import OutOfTime, checkpoint
+from rootmatch.arrays import Floats, Integers
+from rootmatch.deadline import NEVER, OutOfTime, checkpoint
 from rootmatch.explain.decide import Facts, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import is_modelled, told_by
@@ -52,11 +52,7 @@ def _judged(alone: MatchingTask, assignment: Integers, labels: Integers, label: 
 
     Its confidence is that of all points (n,), NaN where another motion has them.
     """
-    points = np.flatnonzero((labels == label) | (assignment < 0))
-    own = np.where(labels[points] == label, assignment[points], -1)
-    pixels = np.setdiff1d(np.arange(alone.shape[1]), assignment[(labels >= 0) & (labels != label)])
-    part = alone.subset(points, pixels)
-    own = np.where(own >= 0, np.searchsorted(pixels, np.maximum(own, 0)), -1)
+    part, points, pixels, own = _left_to(alone, assignment, labels, label)
     if is_modelled(part):
         body = candidate_of(part, [own])
         told = told_by(nothing_found(part, None), body.alone(), body)
@@ -68,6 +64,34 @@ def _judged(alone: MatchingTask, assignment: Integers, labels: Integers, label: 
     confidence = np.full(len(assignment), math.nan)
     confidence[points] = math.nan if told.confidence is None else told.confidence
     return replace(told, confidence=confidence)
+
+
+def confidence_of_motions(task: MatchingTask, assignment: Integers, labels: Integers) -> Floats:
+    """Confidence (n,) in each match of several motions, each with the points and detections that the others leave.
+
+    For an unmatched point it is that of the least certain motion.
+    """
+    confidence = np.full(len(assignment), math.nan)
+    alone = replace(task, options=replace(task.options, motions=1), deadline=NEVER)
+    for label in range(int(labels.max(initial=-1)) + 1):
+        part, points, _, own = _left_to(alone, assignment, labels, label)
+        each = np.full(len(own), math.nan)
+        if is_modelled(part):
+            told = candidate_of(part, [own]).alone()
+            each = told.confidence_in(own) if len(told.probabilities) else each
+        confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
+    return confidence
+
+
+def _left_to(
+    alone: MatchingTask, assignment: Integers, labels: Integers, label: int
+) -> tuple[MatchingTask, Integers, Integers, Integers]:
+    """What the other motions leave to one: the task of it, its points and detections, and its assignment in them."""
+    points = np.flatnonzero((labels == label) | (assignment < 0))
+    others = assignment[(labels != label) & (assignment >= 0)]
+    pixels = np.setdiff1d(np.arange(alone.shape[1]), others)
+    place = np.searchsorted(pixels, np.maximum(assignment[points], 0))
+    return alone.subset(points, pixels), points, pixels, np.where(assignment[points] >= 0, place, -1)
 
 
 def _together(found: Finding, assignment: Integers, labels: Integers, parts: dict[int, Finding]) -> Finding:

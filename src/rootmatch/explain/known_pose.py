@@ -47,7 +47,7 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
     body, proposed = Candidate.of(task, []), None
     found = nothing_found(task, f"{task.shape[1]} detections are given, too few for a search")
     if solve is not None and task.budget is None and pairs_are_drawn(task):
-        quick = match_searched(replace(task, budget=QUICK), solve, body)
+        quick = _searched(replace(task, budget=QUICK), solve, body, found)
         if quick.status is Status.MATCHED:
             return replace(quick, task=task)
     with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
@@ -59,19 +59,18 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
                 return replace(found, reason=None)
     if solve is None:
         return found
-    return match_searched(task, solve, body, proposed=proposed, found=found)
+    return _searched(task, solve, body, found, proposed)
 
 
-def match_searched(
+def _searched(
     task: MatchingTask,
     solve: Callable[[MatchingTask], Finding],
     body: Candidate,
+    found: Finding,
     proposed: Proposals | None = None,
-    found: Finding | None = None,
 ) -> Finding:
     """What searches find, weighed with what was ``proposed`` and told by ``found``."""
     named, evaluated = list[Integers](), 0
-    found = found or nothing_found(task, f"{task.shape[1]} detections are given, too few for a search")
     for part, columns in _searches(task):
         if len(columns) < part.problem.order or task.deadline.passed():
             continue

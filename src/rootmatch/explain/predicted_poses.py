@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
@@ -20,9 +19,6 @@ from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.up2p import UP2P
 from rootmatch.problems.up2pf import UP2PF
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def vertical_of(problem: Problem) -> PosePrior | None:

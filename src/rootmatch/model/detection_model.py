@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.model.blobs import blobs, mean_of_each, spread_of_each
 from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
@@ -30,9 +31,6 @@ from rootmatch.model.views import Views, rays_of, views_of
 from rootmatch.model.visibility import BARELY, UNSEEN, within
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 ANY_POSE = Broad()
 NONE, NO_ROWS = np.empty(0), np.empty((0, 0))

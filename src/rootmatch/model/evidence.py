@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.evidence import detect, weigh
 from rootmatch.model.compiled.settling import EVIDENCE, IMAGES, POSES, settle
 from rootmatch.model.compiled.steps import take_steps
@@ -25,9 +26,6 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.linearised import Linearised, unfilled, with_rows
 from rootmatch.model.pose_density import Mixture, PoseDensity
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 NOT_WHITE = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
 """What the kernel gets where each detection has a noise of its own alone."""

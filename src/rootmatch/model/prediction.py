@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import one_rotation_matrix
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.looking import TORN, look
@@ -26,10 +26,6 @@ from rootmatch.model.linearised import Linearised, unfilled
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.options import Options, option
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 ENTRIES = 200_000
 """Densities of detections that are computed between two looks at the time: some milliseconds."""

@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import one_rotation_matrix, rotation_from_vector, rotation_vector
+from rootmatch.arrays import Floats
 from rootmatch.model.compiled.averaging import average
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence, squared_deviations
 from rootmatch.model.modes import Modes
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
-
-Floats = NDArray[np.float64]
 
 WEAK = 0.02
 """Standard deviation in radians, or over the distance, from which a direction is averaged over. A round value."""

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
@@ -35,8 +35,6 @@ from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
-
-Floats = NDArray[np.float64]
 
 MOST = 4
 """Largest number of poses followed at once, each for about a millisecond per frame. A round value."""
@@ -236,8 +234,9 @@ class Belief:
         else:
             filter_ = self.poses[step.origin].filter.copy()
             filter_.update(pose, time, step.chance)
-            misfit = Misfit(math.nan, found.noise_factor or math.nan, found.noise_dof)
-            if step.mode != found.mode or found.noise_factor is None:
+            if step.mode == found.mode and (factor := found.noise_factor) is not None:
+                misfit = Misfit(factor**2, factor, found.noise_dof)
+            else:
                 misfit = misfit_of(model, modes, step.mode)
             log_other = after_frame(self.poses[step.origin].log_other, misfit, TEMPER, len(model.images) > 1)
         return FollowedPose(filter_, step.log_weight, step.shown, log_other)

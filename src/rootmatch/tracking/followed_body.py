@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_enough
@@ -18,9 +16,6 @@ from rootmatch.model.point_set_model import PRESENT
 from rootmatch.options import Options, option
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
-
-Floats = NDArray[np.float64]
-
 
 RETURN = 1.0
 """Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five

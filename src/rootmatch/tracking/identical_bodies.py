@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.body_labels import SAME_SHAPE, BodyLabels, Label, twin_points
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
@@ -22,8 +22,6 @@ from rootmatch.tracking.belief import ALIKE, Belief, FollowedPose
 from rootmatch.tracking.followed_body import FollowedBody
 from rootmatch.tracking.motion_filter import MotionFilter
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Groups = Sequence[Sequence[Label]]
 
 DECIDED = 0.9

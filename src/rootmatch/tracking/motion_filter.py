@@ -7,16 +7,15 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
+from rootmatch.arrays import Floats
 from rootmatch.explain.near_symmetries import body_radius
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
-Floats = NDArray[np.float64]
 State = tuple[Floats, Floats, Floats, Floats]
 """Rotation, position of the centre, velocity with acceleration (12,), and the covariance (18, 18) of all."""
 

@@ -15,6 +15,7 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import KEPT, ROUGH_STEPS, State, covariance_of, descended, lowest_of
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
+from rootmatch.problems.pose_fit.packed_matches import packed_matches
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior, Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
@@ -52,14 +53,7 @@ def camera_poses(
     start : Pose, optional
         From which all are fitted; else from the prediction, or without one from many.
     """
-    centre = points.source.mean(axis=0)
-    unit = float(np.sqrt(((points.source - centre) ** 2).mean()))
-    used = assignments >= 0
-    most = int(used.sum(axis=1).max(initial=0))
-    packed = np.argsort(~used, axis=1, kind="stable")[:, :most]
-    target = np.maximum(np.take_along_axis(assignments, packed, axis=1), 0)
-    weight = np.where(np.take_along_axis(used, packed, axis=1), 1.0 / points.target_noise[target], 0.0)
-    places = (points.source[packed] - centre) / unit
+    centre, unit, packed, target, places, weight = packed_matches(points, assignments)
     rays = camera.bearings(points.target)[target]
     image = points.target[target] if points.target.shape[1] == 2 else rays
     axes = np.eye(3)

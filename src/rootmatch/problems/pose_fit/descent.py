@@ -6,8 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rootmatch.arrays import Bools
-from rootmatch.arrays import Floats as Floats
+from rootmatch.arrays import Bools, Floats
 from rootmatch.problems.pose_fit.base import invertible
 
 State = tuple[Floats, ...]

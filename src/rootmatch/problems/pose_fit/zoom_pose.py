@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_about_y
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import (
     ROUGH_STEPS,
-    Floats,
     State,
     chi2_of,
     covariance_of,
@@ -21,12 +20,11 @@ from rootmatch.problems.pose_fit.descent import (
     lowest_of,
 )
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
+from rootmatch.problems.pose_fit.packed_matches import packed_matches
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel
 from rootmatch.problems.pose_fit.starts import GRID, STARTS
-
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,14 +152,8 @@ def _model_of(
     points: PointSets, centre: Floats, upright: Upright, assignments: Integers
 ) -> tuple[_ZoomModel, Floats, float]:
     """The fits of assignments, with the centre and the unit of the points that they use."""
-    middle = points.source.mean(axis=0)
-    unit = float(np.sqrt(((points.source - middle) ** 2).mean()))
-    used = assignments >= 0
-    most = int(used.sum(axis=1).max(initial=0))
-    packed = np.argsort(~used, axis=1, kind="stable")[:, :most]
-    target = np.maximum(np.take_along_axis(assignments, packed, axis=1), 0)
-    places, image = (points.source[packed] - middle) / unit, points.target[target] - centre
-    weight = np.where(np.take_along_axis(used, packed, axis=1), 1.0 / points.target_noise[target], 0.0)
+    middle, unit, _, target, places, weight = packed_matches(points, assignments)
+    image = points.target[target] - centre
     return _ZoomModel(places, image, weight, Camera(1.0, 1.0, 0.0, 0.0), upright.camera[1:2]), middle, unit
 
 

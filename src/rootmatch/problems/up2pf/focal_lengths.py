@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from rootmatch.arrays import Floats
 
 USUAL_FOCAL, ZOOM = 1.2, 1.0
 """Focal length over the width of the image that half of all cameras exceed: 45° across. And standard deviation of its

@@ -116,19 +116,6 @@ def widest(positions: Floats, members: Integers, size: int, count: int, rng: np.
     return sets[np.argsort(-width(positions, sets), kind="stable")[:count]]
 
 
-def wide_set(positions: Floats, members: Integers, size: int) -> Integers:
-    """A wide pair or triple (size,) of some points: each is farthest from those before it, or from their line."""
-    corners = positions[members]
-    first = int(((corners - corners.mean(axis=0)) ** 2).sum(axis=1).argmax())
-    apart = corners - corners[first]
-    second = int((apart**2).sum(axis=1).argmax())
-    if size == 2:
-        return members[[first, second]]
-    aside = (cross(apart, apart[second]) ** 2).sum(axis=1)
-    aside[[first, second]] = -1.0  # all of them may be in line
-    return members[[first, second, int(aside.argmax())]]
-
-
 def others_of(sets: Integers, n: int) -> Integers:
     """The points (S, n − m) that are not in each set, ascending."""
     free = np.ones((len(sets), n), np.bool_)
