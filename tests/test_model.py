@@ -138,6 +138,7 @@ class Sampled:
             for i in range(len(used))
         ]
         shown = logsumexp(sum(each) + log_beta, axis=1)
+        shown += math.log(0.9)  # nothing hides a part: at most one point is missing here
         total = noisy + shown + clutter - k * math.log(2.0 * math.pi * SIGMA**2)
         return np.asarray(np.where(behind, -np.inf, total))
 
@@ -220,7 +221,8 @@ def test_a_prior_alone_is_a_density(prior: PoseDensity) -> None:
     model = DetectionModel(CAMERA, model.points, model.target, model.sigma, prior=prior, rate=0.5)
     nothing = np.full((1, 5), -1)
     found, _ = settled(model, nothing, *about(model, nothing, np.eye(3)[None], np.array([[0.0, 0.0, 1.0]])))
-    assert found.log_odds[0] == pytest.approx(5.0 * math.log(0.5), abs=1e-6)
+    one_by_one, all_hidden = 0.9 * 0.5**5, 0.05 / 8.0 / 5.0
+    assert found.log_odds[0] == pytest.approx(math.log(one_by_one + all_hidden), abs=1e-6)
 
 
 def test_a_step_leads_to_the_best_pose_and_no_pose_need_be_fitted() -> None:
@@ -427,7 +429,7 @@ def made_modes(log_odds: list[float], assignments: list[list[int]]) -> Modes:
     return Modes(
         np.array(assignments), np.repeat(np.eye(3)[None], count, 0), np.tile([0.0, 0.0, 1.0], (count, 1)),
         np.repeat(np.eye(6)[None], count, 0), value, value, np.ones((count, n)), np.zeros(count),
-        np.ones((count, n)), np.zeros((count, n)), np.ones(count, np.bool_), none_near(count, n),
+        np.ones((count, n)), np.zeros(count), np.zeros((count, n)), np.ones(count, np.bool_), none_near(count, n),
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.model.compiled.evidence import detect, weigh
+from rootmatch.model.compiled.evidence import weigh
 from rootmatch.model.compiled.settling import EVIDENCE, IMAGES, POSES, settle
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
@@ -65,6 +65,8 @@ class Evidence(NamedTuple):
         Visibility of each point, 0 to 1.
     decrement : (K,) float64
         Decrease of Q by the step.
+    detected : (K,) float64
+        Part of log B that tells which of the visible points are detected.
     """
 
     log_odds: Floats
@@ -74,6 +76,7 @@ class Evidence(NamedTuple):
     freedom: Floats
     visible: Floats
     decrement: Floats
+    detected: Floats
 
     def take(self, which: Integers | NDArray[np.bool_] | slice) -> Evidence:
         """Select some of the hypotheses."""
@@ -125,6 +128,7 @@ def unweighed(count: int, n: int) -> Evidence:
         freedom=np.empty(count),
         visible=np.empty((count, n)),
         decrement=np.empty(count),
+        detected=np.empty(count),
     )
 
 
@@ -205,13 +209,6 @@ def stepped(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
     """Rotations (K, 3, 3) and positions (K, 3) after each step, which is shortened to where first order may hold."""
     out = np.empty(at.rotation.shape), np.empty(at.position.shape)
     take_steps(found.step, at.rotation, at.position, STEEP, out)
-    return out
-
-
-def log_detected(model: DetectionModel, used: NDArray[np.bool_], visible: Floats) -> Floats:
-    """Logarithm (K,) of the probability that exactly these points (K, n) are detected, the rate integrated out."""
-    out = np.empty(len(used))
-    detect(used, np.ascontiguousarray(visible), model.rates, out)
     return out
 
 

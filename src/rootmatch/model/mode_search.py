@@ -174,6 +174,7 @@ class _Mode:
     local: Floats
     freedom: float
     visible: Floats
+    detected: float
     unmatched: Floats
     summed: bool
     near: tuple[Integers, Floats, Floats]
@@ -206,6 +207,7 @@ class _Mode:
             log_odds=float(found.log_odds[k]),
             freedom=float(found.freedom[k]),
             visible=found.visible[k],
+            detected=float(found.detected[k]),
             log_mass=float(found.log_odds[k]),
             local=np.ones(len(assignment)),
             unmatched=(assignment < 0).astype(float),

@@ -29,6 +29,8 @@ class Modes(NamedTuple):
     freedom : (M,) float64
         Of the fit, see `Evidence`.
     visible : (M, n) float64
+    detected : (M,) float64
+        Part of `log_odds`, see `Evidence`.
     unmatched : (M, n) float64
         Probability that a point has no detection, given the mode.
     summed : (M,) bool
@@ -47,6 +49,7 @@ class Modes(NamedTuple):
     local: Floats
     freedom: Floats
     visible: Floats
+    detected: Floats
     unmatched: Floats
     summed: Bools
     near: NDArray[np.object_]
@@ -85,6 +88,7 @@ def no_modes(n: int) -> Modes:
         local=np.empty((0, n)),
         freedom=none,
         visible=np.empty((0, n)),
+        detected=none,
         unmatched=np.empty((0, n)),
         summed=np.empty(0, np.bool_),
         near=np.empty(0, object),

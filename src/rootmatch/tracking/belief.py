@@ -26,7 +26,7 @@ from rootmatch.explain.rig_triples import most_triples
 from rootmatch.explain.task import Rivals
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import log_detected, settled_about, stepped
+from rootmatch.model.evidence import settled_about, stepped
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.proposals import Proposals, joined, poses_of_few
@@ -150,10 +150,9 @@ class Belief:
         rotation, position = stepped(of_few, at)
         if not math.isfinite(of_few.log_odds[0]):
             return
-        hidden = log_detected(model, few.assignments >= 0, of_few.visible)
-        lead = np.full(len(hidden), -math.inf)
+        lead = np.full(len(of_few.log_odds), -math.inf)
         possible = np.isfinite(of_few.log_odds)
-        lead[possible] = TEMPER * (of_few.log_odds[possible] - hidden[possible])
+        lead[possible] = TEMPER * (of_few.log_odds - of_few.detected)[possible]
         lead -= lead[0]
         for k in np.argsort(-lead, kind="stable").tolist():
             if math.log(DOUBTED) + lead[k] > -NEGLIGIBLE:
@@ -183,9 +182,8 @@ class Belief:
         origin = np.full(len(modes.log_odds), -1)
         if self.poses and isinstance(model.prior, Doubted):
             origin = model.prior.prediction_of(modes.rotation, modes.position)
-        shown = log_detected(model, modes.assignments >= 0, modes.visible)
         each = _log(told.probabilities[: len(origin)])
-        weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown)
+        weight = log_share[origin] + TEMPER * (each - log_share[origin] - modes.detected)
         nothing = float(_log(np.array(told.clutter)))
         stay = [_Step(share + TEMPER * nothing, 0.0, k, None, 0.0) for k, share in enumerate(log_share[:-1].tolist())]
         present, go_on = found.facts.present, []
@@ -202,7 +200,7 @@ class Belief:
                 if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
                     chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
             if chance >= LIKELY:
-                go_on.append(_Step(float(weight[k]), float(shown[k]), of, k, chance))
+                go_on.append(_Step(float(weight[k]), float(modes.detected[k]), of, k, chance))
         gone = {step.origin for step in go_on}
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
         likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]

@@ -87,7 +87,8 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     which, corner = np.empty(1, np.int64), (np.empty((3, 3)), np.empty((2, 6)))
     scratch = scratch_for(n, image[4].shape[0], target.shape[0])
     step = np.empty((1, 6))
-    weighed = np.empty(1), step, np.empty((1, 6, 6)), np.empty(1), np.empty(1), np.empty((1, n)), np.empty(1)
+    one = np.empty(1)  # of what is not read
+    weighed = one, step, np.empty((1, 6, 6)), one, one, np.empty((1, n)), one, one
     work = np.empty((6, 6)), np.empty((6, 6))
     values, off, mean, shown, visible = np.empty(count), np.empty((count, 6)), np.empty(6), np.empty(n), np.empty(n)
     for line in range(lines.shape[1]):

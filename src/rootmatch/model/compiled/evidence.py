@@ -8,6 +8,7 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.model.compiled.occluder import DIRECTIONS, EDGE, LEAST_HIDDEN, LOG_FREE, WINDOW, hide
 from rootmatch.model.compiled.visibility import edge_of, see_one, shown_of, shown_of_blobs
 from rootmatch.model.visibility import EDGES
 
@@ -120,10 +121,25 @@ def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
 
 
 @part
+def log_of_hidden(kind, assignment, pixels, missing, images, reaches, in_sight):  # type: ignore[no-untyped-def]
+    """Logarithm of the odds of the edges, or of the windows, in several images that hide most of what is missing.
+
+    −∞ if there are none; ``in_sight`` (n,): 0 for the points that they hide, else 1; otherwise as `hide`.
+    """
+    in_sight[:] = 1.0
+    each, total = pixels.shape[0] // images, -math.inf
+    for one in range(images):
+        odds = hide(kind, assignment, pixels, missing, (one * each, (one + 1) * each), reaches, in_sight)
+        if odds > -math.inf:
+            total = odds if total == -math.inf else total + odds
+    return total
+
+
+@part
 def scratch_for(n, images, n_target):  # type: ignore[no-untyped-def]
     """What `weigh_one` writes into, for so many points, images and detections."""
-    square = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    return square, np.empty((3, 6)), np.empty((2, n)), np.empty(images, np.int64), np.zeros(n_target, np.bool_)
+    square, hidden = (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), (np.empty(2), np.empty(DIRECTIONS))
+    return square, np.empty((3, 6)), np.empty((5, n)), np.empty(images, np.int64), np.zeros(n_target, np.bool_), hidden
 
 
 @part
@@ -134,9 +150,10 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
     precisions, slopes, squares, log_densities = terms
     target, sigma, log_weights, view_cosine, log_counts, image_of = image
     nodes, log_nodes, noise_freedom = rates
-    log_odds, steps, covariances, squared_out, freedom_out, visible, decrements = out
-    (whole, measured, factor), vectors, points, counts, taken = scratch
-    scale, slope, row, missing, shown = vectors[0], vectors[1], vectors[2], points[0], points[1]
+    log_odds, steps, covariances, squared_out, freedom_out, visible, decrements, detected = out
+    (whole, measured, factor), vectors, points, counts, taken, (odds, reaches) = scratch
+    scale, slope, row = vectors[0], vectors[1], vectors[2]
+    missing, shown, left = points[0], points[1], points[2]
     n, images = assignments.shape[1], log_counts.shape[0]
     total, matches, possible = 0.0, 0, True
     squared = squares[term]
@@ -201,14 +218,27 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
         shown_of(expected[pose], cosine, view_cosine, tilt, edge_of(edge), pose, shown)
         if blob.shape[0] > 0:
             shown_of_blobs(blob[pose], shown, missing)
-        owned = 0.0
+        owned, lost = 0.0, 0.0
         for i in range(n):
+            missing[i] = 0.0
             if assignments[k, i] >= 0:
                 owned += math.log(shown[i])
-                missing[i] = 0.0
             else:
                 missing[i] = shown[i]
+                lost += shown[i]
         value = log_of_rates(owned, missing, matches, nodes, log_nodes)
+        for kind in (EDGE, WINDOW):
+            if edge == 0:
+                odds[kind] = -math.inf
+                if lost > LEAST_HIDDEN:
+                    odds[kind] = log_of_hidden(
+                        kind, assignments[k], pixels[pose], missing, images, reaches, points[3 + kind]
+                    )
+            if odds[kind] > -math.inf:
+                for i in range(n):
+                    left[i] = missing[i] * points[3 + kind, i]
+                hidden = odds[kind] + log_of_rates(owned, left, matches, nodes, log_nodes)
+                value = max(value, hidden) + math.log1p(math.exp(-abs(value - hidden)))
         if edge == 0 or value > highest:
             before = math.exp(highest - value) if weights > 0.0 else 0.0
             highest, weight = value, 1.0
@@ -219,7 +249,8 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
             visible[k, i] = before * visible[k, i] + weight * shown[i]
     for i in range(n):
         visible[k, i] /= weights
-    total += highest + math.log(weights / edges)
+    detected[k] = highest + math.log(weights / edges) + images * LOG_FREE
+    total += detected[k]
     for one in range(images):
         total += log_counts[one, counts[one]]
     total += log_of_first(assignments[k], taken, clutter)
@@ -282,23 +313,3 @@ def see(at, view_cosine, tilts, out):  # type: ignore[no-untyped-def]
         see_one(k, expected[k], cosine, view_cosine, tilts[k], shown, out[k])
         if blob.shape[0] > 0:
             shown_of_blobs(blob[k], out[k], hidden)
-
-
-@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def detect(used, visible, rates, out):  # type: ignore[no-untyped-def]
-    """Log-probability (K,) that exactly the points ``used`` (K, n) are detected, into ``out``.
-
-    ``visible`` (K, n), and ``rates``: nodes and logarithms of weights.
-    """
-    used, visible, rates, out = borrowed((used, visible, rates, out))
-    nodes, log_nodes = rates
-    missing = np.empty(used.shape[1])
-    for k in range(used.shape[0]):
-        owned, matches = 0.0, 0
-        for i in range(used.shape[1]):
-            missing[i] = visible[k, i]
-            if used[k, i]:
-                owned += math.log(visible[k, i])
-                matches += 1
-                missing[i] = 0.0
-        out[k] = log_of_rates(owned, missing, matches, nodes, log_nodes)

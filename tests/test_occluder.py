@@ -1,0 +1,128 @@
+"""What something in front of a body hides: the kernel against a sum over all edges, and what it changes."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+import rootmatch as rm
+from rootmatch.model.compiled.evidence import log_of_hidden, log_of_rates
+from rootmatch.model.compiled.occluder import DIRECTIONS, EDGE, LOG_FREE, OCCLUDED, WINDOW
+from rootmatch.model.detection_model import RATE_NODES, RATE_PRIOR, beta_quadrature
+
+Floats = NDArray[np.float64]
+RATES = beta_quadrature(*RATE_PRIOR, RATE_NODES)
+
+
+def one_by_one(owned: NDArray[np.bool_], visible: Floats) -> float:
+    """Log-probability of what is detected if points are missed one by one."""
+    each = [np.where(owned, np.log(rate * visible), np.log1p(-rate * visible)).sum() for rate in RATES[0]]
+    return float(logsumexp(np.array(each) + RATES[1]))
+
+
+def over_edges(owned: NDArray[np.bool_], visible: Floats, pixels: Floats) -> float:
+    """The same behind an edge, summed over all directions and places that hide at least one visible point."""
+    each = []
+    for turn in range(DIRECTIONS):
+        angle = 2.0 * math.pi * turn / DIRECTIONS
+        along = pixels @ (math.cos(angle), math.sin(angle))
+        for place in along:
+            hidden = along >= place
+            if not (owned & hidden).any():
+                # δ applies to what is in sight only
+                each.append(one_by_one(owned, np.where(hidden, 1e-300, visible)) - math.log(visible.sum()))
+    return float(logsumexp(each) - math.log(DIRECTIONS)) if each else -math.inf
+
+
+def over_circles(owned: NDArray[np.bool_], visible: Floats, pixels: Floats) -> float:
+    """The same of what lies within a circle, summed over the circles through any three points."""
+    each = []
+    for three in itertools.combinations(range(len(owned)), 3):
+        a, b, c = pixels[list(three)]
+        matrix = 2.0 * np.array([b - a, c - a])
+        if abs(np.linalg.det(matrix)) < 1e-9:
+            continue
+        centre = np.linalg.solve(matrix, [b @ b - a @ a, c @ c - a @ a])
+        shown = np.linalg.norm(pixels - centre, axis=1) <= np.linalg.norm(a - centre) + 1e-9
+        if not (owned & ~shown).any():
+            each.append(one_by_one(owned, np.where(shown, visible, 1e-300)) - math.log(visible.sum() ** 3 / 6.0))
+    return float(logsumexp(each)) if each else -math.inf
+
+
+def kernel(owned: NDArray[np.bool_], visible: Floats, pixels: Floats, kind: int) -> tuple[float, Floats]:
+    """What the model takes for an edge or a window, and which points are in sight then."""
+    missing, in_sight = np.where(owned, 0.0, visible), np.empty(len(owned))
+    odds = log_of_hidden(kind, np.where(owned, 0, -1), pixels, missing, 1, np.empty(DIRECTIONS), in_sight)
+    seen, count = np.log(visible[owned]).sum(), int(owned.sum())
+    prior = math.log(0.5 * OCCLUDED) - LOG_FREE
+    return odds - prior + log_of_rates(seen, missing * in_sight, count, *RATES), in_sight
+
+
+@pytest.mark.parametrize(("count", "kind"), [(8, EDGE), (20, EDGE), (60, EDGE), (12, WINDOW), (24, WINDOW)])
+def test_the_one_that_hides_most_stands_for_all(count: int, kind: int) -> None:
+    errors, gains = list[float](), list[float]()
+    for seed in range(1000, 1030):
+        rng = np.random.default_rng([seed, count])
+        pixels, visible = rng.normal(size=(count, 2)) * (300.0, 100.0), rng.uniform(0.5, 1.0, count)
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        along = pixels @ (math.cos(angle), math.sin(angle)) if kind == EDGE else np.linalg.norm(pixels, axis=1)
+        owned = (along < np.quantile(along, rng.uniform(0.3, 0.7))) & (rng.random(count) < 0.9)
+        value, _ = kernel(owned, visible, pixels, kind)
+        if value > -math.inf:
+            every = over_edges if kind == EDGE else over_circles
+            errors.append(value - every(owned, visible, pixels))
+            gains.append(value - one_by_one(owned, visible))
+    assert len(errors) >= 20
+    assert -3.0 < min(errors) <= max(errors) < 0.3  # an edge is a term of the sum
+    assert np.median(errors) > -1.8
+    assert max(gains) > 3.0
+
+
+@pytest.mark.parametrize("kind", [EDGE, WINDOW])
+def test_what_is_hidden_lies_beyond_all_matches(kind: int) -> None:
+    pixels = np.column_stack([10.0 * np.arange(8.0), np.zeros(8)])
+    for owned, edge, window in (
+        ("11000000", "11000000", ""), ("00000110", "00000111", "00000110"), ("10000001", "", ""),
+        ("00011000", "11111000", "00011000"), ("11111100", "", ""),
+    ):  # fmt: skip
+        used = np.array([one == "1" for one in owned])
+        expected = edge if kind == EDGE else window
+        value, in_sight = kernel(used, np.ones(8), pixels, kind)
+        assert (value > -math.inf) == bool(expected)
+        if expected:
+            np.testing.assert_array_equal(in_sight, [float(one) for one in expected])
+
+
+def runway(off: float) -> tuple[Floats, Floats, NDArray[np.int64], rm.UP2P]:
+    """Lamps 60 m apart along a runway, from an aircraft that sees those within 900 m: lamps, image and truth."""
+    rng = np.random.default_rng(1004)
+    lamps = np.array([(60.0 * x, 22.5 * y, 0.0) for x in range(40) for y in (-1, 1)])
+    lamps[:, :2] += rng.normal(0.0, off, (len(lamps), 2))
+    away = lamps - (410.0, 3.0, 45.0)
+    camera = rm.Camera(1200.0, 1200.0, 960.0, 540.0)
+    places = np.column_stack([-away[:, 1], -away[:, 2], away[:, 0]])  # right, down, forward
+    ahead = np.maximum(places[:, 2:], 1.0)
+    image = 1200.0 * places[:, :2] / ahead + (960.0, 540.0)
+    shown = (places[:, 2] > 1.0) & (image > 0.0).all(1) & (image < (1920, 1080)).all(1) & (ahead[:, 0] < 900.0)
+    own = rng.permutation(np.flatnonzero(shown))
+    truth = np.full(len(lamps), -1)
+    truth[own] = np.arange(len(own))
+    problem = rm.UP2P(camera, vertical_camera=(0.0, -1.0, 0.0), vertical_world=(0.0, 0.0, 1.0))
+    return lamps, image[own] + rng.normal(0.0, 0.4, (len(own), 2)), truth, problem
+
+
+def test_a_dark_end_does_not_move_a_runway() -> None:
+    lamps, image, truth, problem = runway(0.3)
+    match = rm.match(lamps, image, problem, noise=0.4, seed=0)
+    assert match
+    np.testing.assert_array_equal(match.assignment, truth)
+
+
+def test_lamps_at_equal_distances_stay_ambiguous() -> None:
+    lamps, image, _, problem = runway(0.0)
+    assert rm.match(lamps, image, problem, noise=0.4, seed=0).status is rm.Status.AMBIGUOUS
