@@ -25,14 +25,14 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
-from rootmatch.model.detection_model import ANY_POSE, DetectionModel
+from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import Evidence
 from rootmatch.model.gathering import gathered
 from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
-from rootmatch.model.pose_density import Doubted, Gaussian, Known, PoseDensity
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Known, PoseDensity, body_radius
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import (
@@ -247,9 +247,10 @@ def model_of(task: MatchingTask) -> DetectionModel:
     else:
         camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
     upright, known = vertical_of(problem), knowledge_of(task)
-    prior: PoseDensity = ANY_POSE if upright is None else Known(upright, centre)
+    radius = body_radius(task.points.source)
+    prior: PoseDensity = Broad(radius) if upright is None else Known(upright, centre, radius)
     if known is not None:
-        prior = Doubted([Known(known, centre)], [math.log1p(-DOUBT)], prior, DOUBT)
+        prior = Doubted([Known(known, centre, radius)], [math.log1p(-DOUBT)], prior, DOUBT)
     if task.prior_pose is not None:
         prior = _with_predictions(task, prior, centre)
     return DetectionModel(

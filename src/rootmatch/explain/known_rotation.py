@@ -20,7 +20,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import stepped
-from rootmatch.model.pose_density import Known
+from rootmatch.model.pose_density import Known, body_radius
 from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, deviations, settle
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.noise import mean_deviation
@@ -71,7 +71,8 @@ def poses_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionMode
     if not len(origin):
         return None
     settled: dict[bytes, Settled] = {}
-    for guess in _ranked(model, Known(known, model.centre), pairs, origin + turn[0] @ model.centre):
+    prior = Known(known, model.centre, body_radius(model.points))
+    for guess in _ranked(model, prior, pairs, origin + turn[0] @ model.centre):
         pose = guess.rotation[None], guess.position[None]
         settle(model, pose, guess.covariance, options=DEFAULT_PREDICTION, known=settled)
     every = [one for one in settled.values() if math.isfinite(one.log_odds)]

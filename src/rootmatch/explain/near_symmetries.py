@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.pose_density import body_radius
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
 TOLERANCE = 0.01
@@ -27,7 +28,8 @@ ANGLE = 0.2
 FACING = 0.8
 """Least cosine between the normals of a mapped point and of the point at its place. A round value."""
 WIDE, HIGH = 0.5, 0.25
-"""Least side of a triple that is laid onto others, and its least height, over the body's radius. Round values."""
+"""Least side of a triple that is laid onto others, and its least height, over the body's radius; of a long and narrow
+body, the height over what is across it. Round values."""
 TRIPLES, DRAWN = 256, 4096
 """Most triples that are, and how many are drawn for that. A motion is found by any triple that it maps: a share s³ of
 them where it maps a share s of many points. So one that maps half of them is missed with a probability of e⁻³², three
@@ -44,15 +46,13 @@ REFINED = 4
 ROUNDS = 3
 """Largest number of fits of a motion, each to the points that the previous one maps."""
 STEPS = 16
-"""Steps of the tolerance in which distances are compared: the largest that there can be, √(2 n) / `TOLERANCE`
-tolerances, is 18,100 of them, and a word of 16 bits holds twice that."""
-MOST_POINTS = 64
-"""Number of points beyond which no symmetries are sought: the bits of the words that record third points."""
-
-
-def body_radius(source: Floats) -> float:
-    """Root mean square distance of a body's points (n, 3) from their centre."""
-    return math.sqrt(float(((source - source.mean(axis=0)) ** 2).sum(axis=1).mean()))
+"""Steps of the tolerance in which distances are compared: the largest that there can be of 200 points, √(2 n) /
+`TOLERANCE` tolerances, is 32,000 of them, and a word of 16 bits holds 32,767."""
+MOST_POINTS = 200
+"""Number of points beyond which no symmetries are sought: √(2 n) / `TOLERANCE` tolerances then leave the words of
+`STEPS`."""
+WORD = 64
+"""Bits of the words that record third points."""
 
 
 class NearSymmetry(NamedTuple):
@@ -159,10 +159,10 @@ def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
     pairs = np.flatnonzero(_same(steps, steps[a, b]))
     triple, pair = np.divmod(pairs, n * n)
     k, j = np.divmod(pair, n)
-    both = _bits(_same(steps, steps[a, c])).ravel()[triple * n + k]
-    both &= _bits(_same(steps, steps[b, c])).ravel()[triple * n + j]
-    some = np.flatnonzero(both)
-    row, m = np.divmod(np.flatnonzero(np.unpackbits(both[some].view(np.uint8), bitorder="little")), MOST_POINTS)
+    both = _words(_same(steps, steps[a, c]))[triple, k]
+    both &= _words(_same(steps, steps[b, c]))[triple, j]
+    some = np.flatnonzero(both.any(axis=1))
+    row, m = np.nonzero(np.unpackbits(both[some].view(np.uint8), axis=1, bitorder="little"))
     triple, k, j = triple[some][row], k[some][row], j[some][row]
     first, second = (np.column_stack(one) for one in ((a[triple], b[triple], c[triple]), (k, j, m)))
     moved = np.flatnonzero((first != second).any(axis=1))
@@ -193,7 +193,9 @@ def _triples(source: Floats) -> tuple[Integers, Integers, Integers]:
     a, b, c = source[drawn].swapaxes(0, 1)
     sides = np.array([np.linalg.norm(one, axis=1) for one in (b - a, c - a, c - b)])
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    fair = (sides.min(axis=0) > WIDE * radius) & (area > HIGH * radius * sides.max(axis=0))
+    spread = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1:]
+    across = min(math.sqrt(2.0 * float(spread @ spread) / n), radius)  # the radius itself of a round body
+    fair = (sides.min(axis=0) > WIDE * radius) & (area > HIGH * across * sides.max(axis=0))
     first, second, third = drawn[fair][:TRIPLES].T
     return first, second, third
 
@@ -204,12 +206,12 @@ def _same(steps: NDArray[np.int16], sides: NDArray[np.int16]) -> Bools:
     return np.asarray((steps - (sides - STEPS)[:, None, None]).view(np.uint16) <= np.uint16(2 * STEPS))
 
 
-def _bits(mask: Bools) -> NDArray[np.uint64]:
-    """Rows (..., n) of at most 64 truth values as words (...)."""
+def _words(mask: Bools) -> NDArray[np.uint64]:
+    """Rows (..., n) of truth values as words (..., W)."""
     packed = np.packbits(mask, axis=-1, bitorder="little")
-    words = np.zeros((*mask.shape[:-1], 8), np.uint8)
-    words[..., : packed.shape[-1]] = packed
-    return words.view(np.uint64)[..., 0]
+    out = np.zeros((*mask.shape[:-1], -(-mask.shape[-1] // WORD) * WORD // 8), np.uint8)
+    out[..., : packed.shape[-1]] = packed
+    return out.view(np.uint64)
 
 
 def _frames(triples: Floats) -> Floats:
@@ -217,7 +219,8 @@ def _frames(triples: Floats) -> Floats:
     first = triples[:, 1] - triples[:, 0]
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     third = np.cross(first, triples[:, 2] - triples[:, 0])
-    third /= np.linalg.norm(third, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):  # in line: no frame, and no motion
+        third /= np.linalg.norm(third, axis=1, keepdims=True)
     return np.stack([first, np.cross(third, first), third], axis=2)
 
 

@@ -45,7 +45,8 @@ LEAST = 3
 told from clutter."""
 
 
-Mixture = tuple[tuple[Floats, ...], tuple[float, float, float, float]]
+BroadNumbers = tuple[float, float, float, float, float]
+Mixture = tuple[tuple[Floats, ...], BroadNumbers]
 """Predictions and a broad prior with their shares, see `rootmatch.model.compiled.prior_terms.mixture_terms`."""
 
 
@@ -80,13 +81,26 @@ class PoseDensity(ABC):
         """The logarithm of the density about poses (K, 3, 3) and (K, 3)."""
 
 
+def body_radius(source: Floats) -> float:
+    """Root mean square distance of a body's points (n, 3) from their centre."""
+    return math.sqrt(float(((source - source.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
 @dataclass(frozen=True)
 class Broad(PoseDensity):
     """Any rotation, at any place in the field of view, at any distance within two decades.
 
-    p(R, t) = 1 / (8π²) · 1 / (Ω ‖t‖³ log D) for a field of Ω steradians and distances within a factor D. Nothing in it
-    has a unit of length.
+    p(R, t) = 1 / (8π²) · 1 / (Ω (‖t‖² + ρ²)^(3/2) log D) for a field of Ω steradians and distances within a factor D.
+    No octave is more probable than another, down to the body's radius ρ: nearer, the camera is amid its points, and no
+    place there is more probable than another. Nothing else in it has a unit of length.
+
+    Parameters
+    ----------
+    radius : float
+        Root mean square distance of the body's points from their centre.
     """
+
+    radius: float = 0.0
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
@@ -97,9 +111,9 @@ class Broad(PoseDensity):
         """See `PoseDensity.for_kernels`."""
         return NO_PREDICTIONS, self.with_share(0.0)
 
-    def with_share(self, log_share: float) -> tuple[float, float, float, float]:
+    def with_share(self, log_share: float) -> BroadNumbers:
         """Its numbers as one of several components."""
-        return ANY_TURN, FIELD, math.log(DEPTHS), log_share - math.log(ROTATIONS)
+        return ANY_TURN, FIELD, math.log(DEPTHS), log_share - math.log(ROTATIONS), self.radius
 
     def of_position(self, position: Floats) -> tuple[Floats, Floats]:
         """Precision (K, 3, 3) and log density (K,) of positions (K, 3)."""
@@ -116,10 +130,13 @@ class Known(PoseDensity):
     prior : PosePrior
     centre : (3,) array
         Of the body, in its frame.
+    radius : float
+        As of `Broad`.
     """
 
     prior: PosePrior
     centre: Floats
+    radius: float = 0.0
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
@@ -127,7 +144,7 @@ class Known(PoseDensity):
         precision, slope = np.zeros((count, 6, 6)), np.zeros((count, 6))
         precision[:, :3, :3], slope[:, :3], squared, log_density = self._of_rotation(rotation)
         if self._place is None:
-            precision[:, 3:, 3:], log_position = ANYWHERE.of_position(position)
+            precision[:, 3:, 3:], log_position = Broad(self.radius).of_position(position)
             return Terms(precision, slope, squared, log_density + log_position)
         place, weight, log_peak = self._place
         arm = rotation @ self.centre
@@ -222,7 +239,7 @@ class Gaussian(PoseDensity):
     @cached_property
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
-        return _packed([self], [0.0]), ANYWHERE.with_share(-math.inf)
+        return _packed([self], [0.0]), Broad().with_share(-math.inf)
 
     def tail_weight(self, squared: Floats) -> Floats:
         """How much the prediction counts at a squared deviation (K,) from it: 1 up to 6, the mean of six parameters."""
@@ -335,4 +352,3 @@ def _mixture(mixture: Mixture, rotation: Floats, position: Floats) -> tuple[Term
 
 
 NO_PREDICTIONS = np.empty((0, 3, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.empty(0), np.empty(0)
-ANYWHERE = Broad()

@@ -20,7 +20,7 @@ from rootmatch.arrays import Floats
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.pose_density import ANYWHERE, TURNS, Broad, PoseDensity, Terms
+from rootmatch.model.pose_density import TURNS, Broad, PoseDensity, Terms, body_radius
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
 from rootmatch.problems.pose_fit.prior_residuals import Upright
@@ -34,7 +34,7 @@ class ZoomDensity(PoseDensity):
     """Any turn about the vertical, any place as of `Broad`, and a logarithm of the focal length that is normal."""
 
     upright: Upright
-    broad: Broad = ANYWHERE
+    broad: Broad
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`; rotations hold focal lengths."""
@@ -92,8 +92,8 @@ class ZoomModel(DetectionModel):
     def of(cls, centre: Floats, upright: Upright, points: Floats, target: Floats, **told: object) -> ZoomModel:
         """The model of points (n, 3) and pixels (n', 2) by the principal point and the vertical."""
         focal = usual_focal(centre, target)
-        camera = Camera(focal, focal, *centre.tolist())
-        return cls(camera, points, target, upright=upright, prior=ZoomDensity(upright), **told)  # type: ignore[arg-type]
+        camera, prior = Camera(focal, focal, *centre.tolist()), ZoomDensity(upright, Broad(body_radius(points)))
+        return cls(camera, points, target, upright=upright, prior=prior, **told)  # type: ignore[arg-type]
 
     @cached_property
     def scene_for_kernels(self) -> None:

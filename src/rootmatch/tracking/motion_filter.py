@@ -10,7 +10,7 @@ import numpy as np
 
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.arrays import Floats
-from rootmatch.explain.near_symmetries import body_radius
+from rootmatch.model.pose_density import body_radius
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point

@@ -46,16 +46,17 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
     """As `mixture_terms` about the k-th of some poses, into a row of ``out``; ``scratch``: (3, 3) and (2, 6)."""
     rotations, positions = poses
     means, places, wholes, peaks, freedoms = predictions
-    any_turn, field, depth, log_turn = broad
+    any_turn, field, depth, log_turn, radius = broad
     precision, slope, squared, log_density = out
     count = means.shape[0]
     turn, vectors = scratch
     step, push = vectors[0], vectors[1]
     x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
-    distance = math.sqrt(x * x + y * y + z * z)
+    distance2 = x * x + y * y + z * z
+    reach2 = distance2 + radius * radius
     best = log_turn
     if log_turn > -math.inf:
-        best -= math.log(field * depth) + 3.0 * math.log(distance)
+        best -= math.log(field * depth) + 1.5 * math.log(reach2)
     which[row], squared[row], log_density[row] = count, 0.0, best
     for g in range(count):
         vector_of(means[g], rotations[k], turn, step)
@@ -87,11 +88,11 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
         slope[row, a] = 0.0
         for b in range(6):
             precision[row, a, b] = 0.0
-    unit, across, along = 2.0 * math.pi / (distance * distance), 1.0 / field, 1.0 / (depth * depth)
+    unit, across, along = 2.0 * math.pi / reach2, 1.0 / field, 1.0 / (depth * depth)
     for a in range(3):
         precision[row, a, a] = any_turn
         for b in range(3):
-            ray = positions[k, a] * positions[k, b] / (distance * distance)
+            ray = positions[k, a] * positions[k, b] / max(distance2, 1e-300)
             precision[row, 3 + a, 3 + b] = unit * (((1.0 if a == b else 0.0) - ray) * across + ray * along)
 
 
@@ -107,8 +108,8 @@ def mixture_terms(poses, predictions, broad, out, which):  # type: ignore[no-unt
         Of G normal distributions: rotations (G, 3, 3), positions (G, 3), precisions (G, 6, 6), logarithms (G,) of the
         densities at their peaks with their shares, and degrees of freedom (G,) of their tails.
     broad : tuple of float
-        Precision of a rotation, solid angle, logarithm of the ratio of distances, and logarithm of the density of
-        rotations with the share of this component, −∞ for none.
+        Precision of a rotation, solid angle, logarithm of the ratio of distances, logarithm of the density of
+        rotations with the share of this component, −∞ for none, and radius of the body.
     out : tuple
         Of `rootmatch.model.pose_density.Terms`, filled.
     which : (K,) int64 array
