@@ -272,6 +272,10 @@ class Problem(ABC):
         """What makes tables for the kernels of a known camera at some focal lengths; None where that is no unknown."""
         return None
 
+    def without_vertical(self, points: PointSets) -> Callable[[], Any] | None:
+        """What makes tables of minimal sets of one point more, which need no vertical; None where none is measured."""
+        return None
+
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
         """The most likely pose of each assignment (K, n), with its covariance; None if none is possible.
 

@@ -51,6 +51,8 @@ class SamplingTask:
     at_focal_lengths: Callable[[], list[Any]] | None = None
     """Tables of the same points for the kernels of a camera of known focal length, at each of some focal lengths, where
     the problem is one of a camera whose focal length is unknown."""
+    without_vertical: Callable[[], Any] | None = None
+    """Tables of the same points for the kernels of `P3P`, where the problem is one of a measured vertical."""
     problem: str = "the problem"
     """Name of the problem, for messages."""
     later: bool = False

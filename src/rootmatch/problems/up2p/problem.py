@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +16,7 @@ from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
+from rootmatch.problems.p3p import P3P
 from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
@@ -115,6 +118,11 @@ class UP2P(Problem):
             tilt_variance=np.array([float(self.vertical_noise) ** 2]),
             normals=known_normals(points, world),
         )
+
+    def without_vertical(self, points: PointSets) -> Callable[[], Any] | None:
+        """See `Problem.without_vertical`: those of `P3P`, where the vertical is measured."""
+        few = min(len(points.source), len(points.target)) <= self.minimal + 1
+        return None if few or self.vertical_noise == 0.0 else partial(P3P(self.camera).tables, points)
 
     def of_view(self, camera: CameraModel, turn: Floats) -> UP2P:
         """The problem of one camera of a rig, which has the rotation ``turn`` (3, 3) in it."""

@@ -125,7 +125,7 @@ class LocalSearch(Search):
         """Whether a pose that explains as much as the best one would have been met; of wide triples see `Search`."""
         if self.wide:
             return super()._enough()
-        if not self._beyond_chance():
+        if not self.is_beyond_chance():
             return False
         self.conclusive = True
         self._grow()

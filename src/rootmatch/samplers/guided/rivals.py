@@ -17,6 +17,7 @@ from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.samplers.guided import batches
+from rootmatch.samplers.guided.hypotheses import SHARED
 from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE, width
 from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, views_of_parts, within
 
@@ -37,6 +38,9 @@ RIVAL_MISSED = 0.08
 """Probability of having missed such a rival at which none is looked for any more, where no normals tell what is
 visible: two minimal sets in every arrangement of those detections, where all points are seen. `tests/test_guided.py`
 has objects that show less of them."""
+VAIN = 0.75
+"""Probability that a set leads to nothing, as those of the known pose tell it, beyond which no more are tried. A round
+value."""
 RIVALS_KEPT, RIVALS_VERIFIED = 512, 64
 """Rivals that survive a batch and are kept, and how many of them are verified at most, one for each pose. Round values.
 """
@@ -44,6 +48,8 @@ DRAWN, TAKEN = 64, 8
 """Sets that are drawn at once, of as many views, and how many of them are taken. Round values."""
 EXISTS = 0.1
 """Probability that there is a rival of what does not look like itself in any pose that was met. A round value."""
+TURNS, BETTER = 3, 3.0
+"""Most hypotheses whose rivals are sought in turn, and by how much each exceeds the one before. Round values."""
 RIVAL_RATIO = 0.25
 """Fraction of the likelihood ratio of the best hypothesis, in the same sequential test, that a rival has at least to be
 verified: less than of the evidence, as a minimal set may predict worse than another."""
@@ -53,19 +59,26 @@ def try_rivals(search: Search) -> None:
     """Try minimal sets until no rival of the strongest hypothesis can well have been missed.
 
     Copies are rare: a crowd of other detections is worth a search for them as long as what came before, which does not
-    count if that ends it.
+    count if that ends it. A rival that explains more than the hypothesis has rivals of its own.
     """
-    best = search._clustered()[2].best[0]
-    own = np.sort(best[best >= 0])
-    search.missed = search._missed_among(own, len(own), known=best)
-    search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
-    free = np.ones(search.n_target, np.bool_)
-    free[own] = False
-    (rest,) = np.nonzero(free)
-    if max(fewest(len(own), SAME), search.minimal + 1) <= len(rest) <= CROWD and not search._spent():
-        missed = search._missed_among(rest, len(own))
-        if not search._spent():
-            search.missed = max(search.missed, missed)
+    for _ in range(TURNS):
+        hypotheses = search._clustered()[2]
+        best, evidence = hypotheses.best[0], float(hypotheses.evidence[0])
+        own = np.sort(best[best >= 0])
+        search.missed = search._missed_among(own, len(own), known=best)
+        search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
+        free = np.ones(search.n_target, np.bool_)
+        free[own] = False
+        (rest,) = np.nonzero(free)
+        if max(fewest(len(own), SAME), search.minimal + 1) <= len(rest) <= CROWD and not search._spent():
+            missed = search._missed_among(rest, len(own))
+            if not search._spent():
+                search.missed = max(search.missed, missed)
+        better = search._clustered()[2]
+        matches = better.best[0] >= 0
+        common = int((matches & (better.best[0] == best)).sum())
+        if search._spent() or common >= SHARED * matches.sum() or better.evidence[0] < evidence + BETTER:
+            return
 
 
 def allowed_to(search: Search, images: Integers) -> Bools:
@@ -97,40 +110,44 @@ def missed_among(search: Search, images: Integers, matched: int, known: Integers
         tried, wanted = TriedSets(partial(views_of_parts, positions=search.positions), LOST_OF_ALL), True
     test = search._test(0, least)
     for points in _wanted(search, tried, least) if wanted else search._waves():
-        sets = search._prepared(points, len(arrangements))
+        sets, met = search._prepared(points, len(arrangements)), 0
         first, tasks = 0, len(points) * len(arrangements)
         most = max(batches.LARGEST // len(images), batches.CHUNKS)
         while first < tasks and (block := pace.block(min(tasks - first, most))):
             last = first + block
-            search._try(sets, test, arrangements, first=first, last=last, images=images, known=known)
+            met += search._try(sets, test, arrangements, first=first, last=last, images=images, known=known)
             first = last
             if search._spent():
                 break
         if first == tasks:
             tried.add(points)
+            if wanted and known is not None:
+                tried.learn(int((known[points] >= 0).all(axis=1).sum()), met)
         missed = tried.missed(least)
         enough = missed <= MISSED or (wanted and missed <= RIVAL_MISSED and not _looks_like_itself(search))
-        if enough or search._spent():
+        if enough or search._spent() or (wanted and tried.lost > VAIN):
             return missed
-    return 0.0
+    return tried.missed(least) if wanted else 0.0
 
 
-def verify_rivals(search: Search, found: Survivors, known: Integers | None) -> None:
+def verify_rivals(search: Search, found: Survivors, known: Integers | None) -> int:
     """Verify the survivors of a batch one by one, the strongest first, that none of those before explains.
 
     What looks like itself has many rivals, each met by many sets. Of a ``known`` assignment (n,) only those are rivals
-    that may have another pose.
+    that may have another pose. Returns how many sets have met that one again.
     """
+    met = 0
     if known is not None and len(found.ratios):
-        found = found.rivals_of(known, RIVAL_RATIO)
+        met, found = found.met(known), found.rivals_of(known, RIVAL_RATIO)
     for _ in range(RIVALS_VERIFIED):
         if not len(found.ratios):
-            return
+            break
         before = len(search.hypotheses)
         search._verify(found.points[:1], found.images[:1])
         found = found.take(slice(1, None))
         if len(search.hypotheses) > before:
             found = found.apart_from(search.hypotheses[-1].best[0])
+    return met
 
 
 def missed_rival(search: Search, missed: float) -> float:
@@ -152,9 +169,9 @@ def _wanted(search: Search, tried: TriedSets, least: int) -> Iterator[Integers]:
     from the views that were met least often, and taken by width times what they cover that those before them do not.
     """
     views, rng, size = tried.views(least), np.random.default_rng([search.n, least]), search.minimal
-    needed, enough = np.ones(len(views)), RIVAL_MISSED
+    enough = RIVAL_MISSED
     while True:
-        wave = list[Integers]()
+        wave, needed = list[Integers](), tried.unmet(least)
         while len(wave) < LARGEST_WAVE and needed.mean() > enough:
             if len(wave) % TAKEN == 0:
                 places = rng.random((DRAWN, search.n)) + ~views[np.argpartition(-needed, DRAWN)[:DRAWN]]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
@@ -11,6 +13,8 @@ from rootmatch.samplers.guided.dispatch import has_hypotheses
 from rootmatch.samplers.guided.focal_search import focal_tensor
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.rivals import missed_rival
+from rootmatch.samplers.guided.search import Search
+from rootmatch.samplers.guided.vague_vertical import triples_for
 from rootmatch.samplers.guided.visible_search import search_of
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.samplers.point_sets.sampler import point_set_tensor
@@ -74,13 +78,15 @@ class Guided(GuidedOptions):
         if task.at_focal_lengths is not None and searches_focal_lengths(task):
             return focal_tensor(task, task.at_focal_lengths, self)
         Capability.GUIDED.require(has_hypotheses(type(task.tables)), task.problem)
-        search = search_of(task, self, task.deadline.part(SEARCHED, RESERVE))
-        with search.deadline.within():
-            search.run()
+        search = self._searched(task, task)
+        assignments = search.assignments() if search.single else None
+        by_triples = triples_for(task, search)
+        if by_triples is not None and assignments is not None:
+            evaluated, search = search.evaluated, self._searched(task, by_triples)
+            search.evaluated += evaluated
+            assignments = np.concatenate([search.assignments(), assignments])
         if task.progress is not None:
             task.progress(self.budget, self.budget)  # most searches end long before
-        with task.deadline.part(REFINED).within():
-            search.refine()
         clusters = search.clusters()
 
         # where a conclusive search knows no rivals a pose may decide alone, and nobody asks for hyper-edges
@@ -90,6 +96,15 @@ class Guided(GuidedOptions):
             later=task.later and alone and not task.deadline.is_set,
             deadline=task.deadline,
             conclusive=search.conclusive,
-            assignments=search.assignments() if search.single else None,
+            assignments=assignments,
             missed=missed_rival(search, search.missed),
         )  # fmt: skip
+
+    def _searched(self, task: SamplingTask, searched: SamplingTask) -> Search:
+        """The search of a task, at its end; ``searched``: the same by the same minimal sets, or by others."""
+        search = search_of(searched, self, task.deadline.part(SEARCHED, RESERVE))
+        with search.deadline.within():
+            search.run()
+        with task.deadline.part(REFINED).within():
+            search.refine()
+        return search

@@ -118,7 +118,7 @@ class Search:
             if len(self.hypotheses) > batches.APART:
                 self._clustered()
         # what is beyond chance and looks like itself has more poses than a batch verifies
-        if self.conclusive and self._beyond_chance():
+        if self.conclusive and self.is_beyond_chance():
             self._try_rivals()
 
     def _steps(self) -> Iterator[None]:
@@ -202,7 +202,7 @@ class Search:
 
     def _enough(self) -> bool:
         """Whether the search may stop; see `enough_found`."""
-        if not self._beyond_chance():
+        if not self.is_beyond_chance():
             return False
         self.refine()
         if self.normals and self.single:
@@ -215,8 +215,8 @@ class Search:
             motions=self.motions, solved=self.solved, options=self.options.stopping,
         )  # fmt: skip
 
-    def _beyond_chance(self) -> bool:
-        """Whether any hypothesis is."""
+    def is_beyond_chance(self) -> bool:
+        """Whether any hypothesis is beyond chance."""
         evidence = max((float(batch.evidence.max()) for batch in self.hypotheses), default=-math.inf)
         return evidence > self._false_alarm_level()
 
@@ -235,11 +235,11 @@ class Search:
         last: int,
         images: Integers | None = None,
         known: Integers | None = None,
-    ) -> None:
+    ) -> int:
         """Test one batch of tasks and verify the best survivors.
 
         If only some ``images`` may be matched, ``arrangements`` are places in them, and the survivors are rivals of the
-        best hypothesis; of a ``known`` assignment (n,), if they are its own images.
+        best hypothesis; of a ``known`` assignment (n,), if they are its own images. How many sets met that again.
         """
         solved = (last - first) * ((self.n_target if images is None else len(images)) - self.minimal + 1)
         most = batches.verified_of(solved, self.single) if images is None else RIVALS_KEPT
@@ -251,9 +251,9 @@ class Search:
         )  # fmt: skip
         if images is None:
             self._keep(sets.points, survivors, ratios, counts, most)
-        else:
-            self._count(counts)
-            verify_rivals(self, Survivors.of(sets.points, survivors, ratios, most), known)
+            return 0
+        self._count(counts)
+        return verify_rivals(self, Survivors.of(sets.points, survivors, ratios, most), known)
 
     def _count(self, counts: Integers) -> None:
         """Count what the tests of some chunks did."""

@@ -44,9 +44,17 @@ class Survivors(NamedTuple):
 
         Another one has at least this part of the assignment's own ratio, if that was met again.
         """
-        same = (assignment[self.points] == self.images[:, 1:]).all(axis=1)
+        same = self._of(assignment)
         if not same.any():
             return self
         # the same images at two roots may be two poses: points on the axis of a symmetric object
         alone = same & (np.bincount(self.sets[same], minlength=int(self.sets.max()) + 1)[self.sets] == 1)
         return self.take((self.ratios >= part * self.ratios[same].max()) & ~alone)
+
+    def met(self, assignment: Integers) -> int:
+        """How many sets have met an assignment (n,)."""
+        return len(np.unique(self.sets[self._of(assignment)]))
+
+    def _of(self, assignment: Integers) -> Bools:
+        """Which survivors have the images of an assignment (n,)."""
+        return np.asarray((assignment[self.points] == self.images[:, 1:]).all(axis=1))
