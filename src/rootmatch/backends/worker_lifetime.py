@@ -55,10 +55,11 @@ def _watch(parent: int) -> None:
 
 
 @contextmanager
-def pool(processes: int) -> Iterator[Any]:
+def pool(processes: int, environment: dict[str, str] | None = None) -> Iterator[Any]:
     """An executor whose workers compute on one thread each and end with this process, or with the block.
 
-    They know of their parent before they are given anything, and leave Ctrl-C to it.
+    They know of their parent before they are given anything, and leave Ctrl-C to it. Variables of the ``environment``
+    are set in theirs.
 
     Raises
     ------
@@ -68,7 +69,9 @@ def pool(processes: int) -> Iterator[Any]:
     from joblib.externals.loky import ProcessPoolExecutor
 
     one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-    executor = ProcessPoolExecutor(processes, initializer=_begin, initargs=(os.getpid(),), env=one)
+    executor = ProcessPoolExecutor(
+        processes, initializer=_begin, initargs=(os.getpid(),), env=one | (environment or {})
+    )
     try:
         yield executor
     finally:

@@ -51,13 +51,7 @@ class RigImage(CameraModel):
         return self.rig.focal
 
     def bearings(self, pixels: ArrayLike) -> Floats:
-        """Unknown without the camera.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
+        """Unknown without the camera."""
         raise InputError("rig: give the camera of each pixel")
 
     def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:

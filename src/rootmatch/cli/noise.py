@@ -46,13 +46,7 @@ class Noise:
 
     @property
     def of_source(self) -> Any:
-        """The argument ``source_noise`` of `rootmatch.match`; None if nothing says it.
-
-        Raises
-        ------
-        InputError
-            If both the option and the columns say it.
-        """
+        """The argument ``source_noise`` of `rootmatch.match`; None if nothing says it."""
         if self.source_sigma is None:
             return self.given_source
         name = "sigma" if self.source_sigma.ndim == 1 else "sx"
@@ -64,13 +58,7 @@ class Noise:
         return self.source_sigma
 
     def of(self, target_sigma: Floats | None) -> Any:
-        """The argument ``noise`` of `rootmatch.match` for detections with such a column, or without.
-
-        Raises
-        ------
-        InputError
-            If both say it.
-        """
+        """The argument ``noise`` of `rootmatch.match` for detections with such a column, or without."""
         given = self.given
         sides = ((self.model, self.source_sigma if self.problem.noisy_source else None), (self.image, target_sigma))
         columns = [path for path, sigma in sides if sigma is not None]

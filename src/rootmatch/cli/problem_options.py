@@ -64,13 +64,7 @@ def _owners(option: str) -> list[str]:
 
 
 def angle(option: str, degrees: float, maximum: float) -> float:
-    """An angle of the command line, in degrees, in radians.
-
-    Raises
-    ------
-    InputError
-        If it is not from 0 to ``maximum``.
-    """
+    """An angle of the command line, in degrees, in radians."""
     if not 0.0 <= degrees <= maximum:
         raise InputError(f"{flag(option)}: {degrees:g} given; give degrees from 0 to {maximum:g}")
     return math.radians(degrees)

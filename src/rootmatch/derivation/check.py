@@ -89,11 +89,6 @@ class Judge:
         """Refuse a polynomial whose resultant vanishes for any points.
 
         ``surplus``: constraints of a minimal set beyond those that determine its unknowns, where they are known.
-
-        Raises
-        ------
-        RootmatchError
-            If it does.
         """
         values = []
         for case in self.cases:

@@ -171,13 +171,7 @@ class Leaves:
         return (self.source if kind[0] == "s" else self.target).coordinates
 
     def abstract(self, expression: Expr, unknowns: set[Expr]) -> Expr:
-        """The expression with every largest tabulated part that is free of the unknowns put as a leaf.
-
-        Raises
-        ------
-        InputError
-            If a part that mixes points is not polynomial in what can be tabulated.
-        """
+        """The expression with every largest tabulated part that is free of the unknowns put as a leaf."""
         if not self.measured(expression):
             return expression
         free = not (expression.free_symbols & unknowns)

@@ -76,13 +76,7 @@ class Statement:
         return [*self.eliminate, *self.places_of_copies]
 
     def _expressions(self, name: str, function: Equations, X: Any, u: Any) -> list[Expr]:
-        """The result of the user's function for some points, as a flat list.
-
-        Raises
-        ------
-        InputError
-            If it fails, or returns anything but expressions.
-        """
+        """The result of the user's function for some points, as a flat list."""
         try:
             made = function(X, u)
         except Exception as error:
@@ -93,13 +87,7 @@ class Statement:
         return _flat(name, made)
 
     def check(self, measured: set[Expr], built: Sequence[Expr], conditions: Sequence[Expr]) -> None:
-        """Refuse a statement that makes no sense.
-
-        Raises
-        ------
-        InputError
-            If a symbol is neither measured nor named as unknown, or the shared variable does not occur.
-        """
+        """Refuse a statement that makes no sense."""
         known = measured | set(self.unknowns) | {self.shared}
         strange = sorted({str(s) for e in built for s in e.free_symbols if s not in known})
         if strange:

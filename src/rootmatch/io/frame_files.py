@@ -79,11 +79,6 @@ def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iter
         2 for pixels, 3 for unit rays ``x,y,z``.
     of_rig : bool
         Whether they are detections of several cameras: ``frame,x,y,camera``, with the camera's index from 0.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; the text names the file, the row and the remedy.
     """
     name = Path("standard input") if path == STANDARD_INPUT else path
     with _opened(path) as stream:

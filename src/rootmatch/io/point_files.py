@@ -58,13 +58,7 @@ class PointSet:
 
 
 def point_dimension(path: Path) -> int:
-    """3 if the header of a file of points has a column ``z``, else 2.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """3 if the header of a file of points has a column ``z``, else 2."""
     header = next((line for line in read_text(path).splitlines() if line.strip(" ,\t")), "")
     return 3 if "z" in {cell.strip().strip('"').lower() for cell in header.split(",")} else 2
 
@@ -88,11 +82,6 @@ def read_points(
         Whether they are detections of several cameras: ``x,y,camera``, with the camera's index from 0.
     of_image : bool
         Whether they are detections: columns of `rootmatch.io.known_files.COLUMNS` then say what is known of the pose.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; the text names the file, the row and the remedy.
     """
     needed = (*COORDINATES[:2], "camera") if of_rig else COORDINATES[:dimension]
     known = ("id", *needed, "sigma", *((*NORMALS, "body", *DEVIATIONS) if dimension == 3 and not of_rig else ()))

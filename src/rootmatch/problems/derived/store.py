@@ -232,13 +232,7 @@ def _private(path: Path) -> bool:
 
 
 def check_stem(name: str) -> str:
-    """A problem's name as part of a file name.
-
-    Raises
-    ------
-    InputError
-        If it is not a short word.
-    """
+    """A problem's name as part of a file name."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}", name):
         raise InputError(f"name: {name!r} given; give a word of letters, digits, - and _, at most 40 long")
     return name

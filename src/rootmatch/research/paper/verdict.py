@@ -40,13 +40,7 @@ class Case:
 
 
 def verdict(cases: list[Case]) -> str:
-    """Say ``holds``, ``does not hold``, ``holds only for …`` with the cases named, or ``undecidable``.
-
-    Raises
-    ------
-    ValueError
-        If there is no case: nothing was looked at, so nothing can be said.
-    """
+    """Say ``holds``, ``does not hold``, ``holds only for …`` with the cases named, or ``undecidable``."""
     if not cases:
         raise ValueError("no case to judge")
     decided = [case for case in cases if case.holds is not None]

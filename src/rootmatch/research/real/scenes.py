@@ -86,13 +86,7 @@ def protocols() -> list[Protocol]:
 
 
 def all_scenes(folder: Path, only: list[str] | None = None) -> Iterator[RealScene]:
-    """The scenes of the protocols named, or of all whose data are in the folder.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, or a file is missing or not what it should be.
-    """
+    """The scenes of the protocols named, or of all whose data are in the folder."""
     known = {protocol.name: protocol for protocol in protocols()}
     for name in only or []:
         if name not in known:

@@ -108,11 +108,6 @@ def identified(
     """Which dot is which blob (two index arrays), and the effective pinhole camera K, R, t.
 
     ``expected`` (n, 2) holds roughly where the dots are, K rough intrinsics.
-
-    Raises
-    ------
-    InputError
-        If too few blobs are near the dots.
     """
     tree = cKDTree(blobs)
     shift = np.concatenate([blobs[tree.query_ball_point(one, FARTHEST)] - one for one in expected])

@@ -81,13 +81,7 @@ def _undistorted(seen: Floats, k1: float, k2: float) -> Floats:
 
 
 def vertical(path: Path, K: Floats, size: tuple[int, int]) -> Floats:
-    """Unit *down* in a camera, from the vanishing point of a photograph's steep line segments.
-
-    Raises
-    ------
-    InputError
-        If the photograph cannot be read, or shows no vertical edges.
-    """
+    """Unit *down* in a camera, from the vanishing point of a photograph's steep line segments."""
     cv2 = opencv()
     segments = _steep_segments(cv2.resize(photograph(path), size, interpolation=cv2.INTER_AREA), cv2)
     if len(segments) < 2:
