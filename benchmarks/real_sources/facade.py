@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with, opencv, photograph, project
+from real_sources.common import Fields, data_set, folder_with, opencv, photograph, project
 
 REDUCED = 3
 """Factor by which photographs are made smaller."""

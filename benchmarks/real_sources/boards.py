@@ -13,7 +13,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with, opencv, photograph
+from real_sources.common import Fields, data_set, folder_with, opencv, photograph
 
 COLUMNS, ROWS = 9, 6
 """Inner corners of the board."""

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with, known_pose, project, table
+from real_sources.common import Fields, data_set, folder_with, known_pose, project, table
 
 CAMERAS = 4
 LEAST_AREA = 9

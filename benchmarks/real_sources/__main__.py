@@ -1,4 +1,4 @@
-"""Make a data set of the benchmark: ``python -m rootmatch.research.real.sources DATA_SET SNAPSHOT OUTPUT``."""
+"""Make a data set of the benchmark: ``python -m real_sources DATA_SET SNAPSHOT OUTPUT``, in the folder `benchmarks`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources import SOURCES, convert
+from real_sources import SOURCES, convert
 
 
 def main(arguments: list[str]) -> int:
