@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from rootmatch.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from real_sources import SOURCES, cavity, convert, facade  # noqa: E402
-from real_sources.__main__ import main  # noqa: E402
+from real_sources import SOURCES, cavity, convert, facade
+from real_sources.__main__ import main
 
 cv2 = pytest.importorskip("cv2")
 

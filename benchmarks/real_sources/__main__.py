@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rootmatch.errors import InputError
 from real_sources import SOURCES, convert
+from rootmatch.errors import InputError
 
 
 def main(arguments: list[str]) -> int:

@@ -15,9 +15,9 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from real_sources.common import Fields, data_set, folder_with, known_pose, project, table
 from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
-from real_sources.common import Fields, data_set, folder_with, known_pose, project, table
 
 CAMERAS = 4
 LEAST_AREA = 9

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from real_sources.common import Fields, data_set, folder_with, opencv, photograph, project
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
-from real_sources.common import Fields, data_set, folder_with, opencv, photograph, project
 
 REDUCED = 3
 """Factor by which photographs are made smaller."""

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rootmatch.errors import InputError
 from real_sources.common import Fields, data_set, folder_with
+from rootmatch.errors import InputError
 
 FILE = "libmv-ba-problems/problem_01.txt"
 FRAMES = 16
