@@ -34,27 +34,19 @@ class Enumeration:
 
     A slab, a minimal set of source points with an arrangement of as many targets, has a rank; the last point and its
     target follow within it. The number of a hyper-edge is ((rank · n) + last source) · n' + last target.
-
-    Parameters
-    ----------
-    tables
-        Of `Problem.prepare`.
-    kind : Kind
-    bases : (B, d − 1) int64 array
-        Minimal sets of source points, increasing; the last point runs from the last of them + 1 on.
-    arrangements : (P, d − 1) int32 array
-        All arrangements of d − 1 targets.
-    allowed : (n, n') bool array, or (0, 0) for all
-        Candidate correspondences.
-    shape : (n, n')
     """
 
     tables: Any
+    """Of `Problem.prepare`."""
     kind: Any
     bases: NDArray[np.int64]
+    """(B, d − 1) minimal sets of source points, increasing; the last point runs from the last of them + 1 on."""
     arrangements: NDArray[np.int32]
+    """(P, d − 1) all arrangements of d − 1 targets."""
     allowed: NDArray[np.bool_]
+    """(n, n'), or (0, 0) for all: candidate correspondences."""
     shape: tuple[int, int]
+    """(n, n')."""
 
     @classmethod
     def of(

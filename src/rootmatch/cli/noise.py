@@ -22,27 +22,18 @@ DEFAULT = 1.0
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise as stated on a command line.
-
-    Parameters
-    ----------
-    given : number, pair or "auto", optional
-        What ``--noise`` says, see `noise_option`.
-    source_sigma : (n,) or (n, 3) array, optional
-        The column of the model, or its three.
-    model, image : path
-        For the messages.
-    problem : Problem
-    given_source : float, optional
-        What ``--source-noise`` says.
-    """
+    """The noise as stated on a command line."""
 
     given: Any
+    """What ``--noise`` says, see `noise_option`."""
     source_sigma: Floats | None
+    """(n,) or (n, 3). The column of the model, or its three."""
     model: Path
     image: Path
+    """For the messages."""
     problem: Problem
     given_source: float | None = None
+    """What ``--source-noise`` says."""
 
     @property
     def of_source(self) -> Any:

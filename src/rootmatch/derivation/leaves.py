@@ -44,18 +44,12 @@ class Use:
 
 @dataclass
 class Leaves:
-    """Registry of the leaves of one derivation.
-
-    Parameters
-    ----------
-    source, target : Measurement
-    minimal : int
-        Correspondences of a minimal set: the slots.
-    """
+    """Registry of the leaves of one derivation."""
 
     source: Measurement
     target: Measurement
     minimal: int
+    """Correspondences of a minimal set: the slots."""
     functions: dict[Class, list[Expr]] = field(default_factory=lambda: {"s": [], "ss": [], "t": [], "tt": []})
     """Measured quantities of each class, in the coordinates of a first and a second point."""
     uses: dict[Expr, Use] = field(default_factory=dict)

@@ -18,33 +18,21 @@ Equations = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Statement:
-    """A minimal problem in the user's words.
-
-    Parameters
-    ----------
-    equations : callable
-        ``(X, u) -> expressions that vanish``, of all correspondences of a minimal set (lists of column vectors), or of
-        one correspondence (two column vectors) if ``each``.
-    each : bool
-    minimal : int
-    shared : symbol
-    eliminate : tuple of symbols
-    local : tuple of symbols
-        With ``each``: unknowns of which every correspondence has its own.
-    source, target : Measurement
-    positive : callable, optional
-        ``(X, u) -> expressions`` of a minimal set in the shared variable and what is measured, positive at the truth.
-    """
+    """A minimal problem in the user's words."""
 
     equations: Equations
+    """``(X, u) -> expressions that vanish``, of all correspondences of a minimal set (lists of column vectors), or of
+    one correspondence (two column vectors) if ``each``."""
     each: bool
     minimal: int
     shared: Expr
     eliminate: tuple[Expr, ...]
     local: tuple[Expr, ...]
+    """With ``each``: unknowns of which every correspondence has its own."""
     source: Measurement
     target: Measurement
     positive: Equations | None = None
+    """``(X, u) -> expressions`` of a minimal set in the shared variable and what is measured, positive at the truth."""
 
     def conditions(self, X: Sequence[Any], u: Sequence[Any]) -> list[Expr]:
         """Expressions that must be positive at a true root."""

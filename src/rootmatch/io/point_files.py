@@ -25,31 +25,21 @@ DEVIATIONS = ("sx", "sy", "sz")
 
 @dataclass(frozen=True)
 class PointSet:
-    """Points of one file.
-
-    Parameters
-    ----------
-    points : (m, 3) or (m, 2) array
-        Coordinates: any unit in space, pixels (x right, y down) in an image.
-    ids : tuple of str, optional
-        Names of the points, where the file has a column ``id``.
-    normals : (m, 3) array, optional
-        Outward normals, where the file has columns ``nx,ny,nz``.
-    bodies : tuple of str, optional
-        Labels of the rigid bodies, where the file has a column ``body``.
-    sigma : (m,) or (m, 3) array, optional
-        Standard deviation of each point's coordinates, where the file has a column ``sigma``, or of each on each axis,
-        where it has ``sx,sy,sz``.
-    known : PosePrior, optional
-        What is known of the pose of an image, where its file has such columns (`rootmatch.io.known_files`).
-    """
+    """Points of one file."""
 
     points: Floats
+    """(m, 3) or (m, 2). Coordinates: any unit in space, pixels (x right, y down) in an image."""
     ids: tuple[str, ...] | None = None
+    """Names of the points, where the file has a column ``id``."""
     normals: Floats | None = None
+    """(m, 3) outward normals, where the file has columns ``nx,ny,nz``."""
     bodies: tuple[str, ...] | None = None
+    """Labels of the rigid bodies, where the file has a column ``body``."""
     sigma: Floats | None = None
+    """(m,) or (m, 3). Standard deviation of each point's coordinates, where the file has a column ``sigma``, or of each
+    on each axis, where it has ``sx,sy,sz``."""
     known: PosePrior | None = None
+    """What is known of the pose of an image, where its file has such columns (`rootmatch.io.known_files`)."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -47,34 +47,23 @@ CREATE VIEW rows AS
 
 @dataclass(frozen=True)
 class Row:
-    """One result.
-
-    Attributes
-    ----------
-    setting, method : Setting, Method
-    seed : int
-        Of the scene; the stream of hyper-edges and the solver have the same one.
-    samples : int
-        Hyper-edges drawn.
-    accuracy : float
-        Right matches over the number of points, 0 to 1.
-    score : float
-        Objective that the solver reached.
-    hyperedges : int
-        Different hyper-edges of weight above 10⁻¹² among those drawn.
-    iterations, converged : int, bool
-        How the solver went.
-    """
+    """One result."""
 
     setting: Setting
     method: Method
     seed: int
+    """Of the scene; the stream of hyper-edges and the solver have the same one."""
     samples: int
+    """Hyper-edges drawn."""
     accuracy: float
+    """Right matches over the number of points, 0 to 1."""
     score: float
+    """Objective that the solver reached."""
     hyperedges: int
+    """Different hyper-edges of weight above 10⁻¹² among those drawn."""
     iterations: int
     converged: bool
+    """How the solver went."""
 
 
 def versions_in_use() -> str:

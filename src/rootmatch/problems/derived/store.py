@@ -39,21 +39,14 @@ _NAME = re.compile(r"[a-z][a-zA-Z0-9_]*\Z")
 
 @dataclass(frozen=True)
 class Generated:
-    """A vetted generated module, equal to every one of the same text.
-
-    Attributes
-    ----------
-    text : str
-        Its source.
-    plan : dict
-        The literal that says what the functions take and give.
-    functions : dict of str to callable
-        Plain Python functions of numbers, or of arrays alike.
-    """
+    """A vetted generated module, equal to every one of the same text."""
 
     text: str
+    """Its source."""
     plan: dict[str, Any] = field(compare=False)
+    """The literal that says what the functions take and give."""
     functions: dict[str, Callable[..., Any]] = field(compare=False)
+    """Plain Python functions of numbers, or of arrays alike."""
 
     def __repr__(self) -> str:
         return f"Generated({len(self.functions)} functions)"

@@ -15,38 +15,25 @@ from rootmatch.research.paper.verdict import EQUAL, FULL, GOOD, RAPID, Case
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper.
-
-    Attributes
-    ----------
-    title : str
-    quotation : str
-        The paper's words.
-    rule : str
-        What decides each case.
-    problems : tuple of str
-        Those that must have been run; for some claims any one of them.
-    judge : callable
-        The cases, from a table and the rule by which ρ is chosen.
-    rules : tuple of Rule
-        The ways to choose ρ, or one where it plays no part.
-    any_problem : bool
-        Whether one of the problems is enough.
-    variants : tuple of Variant
-        Beside the solver of the text, for which the claim can be judged as well.
-    ours : str
-        The threshold of ours that decides, in words; empty if the paper's own words do.
-    """
+    """A statement of the paper."""
 
     title: str
     quotation: str
+    """The paper's words."""
     rule: str
+    """What decides each case."""
     problems: tuple[str, ...]
+    """Those that must have been run; for some claims any one of them."""
     judge: Callable[[Table, Rule], list[Case]]
+    """The cases, from a table and the rule by which ρ is chosen."""
     rules: tuple[Rule, ...] = RULES
+    """The ways to choose ρ, or one where it plays no part."""
     any_problem: bool = False
+    """Whether one of the problems is enough."""
     variants: tuple[Variant, ...] = ("published", "balanced", "pipeline")
+    """Beside the solver of the text, for which the claim can be judged as well."""
     ours: str = ""
+    """The threshold of ours that decides, in words; empty if the paper's own words do."""
 
     def can_be_judged(self, problems: tuple[str, ...]) -> bool:
         """Whether the problems that were run suffice."""

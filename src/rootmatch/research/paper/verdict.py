@@ -22,21 +22,14 @@ chance level cannot be compared."""
 
 @dataclass(frozen=True)
 class Case:
-    """One instance of a claim.
-
-    Attributes
-    ----------
-    name : str
-        What it is about, such as ``"P3P, σ = 0.1"``.
-    holds : bool or None
-        None if nothing that could have been measured would have decided otherwise.
-    figures : str
-        What decides it, or why nothing does.
-    """
+    """One instance of a claim."""
 
     name: str
+    """What it is about, such as ``"P3P, σ = 0.1"``."""
     holds: bool | None
+    """None if nothing that could have been measured would have decided otherwise."""
     figures: str
+    """What decides it, or why nothing does."""
 
 
 def verdict(cases: list[Case]) -> str:
