@@ -89,11 +89,6 @@ def _residuals(work: bytes, block: Block) -> NDArray[np.float64]:
         return cpu.residuals(tables, kind, *block)
 
 
-def _submitted(client: Any, function: Callable[..., Any], *arguments: Any) -> Any:
-    """A future; not pure: Dask would otherwise look the result up by a hash of its input."""
-    return client.submit(function, *arguments, pure=False)
-
-
 _latest: tuple[bytes, tuple[Any, ...]] = (b"", ())
 
 
@@ -148,7 +143,8 @@ class Cluster:
 
             # the gate sinks as the strongest come in, and later pieces send back less
             def submit(ranks: range) -> Any:
-                return _submitted(client, _strongest, sent, ranks.start, ranks.stop, kept.gate, limit)
+                sought = ranks.start, ranks.stop, kept.gate, limit
+                return client.submit(_strongest, sent, *sought, pure=False)
 
             starts = takewhile(lambda start: not deadline.passed(), range(first, last, size))
             pieces = (range(start, min(start + size, last)) for start in starts)
@@ -166,7 +162,9 @@ class Cluster:
             threads = sum(client.nthreads().values())
             sent = self._sent(client, tables, kind)
             pieces = self._compiled(tables, kind, blocks)
-            yield from in_order(partial(_submitted, client, _residuals, sent), pieces, IN_FLIGHT * threads, "a piece")
+            # not pure: Dask would otherwise look the result up by a hash of its input
+            submit = partial(client.submit, _residuals, sent, pure=False)
+            yield from in_order(submit, pieces, IN_FLIGHT * threads, "a piece")
 
     @staticmethod
     def _compiled(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[Block]:

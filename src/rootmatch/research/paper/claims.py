@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from rootmatch.research.paper import judges
-from rootmatch.research.paper.judges import LONG
-from rootmatch.research.paper.plan import Table, Variant
+from rootmatch.research.paper.judges import LONG, Judge
+from rootmatch.research.paper.plan import Variant
 from rootmatch.research.paper.rho import RULES, Rule
 from rootmatch.research.paper.settings import OUTLIERS, PROBLEMS
-from rootmatch.research.paper.verdict import EQUAL, FULL, GOOD, RAPID, Case
+from rootmatch.research.paper.verdict import EQUAL, FULL, GOOD, RAPID
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class Claim:
     """What decides each case."""
     problems: tuple[str, ...]
     """Those that must have been run; for some claims any one of them."""
-    judge: Callable[[Table, Rule], list[Case]]
+    judge: Judge
     """The cases, from a table and the rule by which ρ is chosen."""
     rules: tuple[Rule, ...] = RULES
     """The ways to choose ρ, or one where it plays no part."""
@@ -110,7 +109,7 @@ CLAIMS: tuple[Claim, ...] = (
         f"For each σ > 0, another method that uses only the same hyper-edges (the default pipeline) also stays below "
         f"{100 * FULL:g} %.",
         ("p3p",),
-        lambda table, rule: judges.geometry_is_to_blame(table),
+        judges.geometry_is_to_blame,
         rules=("paper",),
         variants=(),
     ),
@@ -161,7 +160,7 @@ CLAIMS: tuple[Claim, ...] = (
         "indicating likely degenerate conditions for this problem",
         f"Another method that uses only the same hyper-edges (the default pipeline) also stays below {100 * FULL:g} %.",
         ("3p1",),
-        lambda table, rule: judges.long_is_degenerate(table),
+        judges.long_is_degenerate,
         rules=("paper",),
         variants=(),
     ),
