@@ -23,13 +23,7 @@ TIE = 1.0 - 1e-6
 
 
 class Judge:
-    """Looks at exact hyper-edges through a derived polynomial.
-
-    Parameters
-    ----------
-    evaluator : Evaluator
-    cases : sequence of Instance
-    """
+    """Looks at exact hyper-edges through a derived polynomial."""
 
     def __init__(self, evaluator: Evaluator, cases: Sequence[Instance]) -> None:
         self.evaluator = evaluator
