@@ -147,37 +147,41 @@ class Strongest:
         return self.codes, self.residuals
 
 
-def strongest_of(
-    sweep: Callable[[int, int, Strongest], int],
-    work: Enumeration,
-    first: int,
-    last: int,
-    *,
-    gate: float,
-    limit: int,
-    block: int,
-    first_block: int,
-    progress: Progress | None,
-    deadline: Deadline,
-) -> Found:
-    """`Backend.strongest` by a sweep, which adds what is below the gate in a range of ranks, and counts evaluations.
+Sweep = Callable[[int, int, Strongest], int]
+"""Adds what is below the gate in a range of ranks, and counts evaluations."""
+
+
+def strongest_of(sweep_of: Callable[[Enumeration], Sweep], block: int, first_block: int) -> Callable[..., Found]:
+    """`Backend.strongest` by sweeps of an enumeration.
 
     ``block`` hyper-edges are swept between two looks at the time; where there is a deadline, ``first_block`` at first.
     """
-    kept = Strongest(limit, gate)
-    step = max(1, block // work.per_slab)
-    total, rank = 0, first
-    pace = Pace(deadline, max(1, first_block // work.per_slab))
-    while rank < last and (slabs := pace.block(step)):
-        end = min(rank + slabs, last)
-        try:
-            total += sweep(rank, end, kept)
-        except OutOfTime:
-            break
-        rank = end
-        if progress is not None:
-            progress(rank - first, last - first)
-    return Found(*kept.settle(), total)
+
+    def strongest(
+        work: Enumeration,
+        first: int,
+        last: int,
+        gate: float,
+        limit: int,
+        progress: Progress | None = None,
+        deadline: Deadline = NEVER,
+    ) -> Found:
+        sweep, kept = sweep_of(work), Strongest(limit, gate)
+        step = max(1, block // work.per_slab)
+        total, rank = 0, first
+        pace = Pace(deadline, max(1, first_block // work.per_slab))
+        while rank < last and (slabs := pace.block(step)):
+            end = min(rank + slabs, last)
+            try:
+                total += sweep(rank, end, kept)
+            except OutOfTime:
+                break
+            rank = end
+            if progress is not None:
+                progress(rank - first, last - first)
+        return Found(*kept.settle(), total)
+
+    return strongest
 
 
 class Backend(Protocol):
