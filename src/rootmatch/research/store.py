@@ -17,6 +17,7 @@ from rootmatch._version import __version__
 from rootmatch.errors import InputError
 from rootmatch.research.output_files import make_folder
 from rootmatch.research.paper.settings import Method, Setting
+from rootmatch.solvers.base import Solution
 
 SCHEMA_VERSION = 1
 WAITS = 60.0
@@ -64,6 +65,11 @@ class Row:
     iterations: int
     converged: bool
     """How the solver went."""
+
+    @classmethod
+    def of(cls, key: tuple[Setting, Method, int, int], accuracy: float, found: Solution, hyperedges: int) -> Row:
+        """The row of a setting, method, seed and sample size, by a solver's solution."""
+        return cls(*key, accuracy, float(found.score), hyperedges, *(found.iterations, found.converged))
 
 
 def versions_in_use() -> str:
