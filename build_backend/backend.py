@@ -14,7 +14,7 @@ from typing import Any
 from hatchling import build
 from hatchling.build import *  # noqa: F403  the hooks of PEP 517 and 660, as many as hatchling has here
 
-NEEDED = ("numba", "numpy", "scipy")
+NEEDED = ("joblib", "numba", "numpy", "scipy")
 """What the kernels' compilation imports."""
 
 

@@ -122,7 +122,7 @@ def test_what_no_result_could_have_decided_otherwise_is_undecidable():
     ):
         assert verdict(judge(lost, "one")) == "undecidable", judge
     assert verdict(judges.up2p_leads(lost, "one", (0,), (0.5,))) == "undecidable"
-    assert verdict(judges.geometry_is_to_blame(lost)) == "does not hold"
+    assert verdict(judges.geometry_is_to_blame(lost, "paper")) == "does not hold"
     # 19.5 % cannot fall by 30 points, 31 % can; and one that is not lost leads one that is
     assert verdict(judges.falls(made_up_table(lambda s, m, n: 0.195), "one", "3p1", (0,), 5.0)) == "undecidable"
     assert verdict(judges.falls(made_up_table(lambda s, m, n: 0.31), "one", "3p1", (0,), 5.0)) == "does not hold"

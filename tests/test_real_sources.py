@@ -1,6 +1,7 @@
 """Converters of the benchmark's sources: made-up snapshots in each source's format, whose truth is known."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources import SOURCES, cavity, convert, facade
-from rootmatch.research.real.sources.__main__ import main
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from real_sources import SOURCES, cavity, convert, facade
+from real_sources.__main__ import main
 
 cv2 = pytest.importorskip("cv2")
 

@@ -12,17 +12,17 @@ import pytest
 SCRIPT = """
 import os, signal, sys, time
 from pathlib import Path
-import joblib
-from rootmatch.backends.worker_lifetime import end_with
+from rootmatch.backends.worker_lifetime import pool
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
 
-def work(folder, parent):
-    end_with(parent)
+def work(folder):
     (Path(folder) / str(os.getpid())).touch()
     time.sleep(120)
 
-joblib.Parallel(n_jobs=2)(joblib.delayed(work)(sys.argv[1], os.getpid()) for _ in range(2))
+with pool(2) as workers:
+    for one in [workers.submit(work, sys.argv[1]) for _ in range(2)]:
+        one.result()
 """
 
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest, strongest_of
-from rootmatch.deadline import NEVER, Deadline
+from rootmatch.backends.strongest import Block, Enumeration, Strongest, Sweep, strongest_of
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import in_threads, threads_worth
@@ -240,16 +239,8 @@ def evaluated(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple
         yield block, residuals(tables, kind, *block)
 
 
-def strongest(
-    work: Enumeration,
-    first: int,
-    last: int,
-    gate: float,
-    limit: int,
-    progress: Progress | None = None,
-    deadline: Deadline = NEVER,
-) -> Found:
-    """See `Backend.strongest`."""
+def _swept(work: Enumeration) -> Sweep:
+    """Sweeps on threads; what more is found than there is room for is looked for again."""
     n, n_target = work.shape
     tables = padded(work.tables, n_target)
     capacity = FIRST_CAPACITY
@@ -285,7 +276,8 @@ def strongest(
             kept.add(codes[chunk, : counts[chunk]], values[chunk, : counts[chunk]])
         return int(looked.sum())
 
-    return strongest_of(
-        swept, work, first, last, gate=gate, limit=limit,
-        block=BLOCK, first_block=FIRST_BLOCK, progress=progress, deadline=deadline,
-    )  # fmt: skip
+    return swept
+
+
+strongest = strongest_of(_swept, BLOCK, FIRST_BLOCK)
+"""See `Backend.strongest`."""

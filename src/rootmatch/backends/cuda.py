@@ -17,8 +17,7 @@ import numpy as np
 from numba import cuda
 from numpy.typing import NDArray
 
-from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest, strongest_of
-from rootmatch.deadline import NEVER, Deadline
+from rootmatch.backends.strongest import Block, Enumeration, Strongest, strongest_of
 from rootmatch.errors import InputError
 from rootmatch.jit.cuda import SIMULATED, make_known
 from rootmatch.jit.float32 import is_single
@@ -254,17 +253,5 @@ class Sweep:
         return looked
 
 
-def strongest(
-    work: Enumeration,
-    first: int,
-    last: int,
-    gate: float,
-    limit: int,
-    progress: Progress | None = None,
-    deadline: Deadline = NEVER,
-) -> Found:
-    """See `Backend.strongest`."""
-    return strongest_of(
-        Sweep(work), work, first, last, gate=gate, limit=limit,
-        block=LAUNCH, first_block=FIRST_LAUNCH, progress=progress, deadline=deadline,
-    )  # fmt: skip
+strongest = strongest_of(Sweep, LAUNCH, FIRST_LAUNCH)
+"""See `Backend.strongest`."""

@@ -14,8 +14,7 @@ from numba import cuda
 
 from rootmatch.backends.cuda import FIRST_LAUNCH, LAUNCH, LONGEST, Sweep, launch, on_device
 from rootmatch.backends.cuda import evaluated as evaluated
-from rootmatch.backends.strongest import Enumeration, Found, Progress, Strongest, strongest_of
-from rootmatch.deadline import NEVER, Deadline
+from rootmatch.backends.strongest import Enumeration, Strongest, strongest_of
 from rootmatch.jit.cuda import SIMULATED
 from rootmatch.jit.float32 import rounded
 from rootmatch.problems.residual_dispatch import edge_residual
@@ -74,17 +73,5 @@ class Screen:
         return looked
 
 
-def strongest(
-    work: Enumeration,
-    first: int,
-    last: int,
-    gate: float,
-    limit: int,
-    progress: Progress | None = None,
-    deadline: Deadline = NEVER,
-) -> Found:
-    """See `Backend.strongest`."""
-    return strongest_of(
-        Screen(work), work, first, last, gate=gate, limit=limit,
-        block=LAUNCH, first_block=FIRST_LAUNCH, progress=progress, deadline=deadline,
-    )  # fmt: skip
+strongest = strongest_of(Screen, LAUNCH, FIRST_LAUNCH)
+"""See `Backend.strongest`."""

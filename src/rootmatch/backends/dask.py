@@ -14,8 +14,9 @@ from __future__ import annotations
 import pickle
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from importlib import import_module
-from itertools import islice
+from itertools import islice, takewhile
 from threading import Lock
 from typing import Any
 
@@ -141,17 +142,16 @@ class Cluster:
             sent = self._sent(client, work)
 
             # the gate sinks as the strongest come in, and later pieces send back less
-            def pieces() -> Iterator[tuple[int, tuple[Any, ...]]]:
-                for start in range(first, last, size):
-                    if deadline.passed():
-                        return
-                    end = min(start + size, last)
-                    yield end - start, (_strongest, sent, start, end, kept.gate, limit)
+            def submit(ranks: range) -> Any:
+                sought = ranks.start, ranks.stop, kept.gate, limit
+                return client.submit(_strongest, sent, *sought, pure=False)
 
-            for slabs, found in _in_order(client, pieces(), IN_FLIGHT * threads):
+            starts = takewhile(lambda start: not deadline.passed(), range(first, last, size))
+            pieces = (range(start, min(start + size, last)) for start in starts)
+            for ranks, found in in_order(submit, pieces, IN_FLIGHT * threads, "a piece"):
                 kept.add(found.codes, found.residuals)
                 evaluated += found.evaluated
-                done += slabs
+                done += len(ranks)
                 if progress is not None:
                     progress(done, last - first)
         return Found(*kept.settle(), evaluated)
@@ -161,8 +161,10 @@ class Cluster:
         with connected(self.scheduler) as client:
             threads = sum(client.nthreads().values())
             sent = self._sent(client, tables, kind)
-            pieces = ((block, (_residuals, sent, block)) for block in self._compiled(tables, kind, blocks))
-            yield from _in_order(client, pieces, IN_FLIGHT * threads)
+            pieces = self._compiled(tables, kind, blocks)
+            # not pure: Dask would otherwise look the result up by a hash of its input
+            submit = partial(client.submit, _residuals, sent, pure=False)
+            yield from in_order(submit, pieces, IN_FLIGHT * threads, "a piece")
 
     @staticmethod
     def _compiled(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[Block]:
@@ -173,25 +175,20 @@ class Cluster:
             yield source, target
 
 
-def _in_order(
-    client: Any, pieces: Iterator[tuple[Any, tuple[Callable[..., Any], *tuple[Any, ...]]]], ahead: int
+def in_order(
+    submit: Callable[[Any], Any], pieces: Iterator[Any], ahead: int, failed: str = ""
 ) -> Iterator[tuple[Any, Any]]:
-    """Labels and results of the pieces, in order, with so many of them sent ahead."""
-    waiting: deque[tuple[Any, Any]] = deque()
-
-    def send(count: int) -> None:
-        for label, task in islice(pieces, count):
-            # Not pure: Dask would otherwise look the result up by a hash of its input.
-            waiting.append((label, client.submit(*task, pure=False)))
-
-    send(ahead)
+    """Pieces and their results, in order, with so many of them sent ahead; ``failed`` begins the text of an error."""
+    waiting = deque((piece, submit(piece)) for piece in islice(pieces, ahead))
     while waiting:
-        label, future = waiting.popleft()
+        piece, future = waiting.popleft()
         try:
             result = future.result()
         except RootmatchError:
             raise
         except Exception as error:
-            raise RootmatchError(f"scheduler: a piece failed on a worker: {error!r}") from error
-        yield label, result
-        send(1)
+            if not failed:
+                raise
+            raise RootmatchError(f"scheduler: {failed} failed on a worker: {error!r}") from error
+        yield piece, result
+        waiting.extend((piece, submit(piece)) for piece in islice(pieces, 1))

@@ -18,13 +18,7 @@ PAYS = 200_000_000
 
 
 def device_backend() -> Backend:
-    """The CUDA backend.
-
-    Raises
-    ------
-    InputError
-        If numba-cuda is not installed or finds no card; it says which.
-    """
+    """The CUDA backend."""
     if find_spec("numba_cuda") is None:
         raise InputError(
             'backend: "cuda" needs numba-cuda, which is not installed; pip install "rootmatch[gpu]", or use "cpu"'
@@ -50,11 +44,6 @@ def chosen(name: Name, count: float, single: bool = False) -> Backend:
 
     ``single`` says that there are kernels of single precision: then ``"auto"`` screens by them on cards that are slow
     in double.
-
-    Raises
-    ------
-    InputError
-        If there is no GPU.
     """
     if name == "cpu" or (name == "auto" and count < PAYS):
         return cpu

@@ -34,27 +34,19 @@ class Enumeration:
 
     A slab, a minimal set of source points with an arrangement of as many targets, has a rank; the last point and its
     target follow within it. The number of a hyper-edge is ((rank · n) + last source) · n' + last target.
-
-    Parameters
-    ----------
-    tables
-        Of `Problem.prepare`.
-    kind : Kind
-    bases : (B, d − 1) int64 array
-        Minimal sets of source points, increasing; the last point runs from the last of them + 1 on.
-    arrangements : (P, d − 1) int32 array
-        All arrangements of d − 1 targets.
-    allowed : (n, n') bool array, or (0, 0) for all
-        Candidate correspondences.
-    shape : (n, n')
     """
 
     tables: Any
+    """Of `Problem.prepare`."""
     kind: Any
     bases: NDArray[np.int64]
+    """(B, d − 1) minimal sets of source points, increasing; the last point runs from the last of them + 1 on."""
     arrangements: NDArray[np.int32]
+    """(P, d − 1) all arrangements of d − 1 targets."""
     allowed: NDArray[np.bool_]
+    """(n, n'), or (0, 0) for all: candidate correspondences."""
     shape: tuple[int, int]
+    """(n, n')."""
 
     @classmethod
     def of(
@@ -155,37 +147,41 @@ class Strongest:
         return self.codes, self.residuals
 
 
-def strongest_of(
-    sweep: Callable[[int, int, Strongest], int],
-    work: Enumeration,
-    first: int,
-    last: int,
-    *,
-    gate: float,
-    limit: int,
-    block: int,
-    first_block: int,
-    progress: Progress | None,
-    deadline: Deadline,
-) -> Found:
-    """`Backend.strongest` by a sweep, which adds what is below the gate in a range of ranks, and counts evaluations.
+Sweep = Callable[[int, int, Strongest], int]
+"""Adds what is below the gate in a range of ranks, and counts evaluations."""
+
+
+def strongest_of(sweep_of: Callable[[Enumeration], Sweep], block: int, first_block: int) -> Callable[..., Found]:
+    """`Backend.strongest` by sweeps of an enumeration.
 
     ``block`` hyper-edges are swept between two looks at the time; where there is a deadline, ``first_block`` at first.
     """
-    kept = Strongest(limit, gate)
-    step = max(1, block // work.per_slab)
-    total, rank = 0, first
-    pace = Pace(deadline, max(1, first_block // work.per_slab))
-    while rank < last and (slabs := pace.block(step)):
-        end = min(rank + slabs, last)
-        try:
-            total += sweep(rank, end, kept)
-        except OutOfTime:
-            break
-        rank = end
-        if progress is not None:
-            progress(rank - first, last - first)
-    return Found(*kept.settle(), total)
+
+    def strongest(
+        work: Enumeration,
+        first: int,
+        last: int,
+        gate: float,
+        limit: int,
+        progress: Progress | None = None,
+        deadline: Deadline = NEVER,
+    ) -> Found:
+        sweep, kept = sweep_of(work), Strongest(limit, gate)
+        step = max(1, block // work.per_slab)
+        total, rank = 0, first
+        pace = Pace(deadline, max(1, first_block // work.per_slab))
+        while rank < last and (slabs := pace.block(step)):
+            end = min(rank + slabs, last)
+            try:
+                total += sweep(rank, end, kept)
+            except OutOfTime:
+                break
+            rank = end
+            if progress is not None:
+                progress(rank - first, last - first)
+        return Found(*kept.settle(), total)
+
+    return strongest
 
 
 class Backend(Protocol):

@@ -114,13 +114,7 @@ def tangent_axes(rays: Floats, jacobian: Floats) -> Floats:
 
 
 def check_camera(camera: object, name: str = "camera", rigs: bool = False) -> None:
-    """Refuse anything but a camera, such as its matrix; ``rigs``: whether one of several cameras will do.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Refuse anything but a camera, such as its matrix; ``rigs``: whether one of several cameras will do."""
     if not isinstance(camera, CameraModel):
         raise InputError(
             f"{name}: {type(camera).__name__} given; give a Camera, Camera(fx, fy, cx, cy) or Camera.from_matrix(K)"

@@ -41,13 +41,7 @@ class Lens(ABC):
 
 
 def coefficients(values: ArrayLike, counts: Sequence[int], name: str) -> tuple[float, ...]:
-    """Distortion coefficients as a tuple.
-
-    Raises
-    ------
-    InputError
-        If they are not finite numbers, or not so many as the model has.
-    """
+    """Distortion coefficients as a tuple."""
     expected = " or ".join([", ".join(map(str, counts[:-1])), str(counts[-1])] if len(counts) > 1 else [str(counts[0])])
     try:
         numbers = np.asarray(values, dtype=np.float64)

@@ -174,13 +174,7 @@ class Rig(CameraModel):
         return np.asarray(np.clip(0.5 + 0.5 * within / (RIM * size[0]), 0.0, 1.0))
 
     def project(self, points: ArrayLike) -> Floats:
-        """A rig has as many images of a point as cameras.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
+        """A rig has as many images of a point as cameras."""
         raise InputError("rig: a point has an image in each camera; project with Rig.cameras, rotations, translations")
 
     def sees(self, points: ArrayLike) -> Bools:

@@ -19,26 +19,17 @@ from rootmatch.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class RigImage(CameraModel):
-    """A rig as one camera of the sightings (C n) of n points, those of the first camera first.
-
-    Attributes
-    ----------
-    rig : Rig
-    count : int
-        Number of points, n.
-    offsets : (C, 2) array
-        Where each camera's image lies in the common plane.
-    camera_of : (n',) int array
-        Camera of each detection.
-    unit : float
-        Length of a unit of the points, in that of the rig.
-    """
+    """A rig as one camera of the sightings (C n) of n points, those of the first camera first."""
 
     rig: Rig
     count: int
+    """Number of points, n."""
     offsets: Floats
+    """(C, 2) where each camera's image lies in the common plane."""
     camera_of: Integers
+    """(n',) camera of each detection."""
     unit: float = 1.0
+    """Length of a unit of the points, in that of the rig."""
 
     @property
     def dimension(self) -> int:
@@ -51,13 +42,7 @@ class RigImage(CameraModel):
         return self.rig.focal
 
     def bearings(self, pixels: ArrayLike) -> Floats:
-        """Unknown without the camera.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
+        """Unknown without the camera."""
         raise InputError("rig: give the camera of each pixel")
 
     def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:

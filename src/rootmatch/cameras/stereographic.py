@@ -20,14 +20,10 @@ class Stereographic(CameraModel):
     """A camera that sees everything but the direction opposite to its axis.
 
     A direction at an angle θ to the axis lies at 2 tan(θ/2). That is conformal: isotropic noise stays isotropic.
-
-    Parameters
-    ----------
-    basis : (3, 3) array
-        Rows: the two axes of the plane and the axis of the camera, orthonormal.
     """
 
     basis: Floats
+    """(3, 3) rows: the two axes of the plane and the axis of the camera, orthonormal."""
 
     @classmethod
     def about(cls, rays: Floats) -> Stereographic:

@@ -46,11 +46,6 @@ def given_direction(vector: ArrayLike, name: str, problem: str, needed: str = IN
     """A direction that has no default, as a tuple of floats: not normalised, and a problem that holds it is hashable.
 
     ``needed`` says in the message what the problem needs if nothing is given.
-
-    Raises
-    ------
-    InputError
-        If none is given, or as `unit_direction`.
     """
     if np.size(vector) == 0:
         raise InputError(f"{name}: none given; {problem} needs {needed}")
@@ -59,13 +54,7 @@ def given_direction(vector: ArrayLike, name: str, problem: str, needed: str = IN
 
 
 def rotation_to_vertical(direction: ArrayLike, name: str = "direction") -> NDArray[np.float64]:
-    """The smallest rotation (3, 3) that takes ``direction`` onto (0, 1, 0); by 180° about x for (0, −1, 0).
-
-    Raises
-    ------
-    InputError
-        As `unit_direction`.
-    """
+    """The smallest rotation (3, 3) that takes ``direction`` onto (0, 1, 0); by 180° about x for (0, −1, 0)."""
     if isinstance(direction, tuple):
         return _rotation_of(direction, name)
     return rotation_onto_y(unit_direction(direction, name))

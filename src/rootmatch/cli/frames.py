@@ -7,12 +7,12 @@ import json
 import pickle
 import sys
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -140,38 +140,31 @@ def _results(job: Job, frames: Iterator[Frame], jobs: int, scheduler: str | None
     packed = pickle.dumps(job)
     chunks = iter(lambda: tuple(islice(frames, CHUNK)), ())
     if scheduler is not None:
-        from rootmatch.backends.dask import connected
+        from rootmatch.backends.dask import connected, in_order
 
         with connected(scheduler) as client:
-            threads = sum(client.nthreads().values())
-            yield from _in_order(lambda chunk: client.submit(_matched, packed, chunk, pure=False), chunks, threads)
+            ahead = AHEAD * sum(client.nthreads().values())
+            sent = in_order(lambda chunk: client.submit(_matched, packed, chunk, pure=False), chunks, ahead)
+            yield from (result for _, results in sent for result in results)
     elif jobs == 1:
         for frame in frames:
             yield from _matched(packed, (frame,))
     else:
         import joblib
 
+        from rootmatch.backends.dask import in_order
         from rootmatch.backends.worker_lifetime import pool
 
         processes = joblib.effective_n_jobs(jobs)
         try:
             with pool(processes) as workers:
-                yield from _in_order(lambda chunk: workers.submit(_matched, packed, chunk), chunks, processes)
+                sent = in_order(partial(workers.submit, _matched, packed), chunks, AHEAD * processes)
+                yield from (result for _, results in sent for result in results)
         except BrokenProcessPool:
             raise RootmatchError(
                 "a worker process died, perhaps for lack of memory; what was written is kept: continue with --resume, "
                 "with fewer --jobs if necessary"
             ) from None
-
-
-def _in_order(
-    submit: Callable[[tuple[Frame, ...]], Any], chunks: Iterator[tuple[Frame, ...]], workers: int
-) -> Iterator[Result]:
-    """Results in the order of the frames, with a bounded number of chunks on their way."""
-    waiting = deque(submit(chunk) for chunk in islice(chunks, AHEAD * workers))
-    while waiting:
-        yield from waiting.popleft().result()
-        waiting.extend(submit(chunk) for chunk in islice(chunks, 1))
 
 
 def _settings(job: Job) -> dict[str, str]:

@@ -17,6 +17,9 @@ from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError, quoted
 
+OF_ONE_IMAGE = ("candidates", "plot", "photo", "truth", "pose_format", "prior", "report", "diagnose")
+"""Options that do not apply to many images."""
+
 
 def match(
     model: option.Model,
@@ -76,21 +79,14 @@ def match(
 
     Exit code 0: matched; 1: untrusted or ambiguous (the best match is still printed); 2: bad input; 130: interrupted.
     """
+    given = locals()
     from rootmatch import io
     from rootmatch.cameras.rig import rig_of
     from rootmatch.io.frame_files import has_frames
 
     of_many = has_frames(image)
     if of_many:
-        lone: dict[str, Any] = {
-            "candidates": candidates,
-            "plot": plot,
-            "photo": photo,
-            "truth": truth,
-            "pose_format": pose_format,
-        }
-        lone |= {"prior": prior, "report": report, "diagnose": diagnose or None}
-        refused = [name for name, value in lone.items() if value is not None]
+        refused = [name for name in OF_ONE_IMAGE if given[name] not in (None, False)]
         if refused:
             raise InputError(
                 f"{flag(refused[0])}: it applies to one image, but {image} has a column frame; leave it out"
@@ -107,11 +103,7 @@ def match(
         frame_outputs.check(inputs)
     else:
         outputs.check(str(problem), inputs, as_json)
-    posed = build_problem(
-        str(problem), camera=camera, vertical_camera=vertical_camera, vertical_world=vertical_world,
-        vertical_noise=vertical_noise, camera2=camera2, axis=axis, axis2=axis2, axis_noise=axis_noise, centre=centre,
-        dimension=dimension,
-    )  # fmt: skip
+    posed = build_problem(str(problem), given)
     of_rig = rig_of(posed) is not None
     if of_rig:
         for name, path in (("plot", plot), ("report", report)):
@@ -126,24 +118,7 @@ def match(
         raise InputError("--known: --prior is given, which says the whole pose; leave one of them out")
     priors = {} if known is None else io.read_known(known)
     given_noise = Noise(noise_option(noise), source.sigma, model, image, problem=posed, given_source=source_noise)
-    options = option.given_options(
-        source,
-        given_noise,
-        view_angle=view_angle,
-        detection_rate=detection_rate,
-        resolution=resolution,
-        min_probability=min_probability,
-        sampler=sampler,
-        samples=samples,
-        residual=residual,
-        rho=rho,
-        solver=solver,
-        max_evaluations=max_evaluations,
-        max_hyperedges=max_hyperedges,
-        max_seconds=max_seconds,
-        backend=backend,
-        preset=preset.value if preset else None,
-    )
+    options = option.given_options(source, given_noise, given)
     settings = {"seed": seed, "motions": _motions(motions), "normals": source.normals if normals else None}
     if of_many:
         settings["noise"] = given_noise.of(None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -33,13 +33,22 @@ def options_of(panel: str) -> Callable[..., Any]:
 points, method, output = map(options_of, (INPUT, METHOD, OUTPUT))
 
 
-def given_options(source: PointSet, noise: StatedNoise, *, view_angle: float | None, **others: Any) -> dict[str, Any]:
+OF_MATCHER = (
+    "detection_rate", "resolution", "min_probability", "sampler", "samples", "residual", "rho", "solver",
+    "max_evaluations", "max_hyperedges", "max_seconds", "backend",
+)  # fmt: skip
+"""Options that go to `rootmatch.Matcher` as they are."""
+
+
+def given_options(source: PointSet, noise: StatedNoise, given: Mapping[str, Any]) -> dict[str, Any]:
     """The options of `rootmatch.Matcher` that are given: ``view_angle`` in radians, and those of the model's file."""
+    view_angle, preset = given["view_angle"], given.get("preset")
     options = {
         "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
         "bodies": source.bodies,
         "source_noise": noise.of_source,
-        **others,
+        "preset": preset and preset.value,
+        **{name: given.get(name) for name in OF_MATCHER},
     }
     return {name: value for name, value in options.items() if value is not None}
 

@@ -22,37 +22,22 @@ DEFAULT = 1.0
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise as stated on a command line.
-
-    Parameters
-    ----------
-    given : number, pair or "auto", optional
-        What ``--noise`` says, see `noise_option`.
-    source_sigma : (n,) or (n, 3) array, optional
-        The column of the model, or its three.
-    model, image : path
-        For the messages.
-    problem : Problem
-    given_source : float, optional
-        What ``--source-noise`` says.
-    """
+    """The noise as stated on a command line."""
 
     given: Any
+    """What ``--noise`` says, see `noise_option`."""
     source_sigma: Floats | None
+    """(n,) or (n, 3). The column of the model, or its three."""
     model: Path
     image: Path
+    """For the messages."""
     problem: Problem
     given_source: float | None = None
+    """What ``--source-noise`` says."""
 
     @property
     def of_source(self) -> Any:
-        """The argument ``source_noise`` of `rootmatch.match`; None if nothing says it.
-
-        Raises
-        ------
-        InputError
-            If both the option and the columns say it.
-        """
+        """The argument ``source_noise`` of `rootmatch.match`; None if nothing says it."""
         if self.source_sigma is None:
             return self.given_source
         name = "sigma" if self.source_sigma.ndim == 1 else "sx"
@@ -64,13 +49,7 @@ class Noise:
         return self.source_sigma
 
     def of(self, target_sigma: Floats | None) -> Any:
-        """The argument ``noise`` of `rootmatch.match` for detections with such a column, or without.
-
-        Raises
-        ------
-        InputError
-            If both say it.
-        """
+        """The argument ``noise`` of `rootmatch.match` for detections with such a column, or without."""
         given = self.given
         sides = ((self.model, self.source_sigma if self.problem.noisy_source else None), (self.image, target_sigma))
         columns = [path for path, sigma in sides if sigma is not None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -19,21 +20,22 @@ else:
     ProblemName = StrEnum("ProblemName", {name: name for name in PROBLEMS})
 
 Option = str | float | int | None
+OF_PROBLEM = (
+    "camera", "vertical_camera", "vertical_world", "vertical_noise", "camera2", "axis", "axis2", "axis_noise", "centre",
+    "dimension",
+)  # fmt: skip
+"""Options that only some problems have."""
 
 
-def build_problem(name: str, **options: Option) -> Problem:
-    """The problem of that name; options left out come from the camera file, else from the defaults.
+def build_problem(name: str, given: Mapping[str, Any]) -> Problem:
+    """The problem of that name, a key of `rootmatch.problems.PROBLEMS`.
 
-    Parameters
-    ----------
-    name : str
-        A key of `rootmatch.problems.PROBLEMS`.
-    **options
-        Values of the options that only some problems have, as text or number, None where left out. Each sets the field
-        of the same name.
+    Those of a command's arguments that are `OF_PROBLEM` set the field of the same name, as text or number; what is left
+    out, None, comes from the camera file, else from the defaults.
     """
     from rootmatch.io import Calibration, parse_camera
 
+    options: dict[str, Option] = {option: given[option] for option in OF_PROBLEM if option in given}
     problem = problem_class(name)
     known = {field.name: field for field in fields(problem) if field.init}
     for option, value in options.items():
@@ -64,13 +66,7 @@ def _owners(option: str) -> list[str]:
 
 
 def angle(option: str, degrees: float, maximum: float) -> float:
-    """An angle of the command line, in degrees, in radians.
-
-    Raises
-    ------
-    InputError
-        If it is not from 0 to ``maximum``.
-    """
+    """An angle of the command line, in degrees, in radians."""
     if not 0.0 <= degrees <= maximum:
         raise InputError(f"{flag(option)}: {degrees:g} given; give degrees from 0 to {maximum:g}")
     return math.radians(degrees)

@@ -85,6 +85,7 @@ def track(
     Exit code 0: something was matched; 1: nothing in any frame; 2: bad input; 130: interrupted, and rows written so
     far are kept.
     """
+    given = locals()
     from rootmatch import io
     from rootmatch.cameras.rig import rig_of
     from rootmatch.io.appended_table import AppendedTable
@@ -98,10 +99,7 @@ def track(
     if not as_json and poses is None and output is not None and io.is_standard_output(output):
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
     given_noise = noise_option(noise)
-    posed = build_problem(
-        str(problem), camera=camera, vertical_camera=vertical_camera, vertical_world=vertical_world,
-        vertical_noise=vertical_noise,
-    )  # fmt: skip
+    posed = build_problem(str(problem), given)
     from rootmatch.cli.frame_outputs import (
         COVARIANCES,
         MATCH_COLUMNS,
@@ -117,17 +115,9 @@ def track(
     posed = posed.for_points(source.points)
     priors = {} if known is None else io.read_known(known)
     noises = Noise(given_noise, source.sigma, model, frames, problem=posed, given_source=source_noise)
-    options = option.given_options(
-        source,
-        noises,
-        view_angle=view_angle,
-        normals=source.normals if normals else None,
-        detection_rate=detection_rate,
-        resolution=resolution,
-        min_probability=min_probability,
-        max_seconds=max_seconds,
-        seed=seed,
-    )
+    options = option.given_options(source, noises, given) | {"seed": seed}
+    if normals and source.normals is not None:
+        options["normals"] = source.normals
     subjects = {name: flag(name) for name in (*options, "noise")}
     header = (*POSE_COLUMNS, *COVARIANCES, "time")
     count: Counter[str] = Counter()

@@ -23,13 +23,7 @@ TIE = 1.0 - 1e-6
 
 
 class Judge:
-    """Looks at exact hyper-edges through a derived polynomial.
-
-    Parameters
-    ----------
-    evaluator : Evaluator
-    cases : sequence of Instance
-    """
+    """Looks at exact hyper-edges through a derived polynomial."""
 
     def __init__(self, evaluator: Evaluator, cases: Sequence[Instance]) -> None:
         self.evaluator = evaluator
@@ -89,11 +83,6 @@ class Judge:
         """Refuse a polynomial whose resultant vanishes for any points.
 
         ``surplus``: constraints of a minimal set beyond those that determine its unknowns, where they are known.
-
-        Raises
-        ------
-        RootmatchError
-            If it does.
         """
         values = []
         for case in self.cases:

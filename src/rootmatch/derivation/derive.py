@@ -107,6 +107,7 @@ def derive(
         import sympy
     except ImportError:
         raise RootmatchError("derive: SymPy is missing; install the extra: pip install 'rootmatch[symbolic]'") from None
+    from rootmatch.derivation.generate import FORMAT
     from rootmatch.derivation.statement import Statement
 
     store.check_stem(name)
@@ -130,7 +131,9 @@ def derive(
         )
     limits = _interval(interval)
     symbols = _symbols(statement)
-    key = _key(statement, symbols, limits, constraints, sample is not None)
+    _, built, conditions = symbols
+    extra = f"{len(conditions)} {__version__} {FORMAT} {limits} {constraints} {sample is not None}"
+    key = str(statement.digest([*built, *conditions], extra))
     stem = f"{name}-{key[:24]}"
     found = store.load(stem) if cached else None
     if found is not None and found.plan.get("key") == key:
@@ -189,17 +192,6 @@ def _symbols(statement: Any) -> tuple[Any, list[Any], list[Any]]:
     conditions = statement.conditions(leaves.points["s"], leaves.points["t"])
     statement.check(measured, built, conditions)
     return leaves, built, conditions
-
-
-def _key(statement: Any, symbols: Any, limits: Any, constraints: int | None, sampled: bool) -> str:
-    from rootmatch.derivation.generate import FORMAT
-
-    _, built, conditions = symbols
-    return str(
-        statement.digest(
-            [*built, *conditions], f"{len(conditions)} {__version__} {FORMAT} {limits} {constraints} {sampled}"
-        )
-    )
 
 
 def _check_again(found: store.Generated, statement: Any, sample: Any, limits: Any) -> None:

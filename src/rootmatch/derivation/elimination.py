@@ -61,13 +61,7 @@ class Definitions:
 
 
 def system(equations: Sequence[Expr], generators: Sequence[Expr]) -> list[Any]:
-    """Equations as polynomials in the unknowns, denominators cleared, zeros dropped.
-
-    Raises
-    ------
-    InputError
-        If one is not a polynomial in the unknowns.
-    """
+    """Equations as polynomials in the unknowns, denominators cleared, zeros dropped."""
     out = []
     for equation in equations:
         numerator = sp.fraction(sp.together(equation))[0]
@@ -97,11 +91,6 @@ def eliminate(
     unknowns, kept : sequences of symbols
     definitions : Definitions
         Receives the names that are given on the way.
-
-    Raises
-    ------
-    InputError
-        If the system determines too little or grows too large.
     """
     unknowns = [symbol for symbol in unknowns if any(_has(p, symbol) for p in polynomials)]
     while unknowns:

@@ -43,11 +43,6 @@ def draft(
     """Functions for the polynomial Σ c_k x^k, coefficients given highest degree first, and its value at x.
 
     ``positive`` are expressions in leaves and x that are positive at a true root.
-
-    Raises
-    ------
-    InputError
-        If measured quantities stand where no polynomial can hold them.
     """
     split, entries = _cheapest(leaves, definitions, list(coefficients), value, _sweeping(leaves, definitions, positive))
     program = Program(entries)

@@ -20,34 +20,23 @@ Split = dict[tuple[int, ...], Expr]
 
 @dataclass
 class Hoisted:
-    """The polynomial of a minimal set, split.
-
-    Attributes
-    ----------
-    program : Program
-        Names that coefficients refer to.
-    last : list of symbols
-        Leaves of the last target point.
-    monomials : list of tuple of int
-        Powers of ``last``.
-    coefficients : list of Split
-        Of each power of the shared variable, highest first.
-    value : list of Split
-        Of the polynomial at one x, for each monomial: powers of ``row`` to their coefficients.
-    row : list of symbols
-        Leaves of the last source point.
-    signs : list of list of Split
-        Of what must be positive, as ``value``.
-    """
+    """The polynomial of a minimal set, split."""
 
     leaves: Leaves
     program: Program
+    """Names that coefficients refer to."""
     last: list[Expr]
+    """Leaves of the last target point."""
     monomials: list[tuple[int, ...]]
+    """Powers of ``last``."""
     coefficients: list[Split]
+    """Of each power of the shared variable, highest first."""
     value: list[Split]
+    """Of the polynomial at one x, for each monomial: powers of ``row`` to their coefficients."""
     row: list[Expr]
+    """Leaves of the last source point."""
     signs: list[list[Split]]
+    """Of what must be positive, as ``value``."""
 
     def cost(self, dimensions: int) -> float:
         """Multiplications and loads of one step of the hot loop, roughly."""

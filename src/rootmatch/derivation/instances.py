@@ -38,13 +38,7 @@ class Instance(NamedTuple):
 
 
 def sampled(sample: Sampler, statement: Statement, rng: np.random.Generator) -> Instance:
-    """An instance from the user's sampler.
-
-    Raises
-    ------
-    InputError
-        If it gives anything but matching points of the right shape.
-    """
+    """An instance from the user's sampler."""
     given = tuple(sample(rng))
     if len(given) not in (2, 3):
         raise InputError("sample: it must return source, target and optionally the shared variable's value")
@@ -108,13 +102,7 @@ class Solver:
         return sp.Symbol("__".join([base, *(str(chosen[k]) for k in belongs)]) + "__")
 
     def solve(self, rng: np.random.Generator, interval: tuple[float, float] | None) -> Instance:
-        """One exact instance.
-
-        Raises
-        ------
-        RootmatchError
-            If no start leads to one.
-        """
+        """One exact instance."""
         statement = self.statement
         count = statement.minimal + 1
         size = len(self.unknowns)

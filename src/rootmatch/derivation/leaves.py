@@ -44,18 +44,12 @@ class Use:
 
 @dataclass
 class Leaves:
-    """Registry of the leaves of one derivation.
-
-    Parameters
-    ----------
-    source, target : Measurement
-    minimal : int
-        Correspondences of a minimal set: the slots.
-    """
+    """Registry of the leaves of one derivation."""
 
     source: Measurement
     target: Measurement
     minimal: int
+    """Correspondences of a minimal set: the slots."""
     functions: dict[Class, list[Expr]] = field(default_factory=lambda: {"s": [], "ss": [], "t": [], "tt": []})
     """Measured quantities of each class, in the coordinates of a first and a second point."""
     uses: dict[Expr, Use] = field(default_factory=dict)
@@ -171,13 +165,7 @@ class Leaves:
         return (self.source if kind[0] == "s" else self.target).coordinates
 
     def abstract(self, expression: Expr, unknowns: set[Expr]) -> Expr:
-        """The expression with every largest tabulated part that is free of the unknowns put as a leaf.
-
-        Raises
-        ------
-        InputError
-            If a part that mixes points is not polynomial in what can be tabulated.
-        """
+        """The expression with every largest tabulated part that is free of the unknowns put as a leaf."""
         if not self.measured(expression):
             return expression
         free = not (expression.free_symbols & unknowns)

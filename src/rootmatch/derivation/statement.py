@@ -18,33 +18,21 @@ Equations = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Statement:
-    """A minimal problem in the user's words.
-
-    Parameters
-    ----------
-    equations : callable
-        ``(X, u) -> expressions that vanish``, of all correspondences of a minimal set (lists of column vectors), or of
-        one correspondence (two column vectors) if ``each``.
-    each : bool
-    minimal : int
-    shared : symbol
-    eliminate : tuple of symbols
-    local : tuple of symbols
-        With ``each``: unknowns of which every correspondence has its own.
-    source, target : Measurement
-    positive : callable, optional
-        ``(X, u) -> expressions`` of a minimal set in the shared variable and what is measured, positive at the truth.
-    """
+    """A minimal problem in the user's words."""
 
     equations: Equations
+    """``(X, u) -> expressions that vanish``, of all correspondences of a minimal set (lists of column vectors), or of
+    one correspondence (two column vectors) if ``each``."""
     each: bool
     minimal: int
     shared: Expr
     eliminate: tuple[Expr, ...]
     local: tuple[Expr, ...]
+    """With ``each``: unknowns of which every correspondence has its own."""
     source: Measurement
     target: Measurement
     positive: Equations | None = None
+    """``(X, u) -> expressions`` of a minimal set in the shared variable and what is measured, positive at the truth."""
 
     def conditions(self, X: Sequence[Any], u: Sequence[Any]) -> list[Expr]:
         """Expressions that must be positive at a true root."""
@@ -76,13 +64,7 @@ class Statement:
         return [*self.eliminate, *self.places_of_copies]
 
     def _expressions(self, name: str, function: Equations, X: Any, u: Any) -> list[Expr]:
-        """The result of the user's function for some points, as a flat list.
-
-        Raises
-        ------
-        InputError
-            If it fails, or returns anything but expressions.
-        """
+        """The result of the user's function for some points, as a flat list."""
         try:
             made = function(X, u)
         except Exception as error:
@@ -93,13 +75,7 @@ class Statement:
         return _flat(name, made)
 
     def check(self, measured: set[Expr], built: Sequence[Expr], conditions: Sequence[Expr]) -> None:
-        """Refuse a statement that makes no sense.
-
-        Raises
-        ------
-        InputError
-            If a symbol is neither measured nor named as unknown, or the shared variable does not occur.
-        """
+        """Refuse a statement that makes no sense."""
         known = measured | set(self.unknowns) | {self.shared}
         strange = sorted({str(s) for e in built for s in e.free_symbols if s not in known})
         if strange:

@@ -116,13 +116,7 @@ _PRINTER = _Printer({"fully_qualified_modules": False})
 
 
 def function_text(name: str, arguments: Sequence[Expr], outputs: Sequence[Expr], program: Program, summary: str) -> str:
-    """Source of a function ``name(arguments) -> tuple of outputs`` with common subexpressions shared.
-
-    Raises
-    ------
-    InputError
-        If an output holds something that cannot be put as plain arithmetic.
-    """
+    """Source of a function ``name(arguments) -> tuple of outputs`` with common subexpressions shared."""
     needed = _needed(outputs, program)
     expressions = [*needed.values(), *outputs]
     # SymPy's "basic" optimisations without `factor_terms`, which takes a quarter of a derivation and saves nothing

@@ -195,11 +195,6 @@ def random_hyperedges(
     Yields
     ------
     source_index, target_index : (B, order) int32 arrays
-
-    Raises
-    ------
-    InputError
-        If there are fewer points than the order, or the mask allows next to none of the tuples.
     """
     if min(n, n_target) < order:
         raise InputError(f"hyper-edges: {n} source and {n_target} target points given, at least {order} of each needed")

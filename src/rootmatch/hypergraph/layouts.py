@@ -20,11 +20,6 @@ def row_major(flat: NDArray[np.int64], shape: tuple[int, int], layout: Layout | 
 
     In the other layout the same numbers are another problem. Where the layout is not given it is taken as ``"row"``,
     with a warning where the entries fit both and differ.
-
-    Raises
-    ------
-    InputError
-        For an unknown layout; where none is given and the entries only fit ``"column"``.
     """
     n, n_target = shape
     other = flat % n * n_target + flat // n

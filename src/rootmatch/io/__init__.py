@@ -1,4 +1,7 @@
-"""Files of points, matches, ground truth and cameras: errors name the row, outputs are written whole or not at all."""
+"""Files of points, matches, ground truth and cameras: outputs are written whole or not at all.
+
+What cannot be read or written raises `InputError`, whose text names the file, the row or entry, and the remedy.
+"""
 
 from __future__ import annotations
 

@@ -49,11 +49,6 @@ def read_camera(path: Path, name: str | None = None) -> Calibration:
         are ignored, but for one so close to a known one that it is probably a typo, and one that may be a lens.
     name : str, optional
         Which of several cameras.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used, or holds several cameras and none is named.
     """
     with rereadable(path) as file:
         return _read_camera(file, name)

@@ -28,26 +28,17 @@ LONGEST_LINE = 1_000_000
 
 @dataclass(frozen=True)
 class Frame:
-    """The detections of one image.
-
-    Parameters
-    ----------
-    number : int
-    points : (m, 2) array
-        Pixels; of a rig (m, 3), the camera's index the third.
-    time : float, optional
-        Seconds, where the file has a column ``time``.
-    sigma : (m,) array, optional
-        σ of each detection, where the file has a column ``sigma``.
-    known : PosePrior, optional
-        What is known of the pose, where the file has such columns (`rootmatch.io.known_files`).
-    """
+    """The detections of one image."""
 
     number: int
     points: Floats
+    """(m, 2) pixels; of a rig (m, 3), the camera's index the third."""
     time: float | None = None
+    """Seconds, where the file has a column ``time``."""
     sigma: Floats | None = None
+    """(m,) σ of each detection, where the file has a column ``sigma``."""
     known: PosePrior | None = None
+    """What is known of the pose, where the file has such columns (`rootmatch.io.known_files`)."""
 
 
 def has_frames(path: Path) -> bool:
@@ -79,11 +70,6 @@ def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iter
         2 for pixels, 3 for unit rays ``x,y,z``.
     of_rig : bool
         Whether they are detections of several cameras: ``frame,x,y,camera``, with the camera's index from 0.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; the text names the file, the row and the remedy.
     """
     name = Path("standard input") if path == STANDARD_INPUT else path
     with _opened(path) as stream:

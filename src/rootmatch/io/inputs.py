@@ -15,13 +15,7 @@ LARGEST = 100_000_000
 
 
 def read_bytes(path: Path, most: int = LARGEST, remedy: str = "split it") -> bytes:
-    """The content of a file, pipe or device of at most ``most`` bytes.
-
-    Raises
-    ------
-    InputError
-        If there is more of it, as of a device without end, or it cannot be read; ``remedy`` says what to do.
-    """
+    """The content of a file, pipe or device of at most ``most`` bytes."""
     with unreadable_named(path):
         if path.is_dir():
             raise InputError(f"{path}: it is a folder; give the name of a file")

@@ -35,11 +35,6 @@ def read_known(path: Path) -> dict[Key, PosePrior]:
     position in the unit of the model; ``vx,vy,vz,wx,wy,wz,v_sigma``, a direction in the frame of the camera, the same
     in that of the model, and its σ in degrees. Empty cells of a group: not known in this row. ``frame`` or ``time``,
     and ``body``, say of what.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; the text names the file, the row and the remedy.
     """
     rows = read_table(path, (), ("frame", "time", "body", *COLUMNS))
     columns = rows[0][1]
@@ -60,13 +55,7 @@ def read_known(path: Path) -> dict[Key, PosePrior]:
 
 
 def check_groups(path: Path, columns: Collection[str]) -> bool:
-    """Whether a file has columns of what is known.
-
-    Raises
-    ------
-    InputError
-        If it has some of a group, and not all.
-    """
+    """Whether a file has columns of what is known."""
     for group in GROUPS.values():
         missing = [name for name in group if name not in columns]
         if 0 < len(missing) < len(group):
@@ -91,13 +80,7 @@ class KnownInImage:
         self._row = 0
 
     def take(self, row: int, cells: Mapping[str, str]) -> None:
-        """Add a row.
-
-        Raises
-        ------
-        InputError
-            If a cell has another value than in a row before.
-        """
+        """Add a row."""
         for name in COLUMNS:
             value = cells.get(name, "")
             if value and (before := self._cells.setdefault(name, value)) != value:
@@ -120,11 +103,6 @@ def prior_of_frame(
     """The `PosePrior` of one frame, or a dict of them by label if there are labels; None if nothing is known.
 
     ``here``: what the file of detections tells.
-
-    Raises
-    ------
-    InputError
-        If both files tell something.
     """
     if here is not None:
         if known:

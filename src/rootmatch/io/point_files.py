@@ -25,31 +25,21 @@ DEVIATIONS = ("sx", "sy", "sz")
 
 @dataclass(frozen=True)
 class PointSet:
-    """Points of one file.
-
-    Parameters
-    ----------
-    points : (m, 3) or (m, 2) array
-        Coordinates: any unit in space, pixels (x right, y down) in an image.
-    ids : tuple of str, optional
-        Names of the points, where the file has a column ``id``.
-    normals : (m, 3) array, optional
-        Outward normals, where the file has columns ``nx,ny,nz``.
-    bodies : tuple of str, optional
-        Labels of the rigid bodies, where the file has a column ``body``.
-    sigma : (m,) or (m, 3) array, optional
-        Standard deviation of each point's coordinates, where the file has a column ``sigma``, or of each on each axis,
-        where it has ``sx,sy,sz``.
-    known : PosePrior, optional
-        What is known of the pose of an image, where its file has such columns (`rootmatch.io.known_files`).
-    """
+    """Points of one file."""
 
     points: Floats
+    """(m, 3) or (m, 2). Coordinates: any unit in space, pixels (x right, y down) in an image."""
     ids: tuple[str, ...] | None = None
+    """Names of the points, where the file has a column ``id``."""
     normals: Floats | None = None
+    """(m, 3) outward normals, where the file has columns ``nx,ny,nz``."""
     bodies: tuple[str, ...] | None = None
+    """Labels of the rigid bodies, where the file has a column ``body``."""
     sigma: Floats | None = None
+    """(m,) or (m, 3). Standard deviation of each point's coordinates, where the file has a column ``sigma``, or of each
+    on each axis, where it has ``sx,sy,sz``."""
     known: PosePrior | None = None
+    """What is known of the pose of an image, where its file has such columns (`rootmatch.io.known_files`)."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -58,13 +48,7 @@ class PointSet:
 
 
 def point_dimension(path: Path) -> int:
-    """3 if the header of a file of points has a column ``z``, else 2.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """3 if the header of a file of points has a column ``z``, else 2."""
     header = next((line for line in read_text(path).splitlines() if line.strip(" ,\t")), "")
     return 3 if "z" in {cell.strip().strip('"').lower() for cell in header.split(",")} else 2
 
@@ -88,11 +72,6 @@ def read_points(
         Whether they are detections of several cameras: ``x,y,camera``, with the camera's index from 0.
     of_image : bool
         Whether they are detections: columns of `rootmatch.io.known_files.COLUMNS` then say what is known of the pose.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; the text names the file, the row and the remedy.
     """
     needed = (*COORDINATES[:2], "camera") if of_rig else COORDINATES[:dimension]
     known = ("id", *needed, "sigma", *((*NORMALS, "body", *DEVIATIONS) if dimension == 3 and not of_rig else ()))

@@ -26,13 +26,7 @@ IN_PLANE = ("angle", "tx", "ty")
 
 
 def pose_format(path: Path, given: str | None) -> PoseFormat:
-    """The format of a file of poses: as given, else by its suffix.
-
-    Raises
-    ------
-    InputError
-        If the format is unknown, or none is given and the suffix names none.
-    """
+    """The format of a file of poses: as given, else by its suffix."""
     if given is not None:
         if given in FORMATS:
             return given
@@ -78,11 +72,6 @@ def read_prior(path: Path, labelled: bool) -> Pose | dict[str, Pose]:
     path : path
     labelled : bool
         Whether there are several bodies: then an object from labels to such objects.
-
-    Raises
-    ------
-    InputError
-        If the file is not of that form or a pose cannot be used.
     """
     expected = "give an object with R, t and covariance"
     content = load_json(path, read_small_text(path), expected)
@@ -109,11 +98,6 @@ def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> N
     triangle of the covariance, ``cov_rx_rx`` to ``cov_tz_tz``. TUM: ``motion tx ty tz qx qy qz qw``, with spaces and
     without a header. ROS and OpenXR: JSON lists, see `rootmatch.io.exports`. COLMAP's folder is another matter
     (`rootmatch.report.colmap.write_colmap`).
-
-    Raises
-    ------
-    InputError
-        For TUM, ROS and OpenXR in a plane, whose rotations are no quaternions.
     """
     known = [(motion, pose) for motion, pose in enumerate(poses) if pose is not None]
     if form == "json":

@@ -143,11 +143,6 @@ def in_threads(
     Several parts for each thread even out tasks of different lengths. Results must not depend on the ranges. An
     interrupt ends it within about `LONGEST`, if no task takes longer: one that may is to look whether it is
     ``stopped``.
-
-    Raises
-    ------
-    OutOfTime
-        If the deadline in force passes before all tasks are begun.
     """
     threads = min(threads, count)
     if threads < 2:
@@ -174,11 +169,6 @@ def in_chunks(work: Callable[[int, int], None], bounds: Sequence[int], threads: 
     Tasks of one chunk, ``bounds[k]`` … ``bounds[k + 1]``, are done one after another, by one thread, so that they may
     write into what is the chunk's own. A range may be of several chunks. ``begin``: tasks of the first range, which are
     to take a few milliseconds at most.
-
-    Raises
-    ------
-    OutOfTime
-        If the deadline in force passes before all tasks are begun.
     """
     chunks = len(bounds) - 1
     if min(threads, chunks) < 2:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import as_completed
+from functools import cache
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from threading import Lock
-from typing import Any
 
 from rootmatch.backends.strongest import Progress
+from rootmatch.backends.worker_lifetime import pool
 from rootmatch.errors import RootmatchError
 from rootmatch.jit import prebuilt
-from rootmatch.precompile.steps import STEPS
+from rootmatch.jit.cache import Settings
+from rootmatch.precompile.steps import STEPS, Step
 
 MOST_WORKERS = 8
 """A worker takes 300 MB and works for a minute."""
@@ -36,9 +33,9 @@ def warm_up(chosen: str = "first", progress: Progress | None = None, workers: in
     Raises
     ------
     RootmatchError
-        If a step fails; its last words are in the text.
+        If a step fails; its error is in the text.
     """
-    _run(chosen, [], {}, progress, workers)
+    _run(chosen, progress=progress, workers=workers)
 
 
 def prebuild(folder: Path, progress: Progress | None = None) -> None:
@@ -54,75 +51,40 @@ def prebuild(folder: Path, progress: Progress | None = None) -> None:
     processor, _ = prebuilt.GENERIC[prebuilt.architecture()]
     folder.mkdir(parents=True, exist_ok=True)
     generic = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": ""}
-    _run("prebuilt", [str(folder)], generic, progress)
+    _run("prebuilt", folder, progress=progress, environment=generic)
     prebuilt.write_manifest(folder)
 
 
 def _run(
     chosen: str,
-    arguments: list[str],
-    environment: dict[str, str],
+    folder: Path | None = None,
+    *,
     progress: Progress | None,
     workers: int | None = None,
+    environment: dict[str, str] | None = None,
 ) -> None:
     """Run all steps of a set, each in whichever worker is free."""
     names = list(STEPS[chosen]())
-    waiting: SimpleQueue[str] = SimpleQueue()
-    for name in names:
-        waiting.put(name)
-    done, lock = [0], Lock()
     if progress is not None:
         progress(0, len(names))
-
-    def finished() -> None:
-        with lock:
-            done[0] += 1
-            if progress is not None:
-                progress(done[0], len(names))
-
-    command = [sys.executable, "-m", "rootmatch.precompile.worker", chosen, *arguments]
-    processes = [_started(command, environment) for _ in range(workers or min(os.cpu_count() or 1, MOST_WORKERS))]
-    try:
-        with ThreadPoolExecutor(len(processes)) as pool:
+    with pool(workers or min(os.cpu_count() or 1, MOST_WORKERS), environment) as executor:
+        waiting = {executor.submit(_compile, chosen, name, folder): name for name in names}
+        for done, step in enumerate(as_completed(waiting), start=1):
             try:
-                failures = list(pool.map(lambda process: _served(process, waiting, finished), processes))
-            finally:  # Ctrl-C: the pool waits for its threads, and these for the workers
-                for process in processes:
-                    process.kill()
-        for failure in failures:
-            if failure:
-                raise RootmatchError(failure)
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
+                step.result()
+            except Exception as error:
+                raise RootmatchError(f"warm-up, {waiting[step]}: {error!r}") from error
+            if progress is not None:
+                progress(done, len(names))
 
 
-def _started(command: list[str], environment: dict[str, str]) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        command,
-        env={**os.environ, "NUMBA_NUM_THREADS": "1", **environment},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def _compile(chosen: str, name: str, folder: Path | None) -> None:
+    """Run a step in a worker; kernels are left in the folder, or in the user's cache for this machine."""
+    Settings.into, Settings.native = folder, folder is None
+    _steps(chosen)[name]()
 
 
-def _served(process: subprocess.Popen[Any], waiting: SimpleQueue[str], finished: Callable[[], None]) -> str | None:
-    """Give a worker one step after the other; what went wrong, or None."""
-    while True:
-        try:
-            name = waiting.get_nowait()
-        except Empty:
-            return None
-        try:
-            process.stdin.write(f"{name}\n")  # type: ignore[union-attr]
-            process.stdin.flush()  # type: ignore[union-attr]
-            answer = process.stdout.readline()  # type: ignore[union-attr]
-        except BrokenPipeError:
-            answer = ""
-        if answer != "done\n":
-            _, words = process.communicate()
-            return f"warm-up, {name}: {' '.join(words.split()[-60:])}"
-        finished()
+@cache
+def _steps(chosen: str) -> dict[str, Step]:
+    """A set of steps, whose scenes are made once in a process."""
+    return STEPS[chosen]()

@@ -24,13 +24,7 @@ MODULES = {name: f"problems.{folder}" for folder, name in (place.split(":") for 
 
 
 def problem_class(name: str) -> Any:
-    """Class of the problem with that short name.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Class of the problem with that short name."""
     if name not in PROBLEMS:
         raise InputError(f"problem: {name!r} given; one of {', '.join(PROBLEMS)} expected")
     folder, attribute = PROBLEMS[name].split(":")

@@ -170,13 +170,7 @@ class Problem(ABC):
         return self.with_source_noise(points, source_noise)
 
     def with_source_noise(self, points: PointSets, noise: ArrayLike) -> PointSets:
-        """Points with a noise of the source of its own, as `validated` takes it.
-
-        Raises
-        ------
-        InputError
-            If it cannot be used, or the problem has exact source points.
-        """
+        """Points with a noise of the source of its own, as `validated` takes it."""
         if self.noisy_source:
             covariance = check_source_noise(noise, points.source)
             least = LEAST_NOISE * self.noise_pixels(points.source, points.target)[0]

@@ -148,11 +148,6 @@ def check_noise(noise: ArrayLike, count: int, pixel: float, name: str = "noise")
         What counts as a pixel: 1 for an image, a thousandth of the extent of points whose unit is the caller's.
     name : str
         For the message.
-
-    Raises
-    ------
-    InputError
-        If it is neither, or a number is negative, not finite or absurdly large.
     """
     least, most = LEAST_NOISE * pixel, MOST_NOISE * pixel
     if isinstance(noise, float) and 0.0 <= noise <= most:

@@ -18,109 +18,81 @@ Kernel = Callable[..., Any]
 
 @dataclass(frozen=True)
 class ResidualKernels:
-    """Kernels of one kind of residual.
-
-    Parameters
-    ----------
-    edge : ``(tables, kind, i, j)`` → float
-        The residual of one hyper-edge.
-    slab : ``(tables, kind, i, j, first, scratch, out)``
-        Residuals of a minimal set with every last correspondence; with a panel ``(tables, kind, i, j, first, panel,
-        scratch, out)``. See `rootmatch.problems.residual_dispatch.slab_residual`.
-    panel : ``(tables, kind, i, j, panel)``, optional
-        What slabs share whose minimal sets differ in the last image alone.
-    fill : ``(tables, kind, source, target, first, last, block)``, optional
-        What is computed for many hyper-edges of a list at once, in a loop that vectorises.
-    listed : ``(tables, kind, i, j, block, column)`` → float, optional
-        The residual of one of a list, after ``fill``.
-    squares : bool
-        Whether the slab gives squares of residuals, whose roots only what passes the gate is worth.
-    single : bool
-        Whether the ranking of hyper-edges by residual survives in single precision.
-    """
+    """Kernels of one kind of residual."""
 
     edge: Kernel
+    """``(tables, kind, i, j)`` → float: the residual of one hyper-edge."""
     slab: Kernel
+    """``(tables, kind, i, j, first, scratch, out)``: residuals of a minimal set with every last correspondence; with a
+    panel ``(tables, kind, i, j, first, panel, scratch, out)``. See
+    `rootmatch.problems.residual_dispatch.slab_residual`."""
     panel: Kernel | None = None
+    """``(tables, kind, i, j, panel)``: what slabs share whose minimal sets differ in the last image alone."""
     fill: Kernel | None = None
+    """``(tables, kind, source, target, first, last, block)``: what is computed for many hyper-edges of a list at once,
+    in a loop that vectorises."""
     listed: Kernel | None = None
+    """``(tables, kind, i, j, block, column)`` → float: the residual of one of a list, after ``fill``."""
     squares: bool = False
+    """Whether the slab gives squares of residuals, whose roots only what passes the gate is worth."""
     single: bool = False
+    """Whether the ranking of hyper-edges by residual survives in single precision."""
 
 
 @dataclass(frozen=True)
 class ListedKernels:
-    """Kernels that the search among listed image triples needs (`rootmatch.samplers.guided.visible_triples`).
-
-    Parameters
-    ----------
-    gather : ``(tables, grid, a, b, c, block, k)``
-        Fill column k of ``block`` (12, B) with an image triple: its bearings in the grid's basis, then what is needed.
-    solve : ``(tables, i, block, count, scratch)``
-        Solve the set ``i`` with the first ``count`` of them; ``scratch`` (8, B).
-    frame : ``(tables, i, block, k, scratch, root)`` → (bool, 12 numbers)
-        As `HypothesisKernels.frame`, of column k.
-    """
+    """Kernels that the search among listed image triples needs (`rootmatch.samplers.guided.visible_triples`)."""
 
     gather: Kernel
+    """``(tables, grid, a, b, c, block, k)``: fill column k of ``block`` (12, B) with an image triple: its bearings in
+    the grid's basis, then what is needed."""
     solve: Kernel
+    """``(tables, i, block, count, scratch)``: solve the set ``i`` with the first ``count`` of them; ``scratch`` (8, B).
+    """
     frame: Kernel
+    """``(tables, i, block, k, scratch, root)`` → (bool, 12 numbers): as `HypothesisKernels.frame`, of column k."""
 
 
 @dataclass(frozen=True)
 class HypothesisKernels:
-    """Kernels that the guided search needs of a problem, whose tables have ``rays`` (3, n') and ``variance`` (n',).
-
-    Parameters
-    ----------
-    coordinates : ``(tables, sets, others)`` → (S, n − m, 7), (S, m, 4)
-        Of sets (S, m) and the other points (S, n − m) of each, in the frame of the set: the others' coordinates, which
-        end with their normals and the cosines of their view angles, and those of the set's own points. Not jitted.
-    solve : ``(tables, i, j, scratch)``
-        Solve the set ``i`` with the first m − 1 images ``j`` and every last one; ``scratch`` (2 · solutions, n').
-    known : ``(tables, grid, i, j)`` → tuple of numbers and vectors
-        What ``frame`` takes from the set before its last image is known.
-    frame : ``(tables, grid, known, last, scratch, root)`` → (bool, origin, three axes: 12 numbers)
-        The frame of the set in the grid's basis at one root; a point with coordinates α, β, γ lies at
-        origin + α e + β f + γ g. Without a branch, so that a loop over the last image vectorises; the rays of the
-        grid have the padding of the tables.
-    predict : ``(tables, i, j, root, out)`` → bool
-        Fill ``out`` (13, n) with the predicted bearing of every source point, two axes across it, the covariance along
-        them (s11, s12, s22), and whether it can be visible (1 or 0).
-    listed : ListedKernels, optional
-        For triples of points with normals.
-    solutions : int
-        Most solutions of a minimal set, at most 4.
-    """
+    """Kernels that the guided search needs of a problem, whose tables have ``rays`` (3, n') and ``variance`` (n',)."""
 
     coordinates: Kernel
+    """``(tables, sets, others)`` → (S, n − m, 7), (S, m, 4): of sets (S, m) and the other points (S, n − m) of each, in
+    the frame of the set: the others' coordinates, which end with their normals and the cosines of their view angles,
+    and those of the set's own points. Not jitted."""
     solve: Kernel
+    """``(tables, i, j, scratch)``: solve the set ``i`` with the first m − 1 images ``j`` and every last one;
+    ``scratch`` (2 · solutions, n')."""
     known: Kernel
+    """``(tables, grid, i, j)`` → tuple of numbers and vectors: what ``frame`` takes from the set before its last image
+    is known."""
     frame: Kernel
+    """``(tables, grid, known, last, scratch, root)`` → (bool, origin, three axes: 12 numbers): the frame of the set in
+    the grid's basis at one root; a point with coordinates α, β, γ lies at origin + α e + β f + γ g. Without a
+    branch, so that a loop over the last image vectorises; the rays of the grid have the padding of the tables."""
     predict: Kernel
+    """``(tables, i, j, root, out)`` → bool: fill ``out`` (13, n) with the predicted bearing of every source point, two
+    axes across it, the covariance along them (s11, s12, s22), and whether it can be visible (1 or 0)."""
     listed: ListedKernels | None = None
+    """For triples of points with normals."""
     solutions: int = 4
+    """Most solutions of a minimal set, at most 4."""
 
 
 @dataclass(frozen=True)
 class CompletionKernels:
-    """Kernels that the completion of minimal sets needs, of tables with ``rays`` (3, n') and ``variance`` (n',).
-
-    Parameters
-    ----------
-    solutions : int
-        Most solutions of a minimal set.
-    fields : tuple of str
-        The fields (3, n) of the source points that a prediction needs.
-    predict : ``(tables, flat, count, j, root, out)`` → bool
-        Fill the flat ``out``, rows of STRIDE, with what the minimal set of the first m of ``count`` points in ``flat``
-        (rows of STRIDE: the fields, one after another) with images ``j`` predicts at one root: bearings x, y, z, the
-        covariance s11, s12, s22 along `tangent_basis` of each, and whether it can be visible (1 or 0).
-    """
+    """Kernels that the completion of minimal sets needs, of tables with ``rays`` (3, n') and ``variance`` (n',)."""
 
     solutions: int
+    """Most solutions of a minimal set."""
     fields: tuple[str, ...]
+    """The fields (3, n) of the source points that a prediction needs."""
     predict: Kernel
+    """``(tables, flat, count, j, root, out)`` → bool: fill the flat ``out``, rows of STRIDE, with what the minimal set
+    of the first m of ``count`` points in ``flat`` (rows of STRIDE: the fields, one after another) with images ``j``
+    predicts at one root: bearings x, y, z, the covariance s11, s12, s22 along `tangent_basis` of each, and whether
+    it can be visible (1 or 0)."""
 
 
 STRIDE = 64
@@ -130,28 +102,19 @@ compiler that the rows of a flat array do not overlap, without which the loop ov
 
 @dataclass(frozen=True)
 class ProblemKernels:
-    """All kernels of a problem.
-
-    Parameters
-    ----------
-    residuals : mapping
-        From the kind of residual, a type of `rootmatch.problems.residual_kinds`, to its kernels.
-    hypotheses : HypothesisKernels, optional
-        For the guided search.
-    completion : CompletionKernels, optional
-        For the completion of minimal sets.
-    target_fields : tuple of str
-        Fields of the tables with a target axis, which may be padded: the first (k, n'), others (n',), (k, n') or
-        (n', n'). Empty: the tables are never padded.
-    source_fields : tuple of str
-        Fields of the tables with a source axis: (k, n) or (n, n). Empty: a large object is never verified in part.
-    """
+    """All kernels of a problem."""
 
     residuals: Mapping[type, ResidualKernels] = field(default_factory=dict)
+    """By the kind of residual, a type of `rootmatch.problems.residual_kinds`."""
     hypotheses: HypothesisKernels | None = None
+    """For the guided search."""
     completion: CompletionKernels | None = None
+    """For the completion of minimal sets."""
     target_fields: tuple[str, ...] = ()
+    """Fields of the tables with a target axis, which may be padded: the first (k, n'), others (n',), (k, n') or (n',
+    n'). Empty: the tables are never padded."""
     source_fields: tuple[str, ...] = ()
+    """Fields of the tables with a source axis: (k, n) or (n, n). Empty: a large object is never verified in part."""
 
 
 class Tables(Protocol):

@@ -45,11 +45,6 @@ def parse_noise(
         The problem, for the message.
     pixels : two floats
         What counts as a pixel of the source and of the target; see `rootmatch.problems.base.Problem.noise_pixels`.
-
-    Raises
-    ------
-    InputError
-        If it is neither, or a number is negative, not finite or absurdly large.
     """
     n, n_target = shape
     if isinstance(noise, tuple | list) and len(noise) == 2:
@@ -86,12 +81,6 @@ def check_source_noise(noise: ArrayLike, points: Floats, name: str = "source_noi
     points : (n, k) array
     name : str
         For the message.
-
-    Raises
-    ------
-    InputError
-        If it is none of these, a number is not finite or beyond the extent of the points, a σ is negative, or a matrix
-        is not symmetric or has a negative eigenvalue.
     """
     n, k = points.shape
     expected = f"give σ as one number, ({n},) or ({n}, {k}), or covariances ({n}, {k}, {k})"

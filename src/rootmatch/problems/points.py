@@ -24,38 +24,28 @@ ROWS = 64
 
 @dataclass(frozen=True, eq=False)
 class PointSets:
-    """Validated points, made by `rootmatch.problems.base.Problem.validated`.
-
-    Attributes
-    ----------
-    source : (n, 3) or (n, 2) float64
-        Points in space, or pixels of the first image.
-    target : (n', 2) or (n', 3) float64
-        Pixels, or points in space where the problem matches two sets of those.
-    source_noise, target_noise : (n,), (n',) float64
-        Standard deviation of each coordinate, in the unit of its set. That of an exact source is not used. That of
-        detections includes what ``source_covariance`` may add in the image
-        (`rootmatch.problems.noise.with_model_noise`); `detection_noise` does not.
-    normals : (n, 3) float64, optional
-        Outward normals of the source points, zero where unknown.
-    view_cosine : (n,) float64, optional
-        Least cosine between the normal and the direction to the camera at which each point is visible; None if no
-        angle was given: 0, the rim.
-    source_covariance, target_covariance : (n, k, k) and (n', k, k) float64, optional
-        Where they say more than the noise: of points in space that are not exact, or not equally on all axes.
-    noise_alone : (n',) float64, optional
-        ``target_noise`` without what that adds.
-    """
+    """Validated points, made by `rootmatch.problems.base.Problem.validated`."""
 
     source: Floats
+    """(n, 3) or (n, 2). Points in space, or pixels of the first image."""
     target: Floats
+    """(n', 2) or (n', 3). Pixels, or points in space where the problem matches two sets of those."""
     source_noise: Floats
     target_noise: Floats
+    """(n,) and (n',) standard deviation of each coordinate, in the unit of its set. That of an exact source is not
+    used. That of detections includes what ``source_covariance`` may add in the image
+    (`rootmatch.problems.noise.with_model_noise`); `detection_noise` does not."""
     normals: Floats | None = None
+    """(n, 3) outward normals of the source points, zero where unknown."""
     view_cosine: Floats | None = None
+    """(n,) least cosine between the normal and the direction to the camera at which each point is visible; None if no
+    angle was given: 0, the rim."""
     source_covariance: Floats | None = None
     target_covariance: Floats | None = None
+    """(n, k, k) and (n', k, k). Where they say more than the noise: of points in space that are not exact, or not
+    equally on all axes."""
     noise_alone: Floats | None = None
+    """(n',) ``target_noise`` without what that adds."""
 
     @property
     def detection_noise(self) -> Floats:

@@ -17,6 +17,7 @@ from rootmatch._version import __version__
 from rootmatch.errors import InputError
 from rootmatch.research.output_files import make_folder
 from rootmatch.research.paper.settings import Method, Setting
+from rootmatch.solvers.base import Solution
 
 SCHEMA_VERSION = 1
 WAITS = 60.0
@@ -47,34 +48,28 @@ CREATE VIEW rows AS
 
 @dataclass(frozen=True)
 class Row:
-    """One result.
-
-    Attributes
-    ----------
-    setting, method : Setting, Method
-    seed : int
-        Of the scene; the stream of hyper-edges and the solver have the same one.
-    samples : int
-        Hyper-edges drawn.
-    accuracy : float
-        Right matches over the number of points, 0 to 1.
-    score : float
-        Objective that the solver reached.
-    hyperedges : int
-        Different hyper-edges of weight above 10⁻¹² among those drawn.
-    iterations, converged : int, bool
-        How the solver went.
-    """
+    """One result."""
 
     setting: Setting
     method: Method
     seed: int
+    """Of the scene; the stream of hyper-edges and the solver have the same one."""
     samples: int
+    """Hyper-edges drawn."""
     accuracy: float
+    """Right matches over the number of points, 0 to 1."""
     score: float
+    """Objective that the solver reached."""
     hyperedges: int
+    """Different hyper-edges of weight above 10⁻¹² among those drawn."""
     iterations: int
     converged: bool
+    """How the solver went."""
+
+    @classmethod
+    def of(cls, key: tuple[Setting, Method, int, int], accuracy: float, found: Solution, hyperedges: int) -> Row:
+        """The row of a setting, method, seed and sample size, by a solver's solution."""
+        return cls(*key, accuracy, float(found.score), hyperedges, *(found.iterations, found.converged))
 
 
 def versions_in_use() -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from importlib import import_module
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends.dask import connected
-from rootmatch.backends.worker_lifetime import end_with
+from rootmatch.backends.worker_lifetime import pool
 from rootmatch.errors import InputError, RootmatchError
 from rootmatch.research.paper.settings import Method, Setting
 from rootmatch.research.paper.work_unit import Task, Unit, evaluate
@@ -147,9 +147,7 @@ def check_jobs(jobs: int) -> None:
         raise InputError(f"jobs: {jobs} given; give a number of processes, or -1 for one per processor")
 
 
-def _timed(function: Evaluate, unit: Unit, parent: int | None = None) -> Result:
-    if parent is not None:
-        end_with(parent)
+def _timed(function: Evaluate, unit: Unit) -> Result:
     start = time.process_time()
     rows = function(unit)
     return Result(rows, time.process_time() - start, versions_in_use())
@@ -157,13 +155,16 @@ def _timed(function: Evaluate, unit: Unit, parent: int | None = None) -> Result:
 
 def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
     check_jobs(jobs)
-    # One unit a batch: a batch comes back as a whole, and what is in flight is what a kill loses.
-    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
+    processes = joblib.effective_n_jobs(jobs)
+    if processes == 1:
+        yield from (_timed(function, unit) for unit in work)
+        return
     with warnings.catch_warnings():
         # A worker that has grown by 300 MB, as the compiler makes it, is replaced once it is idle; nothing is lost.
         warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given to the executor")
         try:
-            yield from parallel(joblib.delayed(_timed)(function, unit, os.getpid()) for unit in work)
+            with pool(processes) as workers:
+                yield from (one.result() for one in as_completed({workers.submit(_timed, function, u) for u in work}))
         except BrokenProcessPool:
             raise RootmatchError(
                 "a worker process died, perhaps for lack of memory; finished work is kept: run the same command again, "

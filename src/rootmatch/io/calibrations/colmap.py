@@ -31,13 +31,7 @@ MOST = 1_000_000
 
 
 def read_colmap_text(path: Path, text: str) -> dict[str, Camera]:
-    """Cameras of ``cameras.txt``: id, model, width, height and parameters on each line.
-
-    Raises
-    ------
-    InputError
-        If a line is not of that form, or its camera is not valid.
-    """
+    """Cameras of ``cameras.txt``: id, model, width, height and parameters on each line."""
     found = {}
     for row, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -56,13 +50,7 @@ def read_colmap_text(path: Path, text: str) -> dict[str, Camera]:
 
 
 def read_colmap_binary(path: Path, data: bytes) -> dict[str, Camera]:
-    """Cameras of ``cameras.bin``.
-
-    Raises
-    ------
-    InputError
-        If the file ends early, or a camera is not valid.
-    """
+    """Cameras of ``cameras.bin``."""
     found, at = {}, 8
     try:
         (count,) = struct.unpack_from("<Q", data)
@@ -84,13 +72,7 @@ def read_colmap_binary(path: Path, data: bytes) -> dict[str, Camera]:
 
 
 def colmap_camera(where: str, model: str, values: list[float]) -> Camera:
-    """The camera of a model with COLMAP's parameters in COLMAP's order.
-
-    Raises
-    ------
-    InputError
-        If the model is unknown, or its parameters are not valid.
-    """
+    """The camera of a model with COLMAP's parameters in COLMAP's order."""
     with errors_at(where):
         if model in COUNTS and len(values) != COUNTS[model]:
             raise InputError(f"camera: {len(values)} parameters given, and {model} has {COUNTS[model]}; give that many")

@@ -79,11 +79,6 @@ def coefficients(path: Path, content: Mapping[str, Any], index: str = "") -> tup
         Entries of the file.
     index : str
         The camera's number, which follows the name: ``distCoeffs1``.
-
-    Raises
-    ------
-    InputError
-        If they are no numbers, or two entries differ.
     """
     names = {name + index for name in COEFFICIENTS}
     given = [name for name, value in content.items() if value is not None and spelled(name) in names]
@@ -95,13 +90,7 @@ def coefficients(path: Path, content: Mapping[str, Any], index: str = "") -> tup
 
 
 def is_fisheye(path: Path, content: Mapping[str, Any]) -> bool:
-    """Whether the entries say that the coefficients are those of a fisheye.
-
-    Raises
-    ------
-    InputError
-        If they name another model that is not known.
-    """
+    """Whether the entries say that the coefficients are those of a fisheye."""
     said = {spelled(name): spelled(value) for name, value in content.items() if isinstance(value, str)}
     if any(said.get(name) in FISHEYES for name in MODEL_HINTS):
         return True
@@ -114,13 +103,7 @@ def is_fisheye(path: Path, content: Mapping[str, Any]) -> bool:
 
 
 def refuse_unread(where: object, content: Mapping[str, Any], known: Collection[str] = COEFFICIENTS) -> None:
-    """Refuse an entry that may be a lens and is not all zeros; ``known`` are the names of others, written or `spelled`.
-
-    Raises
-    ------
-    InputError
-        If there is one.
-    """
+    """Refuse an entry that may be a lens and is not all zeros; ``known``: names of others, written or `spelled`."""
     for name, value in content.items():
         if name in known or spelled(name) in known:
             continue

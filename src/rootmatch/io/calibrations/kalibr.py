@@ -24,13 +24,7 @@ def is_kalibr(content: dict[str, Any]) -> bool:
 
 
 def read_kalibr(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
-    """The cameras of one file by their names.
-
-    Raises
-    ------
-    InputError
-        If a model is unknown, or its numbers are not valid.
-    """
+    """The cameras of one file by their names."""
     found = {}
     for name, entry in content.items():
         if not isinstance(entry, dict) or "camera_model" not in entry:

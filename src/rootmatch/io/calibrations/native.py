@@ -30,13 +30,7 @@ EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
 
 
 def cameras_of(path: Path, content: dict[str, Any]) -> dict[str, CameraModel]:
-    """Cameras of our JSON: those of ``cameras`` by name, or ``camera`` and ``camera2``.
-
-    Raises
-    ------
-    InputError
-        If one of them is not valid.
-    """
+    """Cameras of our JSON: those of ``cameras`` by name, or ``camera`` and ``camera2``."""
     if "cameras" in content:
         named = content["cameras"]
         if not isinstance(named, dict) or not named:

@@ -25,13 +25,7 @@ def is_opencv(content: dict[str, Any]) -> bool:
 
 
 def read_opencv(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
-    """Cameras of one file: ``camera`` where there is one, else ``camera1`` and ``camera2``.
-
-    Raises
-    ------
-    InputError
-        If there is none, or one of them is not valid.
-    """
+    """Cameras of one file: ``camera`` where there is one, else ``camera1`` and ``camera2``."""
     found: dict[str, Camera] = {}
     flag = str(content.get(FISHEYE_FLAG, "")).strip().lower() in ("1", "1.0", "true", "fisheye", "equidistant")
     fisheye = flag or is_fisheye(path, content)
@@ -52,13 +46,7 @@ def read_opencv(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
 
 
 def xml_content(path: Path, text: str) -> dict[str, Any]:
-    """The entries of an XML file, matrices as mappings with ``data``.
-
-    Raises
-    ------
-    InputError
-        If it is not what OpenCV writes.
-    """
+    """The entries of an XML file, matrices as mappings with ``data``."""
     if "<!" in text.replace("<!--", ""):
         raise InputError(f"{path}: it declares entities or a document type, which OpenCV does not write; remove them")
 

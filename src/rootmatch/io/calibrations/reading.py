@@ -70,13 +70,7 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
 
 
 def load_json(path: Path, text: str, expected: str = f"give {EXAMPLE}") -> Any:
-    """The value of a JSON text; ``expected`` tells the user what to give.
-
-    Raises
-    ------
-    InputError
-        If it is none, nested too deeply, or has integers of thousands of digits.
-    """
+    """The value of a JSON text; ``expected`` tells the user what to give."""
 
     def load() -> Any:
         try:
@@ -88,11 +82,5 @@ def load_json(path: Path, text: str, expected: str = f"give {EXAMPLE}") -> Any:
 
 
 def read_small_text(path: Path) -> str:
-    """The text of a file that is not too large for a calibration.
-
-    Raises
-    ------
-    InputError
-        If it is, or cannot be read.
-    """
+    """The text of a file that is not too large for a calibration."""
     return read_text(path, LARGEST, REMEDY)

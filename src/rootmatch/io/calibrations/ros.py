@@ -20,13 +20,7 @@ def is_ros(content: dict[str, Any]) -> bool:
 
 
 def read_ros(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
-    """The camera of one file, by its ``camera_name``, else ``camera``.
-
-    Raises
-    ------
-    InputError
-        If the model is unknown, or its numbers are not valid.
-    """
+    """The camera of one file, by its ``camera_name``, else ``camera``."""
     model = content["distortion_model"]
     if model not in ("", "none", *COUNTS):
         raise InputError(f"{path}: distortion_model is {quoted(model)}; give one of {', '.join(COUNTS)}")

@@ -27,13 +27,7 @@ def errors_at(where: object) -> Iterator[None]:
 
 
 def parsed(path: Path, kind: str, parse: Callable[[], T]) -> T:
-    """The result of a parser on a file; nesting and numbers beyond its bounds become the one error of a bad file.
-
-    Raises
-    ------
-    InputError
-        If the parser refuses the file.
-    """
+    """The result of a parser on a file; nesting and numbers beyond its bounds become the one error of a bad file."""
     try:
         return parse()
     except RecursionError:
@@ -46,13 +40,7 @@ def parsed(path: Path, kind: str, parse: Callable[[], T]) -> T:
 
 
 def numbers(path: Path, name: str, value: Any) -> list[float]:
-    """The numbers of an entry: a flat or a nested list, or a matrix as OpenCV writes it.
-
-    Raises
-    ------
-    InputError
-        If it holds anything else, rows of different lengths, or far too much.
-    """
+    """The numbers of an entry: a flat or a nested list, or a matrix as OpenCV writes it."""
     if isinstance(value, dict) and "data" in value:
         value = value["data"]
     if not isinstance(value, list):
@@ -64,13 +52,7 @@ def numbers(path: Path, name: str, value: Any) -> list[float]:
 
 
 def number(path: Path, name: str, value: Any) -> float:
-    """One number of an entry; YAML takes 1e5 for text.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """One number of an entry; YAML takes 1e5 for text."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError(f"{path}: {name} holds {quoted(value)}; give numbers")
     try:
@@ -80,13 +62,7 @@ def number(path: Path, name: str, value: Any) -> float:
 
 
 def matrix(path: Path, name: str, value: Any) -> list[list[float]]:
-    """Nine numbers as a matrix (3, 3).
-
-    Raises
-    ------
-    InputError
-        If there are not nine.
-    """
+    """Nine numbers as a matrix (3, 3)."""
     flat = numbers(path, name, value)
     if len(flat) != 9:
         raise InputError(f"{path}: {name} has {len(flat)} numbers, 9 of a 3 × 3 matrix expected")
@@ -94,13 +70,7 @@ def matrix(path: Path, name: str, value: Any) -> list[list[float]]:
 
 
 def load_yaml(path: Path, text: str) -> Any:
-    """The one document of a YAML file, OpenCV's matrices as mappings.
-
-    Raises
-    ------
-    InputError
-        If it is no YAML, holds tags that nobody writes in a calibration, or aliases that stand for far more than it.
-    """
+    """The one document of a YAML file, OpenCV's matrices as mappings."""
     import yaml
 
     class Loader(yaml.SafeLoader):

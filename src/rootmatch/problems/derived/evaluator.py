@@ -18,17 +18,11 @@ CELLS = 16_384
 
 @dataclass(frozen=True)
 class Evaluator:
-    """A generated module together with what is measured.
-
-    Parameters
-    ----------
-    plan, functions
-        Of `rootmatch.problems.derived.store.Generated`.
-    source, target : Measurement
-    """
+    """A generated module together with what is measured."""
 
     plan: dict[str, Any]
     functions: dict[str, Callable[..., Any]]
+    """Of `rootmatch.problems.derived.store.Generated`."""
     source: Measurement
     target: Measurement
 

@@ -240,13 +240,7 @@ def nested(matrix: Floats) -> tuple[tuple[float, ...], ...]:
 
 
 def measurement(given: Any, name: str) -> Measurement:
-    """Check an argument that must be a measurement.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Check an argument that must be a measurement."""
     if not isinstance(given, Measurement):
         raise InputError(f"{name}: {given!r} given; give Points(3), Bearings(camera) or Uncalibrated(centre)")
     return given

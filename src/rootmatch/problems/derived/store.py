@@ -39,21 +39,14 @@ _NAME = re.compile(r"[a-z][a-zA-Z0-9_]*\Z")
 
 @dataclass(frozen=True)
 class Generated:
-    """A vetted generated module, equal to every one of the same text.
-
-    Attributes
-    ----------
-    text : str
-        Its source.
-    plan : dict
-        The literal that says what the functions take and give.
-    functions : dict of str to callable
-        Plain Python functions of numbers, or of arrays alike.
-    """
+    """A vetted generated module, equal to every one of the same text."""
 
     text: str
+    """Its source."""
     plan: dict[str, Any] = field(compare=False)
+    """The literal that says what the functions take and give."""
     functions: dict[str, Callable[..., Any]] = field(compare=False)
+    """Plain Python functions of numbers, or of arrays alike."""
 
     def __repr__(self) -> str:
         return f"Generated({len(self.functions)} functions)"
@@ -232,13 +225,7 @@ def _private(path: Path) -> bool:
 
 
 def check_stem(name: str) -> str:
-    """A problem's name as part of a file name.
-
-    Raises
-    ------
-    InputError
-        If it is not a short word.
-    """
+    """A problem's name as part of a file name."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}", name):
         raise InputError(f"name: {name!r} given; give a word of letters, digits, - and _, at most 40 long")
     return name

@@ -20,19 +20,13 @@ Dimension = tuple[int, str, int]
 
 @dataclass(frozen=True)
 class Shape:
-    """A plan, with what the composition needs beside it.
-
-    Parameters
-    ----------
-    plan : dict
-        Of a generated module.
-    source_noise, target_noise : int
-        Noise dimensions of a point.
-    """
+    """A plan, with what the composition needs beside it."""
 
     plan: dict[str, Any]
+    """Of a generated module."""
     source_noise: int
     target_noise: int
+    """Noise dimensions of a point."""
 
     @property
     def minimal(self) -> int:

@@ -17,30 +17,21 @@ ALONG = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Two images and their noise, in frames whose y is the common direction.
-
-    Attributes
-    ----------
-    first, second : (n, 3) and (n', 3) arrays
-        Rays of any length: of a pinhole, the third coordinate of the camera frame is 1.
-    first_axes, second_axes : (n, 3, 2) and (n', 3, 2) arrays
-        How such a ray moves with a pixel of its image.
-    first_sigma, second_sigma : (n,) and (n',) arrays
-        Pixels.
-    tilt : float
-        Standard deviation in radians of the one direction against the other, on each of two axes; 0 for none.
-    focal : float
-        Of the second image, in pixels.
-    """
+    """Two images and their noise, in frames whose y is the common direction."""
 
     first: Floats
     second: Floats
+    """(n, 3) and (n', 3). Rays of any length: of a pinhole, the third coordinate of the camera frame is 1."""
     first_axes: Floats
     second_axes: Floats
+    """(n, 3, 2) and (n', 3, 2). How such a ray moves with a pixel of its image."""
     first_sigma: Floats
     second_sigma: Floats
+    """(n,) and (n',), in pixels."""
     tilt: float
+    """Standard deviation in radians of the one direction against the other, on each of two axes; 0 for none."""
     focal: float
+    """Of the second image, in pixels."""
 
     @classmethod
     def of(

@@ -83,13 +83,7 @@ def write_report(
 
 
 def _checked_truth(match: Match, truth: ArrayLike) -> NDArray[np.int64]:
-    """The true assignment as whole numbers.
-
-    Raises
-    ------
-    InputError
-        If it is none of this match.
-    """
+    """The true assignment as whole numbers."""
     expected = f"give the index of the target point for each of {len(match.source)} source points, −1 for none"
     try:
         given = np.asarray(truth)

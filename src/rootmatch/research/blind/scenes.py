@@ -35,29 +35,21 @@ NEAREST, FARTHEST = 5.0, 9.0
 
 @dataclass(frozen=True, eq=False)
 class BlindScene:
-    """The input of a method, and the true pose ``x_cam = R X + t``.
-
-    Attributes
-    ----------
-    name : str
-        Protocol and row, as the table has them.
-    seed : int
-    source, target : (n, 3), (n', 2) array
-    noise : float
-        In pixels.
-    K : (3, 3) array
-        Of a camera without distortion, or of what the detections were undistorted to.
-    R, t : (3, 3), (3,) array
-    """
+    """The input of a method, and the true pose ``x_cam = R X + t``."""
 
     name: str
+    """Protocol and row, as the table has them."""
     seed: int
     source: Floats
     target: Floats
+    """(n, 3) and (n', 2)."""
     noise: float
+    """In pixels."""
     K: Floats
+    """(3, 3) of a camera without distortion, or of what the detections were undistorted to."""
     R: Floats
     t: Floats
+    """(3, 3) and (3,)."""
 
 
 def intrinsics(focal: float = FOCAL) -> Floats:

@@ -29,22 +29,15 @@ DASHES = dict(zip(COLOURS, ("-", "-", "--", "-", "-", "--", ":", "-", "--"), str
 
 @dataclass(frozen=True)
 class Results:
-    """Accuracies of all instances.
-
-    Attributes
-    ----------
-    settings : dict of str to tuple of Setting
-        Those of each protocol.
-    solvers : tuple of str
-    cells : dict of (Setting, str) to (instances,) array
-    milliseconds : dict of str to float
-        Time of each solver at n = 20.
-    """
+    """Accuracies of all instances."""
 
     settings: dict[str, tuple[Setting, ...]]
+    """Those of each protocol."""
     solvers: tuple[str, ...]
     cells: dict[tuple[Setting, str], NDArray[np.float64]]
+    """(instances,) of each setting and solver."""
     milliseconds: dict[str, float]
+    """Time of each solver at n = 20."""
 
     @property
     def instances(self) -> int:

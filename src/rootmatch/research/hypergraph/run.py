@@ -69,19 +69,7 @@ def evaluate(unit: Unit) -> list[Row]:
             for method, (size,) in task.methods:
                 found = SOLVERS[method.solver](tensor, seed=unit.seed)
                 accuracy = float(np.mean(found.assignment == points.truth))
-                rows.append(
-                    Row(
-                        setting=task.setting,
-                        method=method,
-                        seed=unit.seed,
-                        samples=size,
-                        accuracy=accuracy,
-                        score=float(found.score),
-                        hyperedges=tensor.size,
-                        iterations=found.iterations,
-                        converged=found.converged,
-                    )
-                )
+                rows.append(Row.of((task.setting, method, unit.seed, size), accuracy, found, tensor.size))
     return rows
 
 

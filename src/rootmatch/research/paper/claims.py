@@ -2,51 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from rootmatch.research.paper import judges
-from rootmatch.research.paper.judges import LONG
-from rootmatch.research.paper.plan import Table, Variant
+from rootmatch.research.paper.judges import LONG, Judge
+from rootmatch.research.paper.plan import Variant
 from rootmatch.research.paper.rho import RULES, Rule
 from rootmatch.research.paper.settings import OUTLIERS, PROBLEMS
-from rootmatch.research.paper.verdict import EQUAL, FULL, GOOD, RAPID, Case
+from rootmatch.research.paper.verdict import EQUAL, FULL, GOOD, RAPID
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper.
-
-    Attributes
-    ----------
-    title : str
-    quotation : str
-        The paper's words.
-    rule : str
-        What decides each case.
-    problems : tuple of str
-        Those that must have been run; for some claims any one of them.
-    judge : callable
-        The cases, from a table and the rule by which ρ is chosen.
-    rules : tuple of Rule
-        The ways to choose ρ, or one where it plays no part.
-    any_problem : bool
-        Whether one of the problems is enough.
-    variants : tuple of Variant
-        Beside the solver of the text, for which the claim can be judged as well.
-    ours : str
-        The threshold of ours that decides, in words; empty if the paper's own words do.
-    """
+    """A statement of the paper."""
 
     title: str
     quotation: str
+    """The paper's words."""
     rule: str
+    """What decides each case."""
     problems: tuple[str, ...]
-    judge: Callable[[Table, Rule], list[Case]]
+    """Those that must have been run; for some claims any one of them."""
+    judge: Judge
+    """The cases, from a table and the rule by which ρ is chosen."""
     rules: tuple[Rule, ...] = RULES
+    """The ways to choose ρ, or one where it plays no part."""
     any_problem: bool = False
+    """Whether one of the problems is enough."""
     variants: tuple[Variant, ...] = ("published", "balanced", "pipeline")
+    """Beside the solver of the text, for which the claim can be judged as well."""
     ours: str = ""
+    """The threshold of ours that decides, in words; empty if the paper's own words do."""
 
     def can_be_judged(self, problems: tuple[str, ...]) -> bool:
         """Whether the problems that were run suffice."""
@@ -123,7 +109,7 @@ CLAIMS: tuple[Claim, ...] = (
         f"For each σ > 0, another method that uses only the same hyper-edges (the default pipeline) also stays below "
         f"{100 * FULL:g} %.",
         ("p3p",),
-        lambda table, rule: judges.geometry_is_to_blame(table),
+        judges.geometry_is_to_blame,
         rules=("paper",),
         variants=(),
     ),
@@ -174,7 +160,7 @@ CLAIMS: tuple[Claim, ...] = (
         "indicating likely degenerate conditions for this problem",
         f"Another method that uses only the same hyper-edges (the default pipeline) also stays below {100 * FULL:g} %.",
         ("3p1",),
-        lambda table, rule: judges.long_is_degenerate(table),
+        judges.long_is_degenerate,
         rules=("paper",),
         variants=(),
     ),

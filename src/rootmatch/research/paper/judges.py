@@ -7,6 +7,7 @@ Where no sample size is named, it is the largest. Intervals are 95 % bootstrap i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +18,9 @@ from rootmatch.research.paper.plan import DENSE, Table
 from rootmatch.research.paper.rho import SPARSE, Rule
 from rootmatch.research.paper.settings import BASELINES, NOISES, OUTLIERS, PANELS, TITLES, Setting, has_svd, settings_of
 from rootmatch.research.paper.verdict import EQUAL, FEW, FULL, GOOD, LOST, RAPID, Case
+
+Judge = Callable[[Table, Rule], list[Case]]
+"""The cases of a statement, from a table and the rule by which ρ is chosen."""
 
 NOISY = NOISES[1:]
 SHORT, LONG = BASELINES
@@ -72,6 +76,43 @@ def _under_full(name: str, accuracy: Floats) -> Case:
     return Case(name, found.mean < FULL, _text(found))
 
 
+def _each(case: Callable[[str, Floats], Case], settings: dict[str, Setting]) -> Judge:
+    """What a case says of the variant's method on each of some settings, at the largest sample."""
+    return lambda table, rule: [case(name, table.paper(s, rule=rule)) for name, s in settings.items()]
+
+
+def _each_by_pipeline(settings: dict[str, Setting]) -> Judge:
+    """Whether the default pipeline stays under 100 % too on each of some settings, at the largest sample."""
+    return lambda table, rule: [_pipeline_under_full(name, table.default(s)) for name, s in settings.items()]
+
+
+def _each_pair(pairs: dict[str, tuple[Setting, Setting]]) -> Judge:
+    """Whether the method leads on the first setting of each pair, on the same instances."""
+    return lambda table, rule: [
+        _paired_lead(name, *(table.paper(s, rule=rule) for s in two)) for name, two in pairs.items()
+    ]
+
+
+NOISY_P3P = {f"σ = {noise:g}": Setting("p3p", 0, noise) for noise in NOISY}
+EXACT_LONG = {"b = 5, σ = 0": Setting("3p1", 0, 0.0, LONG)}
+
+under_full = _each(_under_full, NOISY_P3P)
+geometry_is_to_blame = _each_by_pipeline(NOISY_P3P)
+handles_outliers = _each(_good, {f"{k} outliers": Setting("p3p", k) for k in OUTLIERS})
+short_is_better = _each_pair(
+    {f"σ = {noise:g}": (Setting("3p1", 0, noise, SHORT), Setting("3p1", 0, noise, LONG)) for noise in NOISY}
+)
+long_under_full = _each(_under_full, EXACT_LONG)
+long_is_degenerate = _each_by_pipeline(EXACT_LONG)
+short_is_robust = _each(
+    _good, {f"{k} outliers, σ = {noise:g}": Setting("3p1", k, noise, SHORT) for k in OUTLIERS for noise in (0.5, 1.0)}
+)
+two_motions_are_harder = _each_pair(
+    {f"σ = {noise:g}": (Setting("up2p", 0, noise), Setting("up2p", 0, noise, motions=2)) for noise in NOISY}
+)
+two_motions_are_good = _each(_good, {f"σ = {noise:g}": Setting("up2p", 0, noise, motions=2) for noise in NOISY})
+
+
 def few_samples(table: Table, rule: Rule) -> list[Case]:
     """Noise-free P3P is full from few samples on."""
     setting, sizes = Setting("p3p"), table.effort.samples
@@ -110,16 +151,6 @@ def noise_needs_samples(table: Table, rule: Rule) -> list[Case]:
         fall = estimate(before - after)
         cases.append(_lead(f"σ from {less:g} to {more:g}", before, after, f"falls by {_points(fall)}", fall))
     return cases
-
-
-def under_full(table: Table, rule: Rule) -> list[Case]:
-    """P3P with noise is not full at the largest sample."""
-    return [_under_full(f"σ = {noise:g}", table.paper(Setting("p3p", 0, noise), rule=rule)) for noise in NOISY]
-
-
-def geometry_is_to_blame(table: Table) -> list[Case]:
-    """P3P with noise is not full at the largest sample by the default pipeline either."""
-    return [_pipeline_under_full(f"σ = {noise:g}", table.default(Setting("p3p", 0, noise))) for noise in NOISY]
 
 
 def qr_is_svd(table: Table, rule: Rule) -> list[Case]:
@@ -167,11 +198,6 @@ def _roots_inside(seeds: range) -> Bools:
     return np.array([Setting("up2p").scene(seed).poses[0][0][0, 0] > 0.0 for seed in seeds])
 
 
-def handles_outliers(table: Table, rule: Rule) -> list[Case]:
-    """Noise-free P3P with outliers is good at the largest sample."""
-    return [_good(f"{k} outliers", table.paper(Setting("p3p", k), rule=rule)) for k in OUTLIERS]
-
-
 def falls(table: Table, rule: Rule, problem: str, outliers: tuple[int, ...], baseline: float) -> list[Case]:
     """A rapid fall from the noise-free case to the greatest noise."""
     cases = []
@@ -185,33 +211,6 @@ def falls(table: Table, rule: Rule, problem: str, outliers: tuple[int, ...], bas
     return cases
 
 
-def short_is_better(table: Table, rule: Rule) -> list[Case]:
-    """3P1 at b = 1 leads b = 5, σ by σ."""
-    return [
-        _paired_lead(f"σ = {noise:g}", *(table.paper(Setting("3p1", 0, noise, b), rule=rule) for b in BASELINES))
-        for noise in NOISY
-    ]
-
-
-def long_under_full(table: Table, rule: Rule) -> list[Case]:
-    """Noise-free 3P1 at b = 5 is not full at the largest sample."""
-    return [_under_full("b = 5, σ = 0", table.paper(Setting("3p1", 0, 0.0, LONG), rule=rule))]
-
-
-def long_is_degenerate(table: Table) -> list[Case]:
-    """Noise-free 3P1 at b = 5 is not full at the largest sample by the default pipeline either."""
-    return [_pipeline_under_full("b = 5, σ = 0", table.default(Setting("3p1", 0, 0.0, LONG)))]
-
-
-def short_is_robust(table: Table, rule: Rule) -> list[Case]:
-    """3P1 at b = 1 with outliers and noise is good at the largest sample."""
-    return [
-        _good(f"{k} outliers, σ = {noise:g}", table.paper(Setting("3p1", k, noise, SHORT), rule=rule))
-        for k in OUTLIERS
-        for noise in (0.5, 1.0)
-    ]
-
-
 def up2p_leads(table: Table, rule: Rule, outliers: tuple[int, ...], noises: tuple[float, ...]) -> list[Case]:
     """Give the cases in which up2p leads P3P."""
     cases = []
@@ -223,19 +222,6 @@ def up2p_leads(table: Table, rule: Rule, outliers: tuple[int, ...], noises: tupl
             figures = f"{_percent(float(up2p.mean()))} against {_percent(float(p3p.mean()))}: {_points(lead)}"
             cases.append(_lead(name, up2p, p3p, figures, lead))
     return cases
-
-
-def two_motions_are_harder(table: Table, rule: Rule) -> list[Case]:
-    """One motion leads two, σ by σ."""
-    return [
-        _paired_lead(f"σ = {noise:g}", *(table.paper(Setting("up2p", 0, noise, motions=m), rule=rule) for m in (1, 2)))
-        for noise in NOISY
-    ]
-
-
-def two_motions_are_good(table: Table, rule: Rule) -> list[Case]:
-    """up2p with two motions and noise is good at the largest sample."""
-    return [_good(f"σ = {noise:g}", table.paper(Setting("up2p", 0, noise, motions=2), rule=rule)) for noise in NOISY]
 
 
 def one_rho_serves_all(table: Table, rule: Rule) -> list[Case]:

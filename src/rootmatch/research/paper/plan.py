@@ -79,26 +79,18 @@ def method_of(rhos: Rhos, problem: str, solver: str, rule: Rule, residual: str =
 
 @dataclass(frozen=True)
 class Table:
-    """Accuracies of all instances, by setting, method and sample size.
-
-    Attributes
-    ----------
-    problems : tuple of str
-        Those that were run.
-    seeds : range
-        Of the instances.
-    rhos : Rhos
-    cells : dict of (Setting, Method, samples) to (instances,) array
-        Instances in the order of their seeds, so that cells can be paired.
-    variant : Variant
-        Which reading of the paper's method, or what in its place, `paper` gives: the same claims are judged for each.
-    """
+    """Accuracies of all instances, by setting, method and sample size."""
 
     problems: tuple[str, ...]
+    """Those that were run."""
     seeds: range
+    """Of the instances."""
     rhos: Rhos
     cells: dict[tuple[Setting, Method, int], Floats]
+    """(instances,) of each setting, method and sample size, in the order of their seeds, so that cells
+    can be paired."""
     variant: Variant = "text"
+    """Which reading of the paper's method, or what in its place, `paper` gives: the same claims are judged for each."""
 
     @property
     def effort(self) -> Effort:

@@ -94,23 +94,16 @@ Key = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class Rhos:
-    """Results of the scan of ρ, and the chosen values.
-
-    Attributes
-    ----------
-    effort : Effort
-    whole, own, exact : dict of Key to (seeds, len(grid)) array
-        Accuracy at each ρ of the grid, a mean over all scanned settings of a problem, over its noisy ones and over its
-        noise-free ones, for each seed.
-    clean : dict of Key to (seeds, len(grid)) array
-        The same for the setting of the paper's statement (`CONDITIONS`).
-    """
+    """Results of the scan of ρ, and the chosen values."""
 
     effort: Effort
     whole: dict[Key, Floats]
     own: dict[Key, Floats]
     exact: dict[Key, Floats]
+    """(seeds, len(grid)) accuracy at each ρ of the grid, a mean over all scanned settings of a
+    problem, over its noisy ones and over its noise-free ones, for each seed."""
     clean: dict[Key, Floats]
+    """(seeds, len(grid)), the same for the setting of the paper's statement (`CONDITIONS`)."""
 
     @cached_property
     def problems(self) -> tuple[str, ...]:

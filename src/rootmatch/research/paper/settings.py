@@ -30,18 +30,12 @@ SCAN_SEED = 1_000_000
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is run: instances, sample sizes, and the scan of ρ.
-
-    Attributes
-    ----------
-    instances : int
-        Scenes of each setting.
-    quick : bool
-        Leave out the sample sizes above 10⁵ and every second ρ, and compare the residuals at 10⁴ samples.
-    """
+    """How much is run: instances, sample sizes, and the scan of ρ."""
 
     instances: int = 100
+    """Scenes of each setting."""
     quick: bool = False
+    """Leave out the sample sizes above 10⁵ and every second ρ, and compare the residuals at 10⁴ samples."""
 
     @property
     def samples(self) -> tuple[int, ...]:
@@ -78,24 +72,15 @@ class Effort:
 
 @dataclass(frozen=True, order=True)
 class Setting:
-    """How scenes are simulated, all but the seed.
-
-    Attributes
-    ----------
-    problem : str
-        ``"p3p"``, ``"3p1"`` or ``"up2p"``.
-    outliers : int
-    noise : float
-        σ in pixels.
-    baseline : float
-        Distance of the two cameras of 3P1; 0 for the problems with one camera.
-    motions : int
-    """
+    """How scenes are simulated, all but the seed."""
 
     problem: str
+    """``"p3p"``, ``"3p1"`` or ``"up2p"``."""
     outliers: int = 0
     noise: float = 0.0
+    """σ in pixels."""
     baseline: float = 0.0
+    """Distance of the two cameras of 3P1; 0 for the problems with one camera."""
     motions: int = 1
 
     def scene(self, seed: int) -> Scene:
@@ -118,21 +103,14 @@ class Setting:
 
 @dataclass(frozen=True, order=True)
 class Method:
-    """How a scene is matched.
-
-    Attributes
-    ----------
-    residual : str
-        ``"qr"``, ``"qr-both"``, ``"svd"`` or ``"joint"``; with ``-cos`` appended, 3P1 by x = cos θ.
-    solver : str
-        A key of `rootmatch.research.paper.work_unit.SOLVERS`.
-    rho : float
-        Spread ρ of the affinity, in units of the residual; 1 for ``"joint"``, which is in units of the noise.
-    """
+    """How a scene is matched."""
 
     residual: str
+    """``"qr"``, ``"qr-both"``, ``"svd"`` or ``"joint"``; with ``-cos`` appended, 3P1 by x = cos θ."""
     solver: str
+    """A key of `rootmatch.research.paper.work_unit.SOLVERS`."""
     rho: float
+    """Spread ρ of the affinity, in units of the residual; 1 for ``"joint"``, which is in units of the noise."""
 
 
 DEFAULT_PIPELINE = Method("joint", "ascent", 1.0)

@@ -22,31 +22,18 @@ chance level cannot be compared."""
 
 @dataclass(frozen=True)
 class Case:
-    """One instance of a claim.
-
-    Attributes
-    ----------
-    name : str
-        What it is about, such as ``"P3P, σ = 0.1"``.
-    holds : bool or None
-        None if nothing that could have been measured would have decided otherwise.
-    figures : str
-        What decides it, or why nothing does.
-    """
+    """One instance of a claim."""
 
     name: str
+    """What it is about, such as ``"P3P, σ = 0.1"``."""
     holds: bool | None
+    """None if nothing that could have been measured would have decided otherwise."""
     figures: str
+    """What decides it, or why nothing does."""
 
 
 def verdict(cases: list[Case]) -> str:
-    """Say ``holds``, ``does not hold``, ``holds only for …`` with the cases named, or ``undecidable``.
-
-    Raises
-    ------
-    ValueError
-        If there is no case: nothing was looked at, so nothing can be said.
-    """
+    """Say ``holds``, ``does not hold``, ``holds only for …`` with the cases named, or ``undecidable``."""
     if not cases:
         raise ValueError("no case to judge")
     decided = [case for case in cases if case.holds is not None]

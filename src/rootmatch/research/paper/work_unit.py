@@ -226,14 +226,5 @@ def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int,
                     if size not in wanted:
                         continue
                     solution = SOLVERS[method.solver](tensor, seed=seed)
-                    yield Row(
-                        setting=task.setting,
-                        method=method,
-                        seed=seed,
-                        samples=size,
-                        accuracy=scene.accuracy(solution.assignment),
-                        score=float(solution.score),
-                        hyperedges=tensor.size,
-                        iterations=solution.iterations,
-                        converged=solution.converged,
-                    )
+                    accuracy = scene.accuracy(solution.assignment)
+                    yield Row.of((task.setting, method, seed, size), accuracy, solution, tensor.size)

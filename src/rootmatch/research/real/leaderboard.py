@@ -37,13 +37,7 @@ def rows_file(folder: Path, method: str) -> Path:
 
 
 def read_rows(path: Path, fields: Fields = FIELDS) -> list[dict[str, Any]]:
-    """Rows of a file, each with these fields at least; a last line that was cut off is left out.
-
-    Raises
-    ------
-    InputError
-        If another line is damaged.
-    """
+    """Rows of a file, each with these fields at least; a last line that was cut off is left out."""
     if not path.is_file():
         return []
     rows = []

@@ -28,11 +28,6 @@ class Program:
         A name of this library's own methods, or a command line.
     start_up : float
         Seconds that it may take for its first reply, compiling included.
-
-    Raises
-    ------
-    InputError
-        If the command is none or cannot be started.
     """
 
     def __init__(self, method: str, start_up: float = 120.0) -> None:

@@ -30,28 +30,21 @@ NEAR_INSTANCE = 10.0
 
 @dataclass(frozen=True, eq=False)
 class RealScene:
-    """One scene: what a method is told, and what is kept from it.
-
-    Attributes
-    ----------
-    protocol, number : str, int
-        Together the scene's name.
-    request : dict
-        As JSON can hold it: ``source`` (n, 3|2), ``target`` (n', 2), ``problem`` ("p3p", "up2p", "3p1"), ``camera``
-        (``fx fy cx cy`` and perhaps OpenCV's ``dist``), ``noise`` in pixels, and what else is known: ``normals``,
-        ``vertical_camera``, ``vertical_world``, ``vertical_noise``, ``camera2``, ``axis``, ``axis2``, ``axis_noise``,
-        ``candidates`` (pairs), ``motions``.
-    truth : (n,) int64, optional
-        Index of each source point's target, −1 where it has none.
-    instances : list of (m,) bool, optional
-        In place of ``truth``, for each instance of the object which of the candidates are images of it.
-    """
+    """One scene: what a method is told, and what is kept from it."""
 
     protocol: str
     number: int
+    """Together the scene's name."""
     request: dict[str, Any]
+    """As JSON can hold it: ``source`` (n, 3|2), ``target`` (n', 2), ``problem`` ("p3p", "up2p", "3p1"), ``camera``
+    (``fx fy cx cy`` and perhaps OpenCV's ``dist``), ``noise`` in pixels, and what else is known: ``normals``,
+    ``vertical_camera``, ``vertical_world``, ``vertical_noise``, ``camera2``, ``axis``, ``axis2``, ``axis_noise``,
+    ``candidates`` (pairs), ``motions``."""
     truth: Integers | None = None
+    """(n,) index of each source point's target, −1 where it has none."""
     instances: list[Bools] | None = None
+    """(m,) each; in place of ``truth``, for each instance of the object which of the candidates are
+    images of it."""
 
     @property
     def name(self) -> str:
@@ -86,13 +79,7 @@ def protocols() -> list[Protocol]:
 
 
 def all_scenes(folder: Path, only: list[str] | None = None) -> Iterator[RealScene]:
-    """The scenes of the protocols named, or of all whose data are in the folder.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, or a file is missing or not what it should be.
-    """
+    """The scenes of the protocols named, or of all whose data are in the folder."""
     known = {protocol.name: protocol for protocol in protocols()}
     for name in only or []:
         if name not in known:

@@ -26,14 +26,7 @@ SHORT = 0.25
 
 
 class BoundedAscents:
-    """Makes the ascents of one run of `MultiStartAscent`, and counts what they take.
-
-    Parameters
-    ----------
-    options : AscentOptions
-    index : SubsetIndex
-    deadline : Deadline
-    """
+    """Makes the ascents of one run of `MultiStartAscent`, and counts what they take."""
 
     def __init__(self, options: AscentOptions, index: SubsetIndex, deadline: Deadline = NEVER) -> None:
         self.options, self.index = options, index

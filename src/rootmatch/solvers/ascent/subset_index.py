@@ -72,11 +72,6 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     tensor : AffinityTensor
     bucket_bits : int, optional
         2^bucket_bits buckets; by default such that a bucket holds one to two entries, or a table of pairs.
-
-    Raises
-    ------
-    InputError
-        If there are more subsets than 32 bits can count.
     """
     count = tensor.size * tensor.order
     if count >= 2**32 or tensor.size >= 2**31:

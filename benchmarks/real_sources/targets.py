@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with, opencv, rms, table
+from real_sources.common import Fields, data_set, folder_with, opencv, rms, table
 
 LEAST = 12
 """Targets of an image."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rootmatch.research.real.sources.common import Fields, folder_with, table
+from real_sources.common import Fields, folder_with, table
 
 
 def convert(snapshot: Path) -> Fields:

@@ -1,12 +1,12 @@
-"""Make a data set of the benchmark: ``python -m rootmatch.research.real.sources DATA_SET SNAPSHOT OUTPUT``."""
+"""Make a data set of the benchmark: ``python -m real_sources DATA_SET SNAPSHOT OUTPUT``, in the folder `benchmarks`."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
+from real_sources import SOURCES, convert
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources import SOURCES, convert
 
 
 def main(arguments: list[str]) -> int:

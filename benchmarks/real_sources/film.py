@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from real_sources.common import Fields, data_set, folder_with
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with
 
 FILE = "libmv-ba-problems/problem_01.txt"
 FRAMES = 16

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from real_sources.common import Fields, data_set, folder_with, opencv, photograph
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with, opencv, photograph
 
 COLUMNS, ROWS = 9, 6
 """Inner corners of the board."""

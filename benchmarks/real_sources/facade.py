@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from real_sources.common import Fields, data_set, folder_with, opencv, photograph, project
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with, opencv, photograph, project
 
 REDUCED = 3
 """Factor by which photographs are made smaller."""
@@ -81,13 +81,7 @@ def _undistorted(seen: Floats, k1: float, k2: float) -> Floats:
 
 
 def vertical(path: Path, K: Floats, size: tuple[int, int]) -> Floats:
-    """Unit *down* in a camera, from the vanishing point of a photograph's steep line segments.
-
-    Raises
-    ------
-    InputError
-        If the photograph cannot be read, or shows no vertical edges.
-    """
+    """Unit *down* in a camera, from the vanishing point of a photograph's steep line segments."""
     cv2 = opencv()
     segments = _steep_segments(cv2.resize(photograph(path), size, interpolation=cv2.INTER_AREA), cv2)
     if len(segments) < 2:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with, known_pose, table
+from real_sources.common import Fields, data_set, folder_with, known_pose, table
 
 FOCAL = 1000.0
 LIGHTHOUSES = 2

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from real_sources import boards, candidates, cavity, facade, film, headset, targets
+from real_sources.common import Fields, opencv_errors
 from rootmatch.errors import InputError
 from rootmatch.io import written_whole
-from rootmatch.research.real.sources import boards, candidates, cavity, facade, film, headset, targets
-from rootmatch.research.real.sources.common import Fields, opencv_errors
 
 SOURCES: dict[str, Callable[[Path], Fields]] = {
     "vive_hmd_lighthouse": headset.convert,

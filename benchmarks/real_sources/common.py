@@ -16,13 +16,7 @@ Fields = dict[str, NDArray[Any]]
 
 
 def folder_with(snapshot: Path, *names: str) -> Path:
-    """The first folder of a snapshot, in alphabetical order, that holds all these files.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """The first folder of a snapshot, in alphabetical order, that holds all these files."""
     for first in sorted(snapshot.rglob(Path(names[0]).name)):
         folder = first.parents[len(Path(names[0]).parts) - 1]
         if all((folder / name).is_file() for name in names):
@@ -31,13 +25,7 @@ def folder_with(snapshot: Path, *names: str) -> Path:
 
 
 def table(path: Path, columns: int) -> Floats:
-    """The leading columns of a text file of numbers, (rows, columns).
-
-    Raises
-    ------
-    InputError
-        If a row has fewer numbers.
-    """
+    """The leading columns of a text file of numbers, (rows, columns)."""
     rows = [line.replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     try:
         return np.array([[float(word) for word in row[:columns]] for row in rows]).reshape(len(rows), columns)
@@ -46,13 +34,7 @@ def table(path: Path, columns: int) -> Floats:
 
 
 def opencv() -> Any:
-    """OpenCV, which calibrates and fits poses independently of this library.
-
-    Raises
-    ------
-    InputError
-        If it is not installed.
-    """
+    """OpenCV, which calibrates and fits poses independently of this library."""
     try:
         import cv2
     except ImportError:

@@ -15,9 +15,9 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from real_sources.common import Fields, data_set, folder_with, known_pose, project, table
 from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with, known_pose, project, table
 
 CAMERAS = 4
 LEAST_AREA = 9
@@ -108,11 +108,6 @@ def identified(
     """Which dot is which blob (two index arrays), and the effective pinhole camera K, R, t.
 
     ``expected`` (n, 2) holds roughly where the dots are, K rough intrinsics.
-
-    Raises
-    ------
-    InputError
-        If too few blobs are near the dots.
     """
     tree = cKDTree(blobs)
     shift = np.concatenate([blobs[tree.query_ball_point(one, FARTHEST)] - one for one in expected])
