@@ -42,7 +42,8 @@ class PointSets:
         Least cosine between the normal and the direction to the camera at which each point is visible; None if no
         angle was given: 0, the rim.
     source_covariance, target_covariance : (n, k, k) and (n', k, k) float64, optional
-        Where they say more than the noise: of points in space that are not exact, or not equally on all axes.
+        Where they say more than the noise: of points in space that are not exact, or of points and detections whose
+        noise is not the same on all axes.
     noise_alone : (n',) float64, optional
         ``target_noise`` without what that adds.
     """
@@ -61,6 +62,26 @@ class PointSets:
     def detection_noise(self) -> Floats:
         """Standard deviations (n',) of the detections alone."""
         return self.target_noise if self.noise_alone is None else self.noise_alone
+
+    @property
+    def has_covariances(self) -> bool:
+        """Whether covariances say more than the noise, of either set."""
+        return self.source_covariance is not None or self.target_covariance is not None
+
+    def covariances_of(self, target: Indices) -> Floats:
+        """Covariances (…, k, k) of some (…) detections alone."""
+        if self.target_covariance is not None:
+            return self.target_covariance[target]
+        k = self.target.shape[1]
+        return np.asarray(self.detection_noise[target][..., None, None] ** 2 * np.eye(k))
+
+    @property
+    def widest_noise(self) -> Floats:
+        """Standard deviations (n',) along the widest axis of each detection."""
+        if self.target_covariance is None:
+            return self.target_noise
+        own = np.linalg.eigvalsh(self.target_covariance)[:, -1]
+        return np.asarray(np.sqrt(own + self.target_noise**2 - self.detection_noise**2))
 
     @property
     def shape(self) -> tuple[int, int]:
