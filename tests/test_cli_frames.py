@@ -423,7 +423,7 @@ def test_a_column_sigma_says_how_noisy_each_detection_is(folder: Path, tmp_path:
     for command, name in (("match", "sigma"), ("match", "frames"), ("track", "frames")):
         result = run(command, folder / "model.csv", files[name], *camera, "--noise", "0.2")
         assert result.exit_code == 2
-        assert "has a column sigma, which states the noise; leave one of them out" in result.stderr
+        assert "has a column that states the noise; leave one of them out" in result.stderr
 
 
 def test_columns_sigma_of_two_noisy_sets(tmp_path: Path) -> None:

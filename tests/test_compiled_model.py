@@ -473,6 +473,12 @@ def test_more_matches_than_few_have_no_minimal_sets() -> None:
     assert len(poses_of_few(more, np.arange(9)[None]).assignments) == 0
 
 
+def one_sided(rng: np.random.Generator, count: int) -> Floats:
+    """Covariances (count, 2, 2) of rank one."""
+    along = rng.normal(size=(count, 2))
+    return np.asarray(along[:, :, None] * along[:, None])
+
+
 @pytest.mark.parametrize("weighed", [False, True])
 def test_gates(weighed: bool) -> None:
     more = {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.0} if weighed else {}
@@ -485,7 +491,8 @@ def test_gates(weighed: bool) -> None:
     candidates, gains, assignment = np.empty((6, 9), np.bool_), np.empty((6, 9)), np.empty(6, np.int64)
     unique = gate(
         (at.pixels[0], at.jacobian[0], of_points, shown), covariance,
-        (target, sigma, model.clutter.log_density, weights), (16.0, 0.9, 0.1), (candidates, gains, assignment),
+        (*model.detections_for_gates, model.clutter.log_density, weights),
+        (16.0, 0.9, 0.1), (candidates, gains, assignment),
     )  # fmt: skip
     for i in range(6):
         for j in range(9):
@@ -506,7 +513,7 @@ def test_gates(weighed: bool) -> None:
     assert good.any()
 
 
-@pytest.mark.parametrize("name", ["plain", "weights", "source noise"])
+@pytest.mark.parametrize("name", ["plain", "weights", "source noise", "blurred"])
 def test_gains_of_single_matches(name: str) -> None:
     """Each is what a fit without the point's own match predicts, by normal equations that leave that match out."""
     more: dict[str, object] = {}
@@ -516,14 +523,17 @@ def test_gains_of_single_matches(name: str) -> None:
     at = model.linearised(R[:1], position[:1])
     assert at.seen.all()
     assignment = np.array([0, 1, 2, 3, 4, -1])
-    model = replace(model, target=model.target.copy())
     rng = np.random.default_rng(1011)
+    own = model.sigma[:, None, None] ** 2 * np.eye(2)
+    if name == "blurred":
+        more = {"target_covariance": (own := own + 2.0 * one_sided(rng, 9))}
+    model = replace(model, target=model.target.copy(), **more)
     model.target[:5] = at.pixels[0, :5] + rng.normal(0.0, 0.5, (5, 2))
     uncertain = name == "source noise"
     of_points = np.tile(float(uncertain) * np.array([[0.5, 0.1], [0.1, 0.3]]), (6, 1, 1))
     P = np.diag([1.0, 1.0, 1.0, 100.0, 100.0, 100.0])
     rows = [at.jacobian[0, i] for i in range(6)]
-    noise = [of_points[i] + model.sigma[j] ** 2 * np.eye(2) for i, j in enumerate(assignment)]
+    noise = [of_points[i] + own[j] for i, j in enumerate(assignment)]
     each = [rows[i].T @ np.linalg.inv(noise[i]) @ rows[i] if assignment[i] >= 0 else 0.0 * P for i in range(6)]
     off = [model.target[j] - at.pixels[0, i] for i, j in enumerate(assignment)]
     push = [rows[i].T @ np.linalg.inv(noise[i]) @ off[i] if assignment[i] >= 0 else np.zeros(6) for i in range(6)]
@@ -532,11 +542,11 @@ def test_gains_of_single_matches(name: str) -> None:
     pixels = at.pixels[0] + np.array([row @ step for row in rows])
     covariance = np.linalg.inv(P + sum(each))
     visible_by = np.linspace(0.3, 1.0, 6)
-    target, sigma, weights, *_ = model.image_for_kernels
     gains, log_count = np.empty((6, 9)), rng.normal(size=9)
     gains_of_matches(
         assignment, (pixels, at.jacobian[0], of_points[: 6 * uncertain], visible_by, at.seen[0]),
-        covariance, (target, sigma, model.clutter.log_density, weights, log_count), 0.8, gains,
+        covariance,
+        (*model.detections_for_gates, model.clutter.log_density, model.weights_of_pairs, log_count), 0.8, gains,
     )  # fmt: skip
     for i in range(6):
         without = P + sum(one for k, one in enumerate(each) if k != i)
@@ -544,7 +554,7 @@ def test_gains_of_single_matches(name: str) -> None:
         predicted = at.pixels[0, i] + rows[i] @ there
         spread = rows[i] @ np.linalg.inv(without) @ rows[i].T + of_points[i]
         for j in range(9):
-            log_density = multivariate_normal(predicted, spread + sigma[j] ** 2 * np.eye(2)).logpdf(model.target[j])
+            log_density = multivariate_normal(predicted, spread + own[j]).logpdf(model.target[j])
             chance = 0.8 * visible_by[i]
             gain = log_density + math.log(chance / (1.0 - chance)) - model.clutter.log_density[j] + log_count[j]
             if name == "weights":

@@ -20,7 +20,7 @@ from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.problems.pose_fit.starts import reflected
 from rootmatch.tracking.motion_filter import transition
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
-from test_compiled_model import FISHEYE, PINHOLE, SIZES, WEIGHTS, rig, scene
+from test_compiled_model import FISHEYE, PINHOLE, SIZES, WEIGHTS, one_sided, rig, scene
 
 Floats = NDArray[np.float64]
 GATE, TRIED = 16.0, 8
@@ -32,7 +32,7 @@ def covariance_of(kind: str, rng: np.random.Generator) -> Floats:
     return np.asarray(rows @ rows.T if kind != "rank one" else 100.0 * np.outer(rows[:, 0], rows[:, 0]))
 
 
-@pytest.mark.parametrize("kind", ["plain", "weights", "source noise", "rank one"])
+@pytest.mark.parametrize("kind", ["plain", "weights", "source noise", "rank one", "blurred"])
 @pytest.mark.parametrize("seed", range(1020, 1024))
 def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
     """By Kalman's formulas with matrices, and densities of all detections."""
@@ -41,6 +41,9 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     at = model.linearised(R[:1], position[:1])
     pixels, jacobian = at.pixels[0], at.jacobian[0]
+    own = model.sigma[:, None, None] ** 2 * np.eye(2)
+    if kind == "blurred":
+        more = {"target_covariance": (own := own + 2.0 * one_sided(rng, 9))}
     model = DetectionModel(model.camera, model.points, model.target.copy(), model.sigma, **more)  # type: ignore[arg-type]
     of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (6, 1, 1)) if kind == "source noise" else EXACT
     about = rng.normal(0.0, 1e-3, 6), covariance_of(kind, rng)
@@ -49,8 +52,9 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
     if kind == "weights":
         candidates &= WEIGHTS > -1.0
     candidates[3] = False
-    target, sigma, log_weights, *_ = model.image_for_kernels
-    points, image = (pixels, jacobian, of_points, chance), (target, sigma, model.clutter.log_density, log_weights)
+    target, log_weights = model.target, model.weights_of_pairs
+    image = *model.detections_for_gates, model.clutter.log_density, log_weights
+    points = pixels, jacobian, of_points, chance
 
     moved = pixels + jacobian @ about[0]
     spread = jacobian @ about[1] @ jacobian.swapaxes(1, 2) + (of_points if len(of_points) else 0.0)
@@ -70,7 +74,7 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
     update_with_each(points, about, image, candidates, pairs[:count], (steps, covariances, scores))
     shown = candidates.any(axis=1)
     for k, (i, j) in enumerate(expected):
-        total = spread[i] + sigma[j] ** 2 * np.eye(2)
+        total = spread[i] + own[j]
         gain = about[1] @ jacobian[i].T @ np.linalg.inv(total)
         np.testing.assert_allclose(steps[k], about[0] + gain @ (target[j] - moved[i]), rtol=1e-6, atol=1e-9)
         covariance = about[1] - gain @ total @ gain.T

@@ -343,6 +343,52 @@ def evidence_by_hand(tables, out: np.ndarray, points, images, density: np.ndarra
 
 
 @pytest.mark.parametrize("name", SCENES)
+def test_sets_are_solved_with_the_detections_of_their_last_points(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of four colours, all of which survive as where every detection is solved and then refused."""
+    scene = SCENES[name](9, 9, noise=1.0, seed=6)
+    rng = np.random.default_rng(2)
+    colours, marks = rng.integers(0, 4, 9), rng.integers(0, 4, 18)
+    marks[scene.truth] = colours
+    m, allowed = scene.problem.minimal, colours[:, None] == marks
+    points = np.array([np.sort(rng.permutation(9)[:m]) for _ in range(12)])
+    arrangements = np.array(list(permutations(range(18), m - 1)), dtype=np.int32)
+    tables = scene.problem.prepare(scene.source, scene.target)
+    sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(len(points), np.int64))
+    rules = SequentialTest(hit=3.0, fall=3.0, miss=-0.4, floor=-3.5, least=m + 1, normals=False)
+    built, tasks = detection_grid.build_grid(tables.rays, 0.01), 12 * len(arrangements)
+    rows, counts = [], []
+    for classes in (16, 0):
+        monkeypatch.setattr("rootmatch.samplers.guided.sequential_test.CLASSES", classes)
+        found, _, count = run_sequential_tests(tables, built, rules, sets, arrangements, 0, tasks, allowed, 4000, 2)
+        rows.append({tuple(row) for row in found.reshape(-1, m + 2).tolist() if row[0] >= 0})
+        counts.append(count.sum(axis=0))
+    assert rows[0] == rows[1]
+    assert len(rows[0]) > 12
+    assert all(allowed[points[s], images].all() for s, _, *images in rows[0])
+    assert counts[0][0] < 0.5 * counts[1][0]
+    assert counts[0][1] <= counts[1][1]
+
+
+def test_evidence_counts_the_detections_that_points_may_have() -> None:
+    """Of a quarter of all detections a point's own is a hit four times as rare by chance."""
+    scene = p3p_scene(8, 8, noise=1.0, seed=5)
+    tables = scene.problem.prepare(scene.source, scene.target)
+    allowed = np.zeros((8, 16), np.bool_)
+    allowed[np.arange(8), scene.truth] = True
+    for row in allowed:
+        row[np.flatnonzero(~row)[:3]] = True
+    density, found = np.full(16, 100.0), []
+    for root in range(4):
+        images = np.array([[root, *scene.truth[:3]]])
+        masked = verify(tables, np.arange(3)[None], images, density, allowed)[0]
+        # as dense as a quarter of them, where others are far off
+        found.append((masked[0], verify(tables, np.arange(3)[None], images, 0.25 * density, EVERYTHING)[0][0]))
+    best = max(found)
+    assert best[0] > 10.0
+    assert best[0] == pytest.approx(best[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("name", SCENES)
 def test_evidence_is_the_product_of_likelihood_ratios(name: str) -> None:
     scene = SCENES[name](8, 4, noise=1.0, seed=5)
     tables = scene.problem.prepare(scene.source, scene.target)

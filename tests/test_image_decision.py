@@ -153,3 +153,25 @@ def test_a_mirror_image_takes_nothing_before_the_body_was_searched_for(order: tu
     assert match.bodies[1].status is rm.Status.UNTRUSTED
     assert not np.isin(match.bodies[1].assignment, truth[truth >= 0]).any()
     assert match.bodies[1].probability < 0.05
+
+
+@pytest.mark.parametrize("kind", ["few", "large"])
+def test_what_is_trusted_has_the_probability_that_is_told(kind: str) -> None:
+    """Of matches that are doubtful one by one, and of so many that they are hardly right together."""
+    trusted = 0
+    for seed in (1107, 1113) if kind == "few" else (1000, 1001):
+        rng = np.random.default_rng(seed)
+        n, clutter = (8, 12) if kind == "few" else (150, 150)
+        points, t = rng.uniform(-0.4, 0.4, (n, 3)), np.array([0.0, 0.0, 1.6])
+        pixels = CAMERA.project(points + t)[rng.random(n) < 0.85]
+        pixels = pixels + rng.normal(0.0, 1.0, pixels.shape)
+        low, high = pixels.min(axis=0) - 60.0, pixels.max(axis=0) + 60.0
+        target = np.concatenate([pixels, rng.uniform(low, high, (clutter, 2))])
+        prior = rm.Pose(np.eye(3), t, np.diag([0.02] * 3 + [0.03] * 3) ** 2)
+        found = rm.match(points, target, rm.P3P(CAMERA), noise=1.0, prior=prior)
+        if found:
+            trusted += 1
+            assert found.probability is not None
+            assert found.probability >= 0.95
+            assert found.confidence[found.assignment >= 0].min() >= 0.95
+    assert trusted > 0

@@ -50,7 +50,7 @@ def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: 
         assignment[some] = np.roll(assignment[some], 1)
         covariance, rate = np.diag(rng.uniform(1e-6, 1e-3, 6)), math.nan if seed % 2 else 0.8
         log_counts, image_of = rng.normal(size=(2, 10)), rng.integers(0, 2, 9)
-        known = *model.image_for_kernels[:2], model.clutter.log_density, model.weights_of_pairs
+        known = *model.detections_for_gates, model.clutter.log_density, model.weights_of_pairs
         points = at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), rng.uniform(0.2, 1.0, 6), at.seen[0]
         columns, gains, order, changed = changes_of(
             assignment, points, covariance, (*known, log_counts, image_of), (rate, -9.0, may_lose, most, 3)
@@ -114,7 +114,7 @@ def test_no_change_is_likely() -> None:
     counts = np.zeros((1, 7)), np.zeros(6, np.int64)
     columns, gains, order, changed = changes_of(
         np.arange(6), (at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), np.full(6, 0.9), at.seen[0]),
-        1e-12 * np.eye(6), (*model.image_for_kernels[:2], np.full(6, -40.0), model.weights_of_pairs, *counts),
+        1e-12 * np.eye(6), (*model.detections_for_gates, np.full(6, -40.0), model.weights_of_pairs, *counts),
         (0.9, -9.0, True, 8, 3),
     )  # fmt: skip
     assert (len(gains), len(order), changed.shape, columns.shape) == (0, 0, (0, 6), (4, 0))

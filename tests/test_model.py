@@ -355,7 +355,11 @@ def test_the_posterior_finds_what_is_there_and_grows_it() -> None:
     told = posterior(model, Proposals(part[None], R[None], position[None]))
     np.testing.assert_array_equal(told.modes.assignments[0], assignment)
     assert 0.98 < told.probability <= told.confidence.min() + 1e-12 <= 0.999 + 1e-12
-    np.testing.assert_array_equal(told.believed(0.9), assignment)
+    believed = told.believed(0.9)
+    assert believed is not None
+    np.testing.assert_array_equal(believed.assignment, assignment)
+    assert 0.9 <= believed.probability <= told.confidence.min()
+    assert believed.known == 8
 
 
 def test_probability_is_no_larger_than_any_confidence() -> None:
@@ -376,8 +380,9 @@ def test_two_detections_for_one_point_are_a_toss_up() -> None:
     assert np.delete(told.confidence, 3).min() > 0.9
     believed = told.believed(0.9)
     assert believed is not None
-    assert believed[3] == -1
-    assert (np.delete(believed, 3) >= 0).all()
+    assert believed.assignment[3] == -1
+    assert (np.delete(believed.assignment, 3) >= 0).all()
+    assert believed.probability >= 0.9
 
 
 def test_the_mirror_image_of_a_body_is_proposed_where_it_looks_the_same() -> None:

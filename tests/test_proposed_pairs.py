@@ -44,6 +44,9 @@ def test_both_motions_are_found(motions) -> None:  # type: ignore[no-untyped-def
     assert mask[np.flatnonzero(matched), match.assignment[matched]].all()
     assert (labels[matched] >= 0).mean() > 0.95
     assert matched[labels >= 0].mean() > 0.95
+    assert match.probability is not None
+    assert match.probability > 0.9  # of two motions, each with 0.95
+    assert match.confidence[matched].min() > 0.95
     for rotation, t in POSES:
         error = min(np.abs(pose.R - rotation).max() + np.abs(pose.t - t).max() for pose in match.poses)
         assert error < 0.1
@@ -55,6 +58,7 @@ def test_false_pairs_alone_make_no_motion() -> None:
     match = rm.match(source, target, rm.P3P(CAMERA), noise=1.0, candidates=mask, motions="auto")
     assert match.status is rm.Status.UNTRUSTED
     assert not (match.assignment >= 0).any()
+    assert match.probability == 0.0
 
 
 def test_where_there_are_many_candidates_nothing_changes() -> None:

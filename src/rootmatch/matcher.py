@@ -50,8 +50,8 @@ class Matcher:
     source : (n, 3) or (n, 2) array
         Points in space in any frame and unit, or pixels of the first image.
     problem : Problem
-    noise : float or (n',) array
-        Standard deviation of a pixel coordinate, in pixels; `match` can override it.
+    noise : float, (n',) or (n', 2, 2) array
+        Standard deviation of a pixel coordinate, in pixels, or covariances; `match` can override it.
     normals, view_angle, detection_rate, resolution, min_probability, bodies, motions, source_noise
         What is known about the scene in every frame, as for `rootmatch.match`. Candidates and predicted poses belong to
         one frame: pass them to `match`.
@@ -136,7 +136,7 @@ max_hyperedges, max_evaluations
         ----------
         target : (n', 2) array
             Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame.
-        noise : float, (n',) array or "auto", optional
+        noise : float, (n',) or (n', 2, 2) array, or "auto", optional
             Of this frame.
         candidates : (n, n') array, optional
             Possible correspondences or prior weights, for example from the previous frame.

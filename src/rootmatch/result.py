@@ -184,8 +184,7 @@ class Match:
         If the status is MATCHED and doubtful matches were left out, it is that of those that remain. It comes from a
         model of all observations, in which the object may be absent, or two views may have nothing in common
         (docs/model.md). With several motions it is the product of theirs, each weighed with the points and detections
-        that the others leave. None if the problem fits no poses, for the paper's residuals, and with several motions
-        among few proposed pairs (``candidates=``).
+        that the others leave. None if the problem fits no poses, and for the paper's residuals.
         """
         return self._told("probability", np.prod)
 

@@ -83,7 +83,7 @@ Noise = Annotated[
         "Standard deviation of a coordinate, in pixels (similarity, rigid: in the points' unit), or auto. Two "
         "numbers if both sets are noisy (3p1, planar, similarity, rigid).",
         metavar="PX|SOURCE,TARGET|auto",
-        default="1, or the columns sigma",
+        default="1, or the columns sigma or sxx,sxy,syy",
     ),
 ]
 SourceNoise = Annotated[

@@ -57,7 +57,7 @@ class Noise:
             return DEFAULT if given is None else given
         said = given is not None and (len(columns) == 2 or not self.problem.noisy_source)
         if said or given == "auto":
-            raise InputError(f"--noise: {columns[0]} has a column sigma, which states the noise; leave one of them out")
+            raise InputError(f"--noise: {columns[0]} has a column that states the noise; leave one of them out")
         source, target = given if isinstance(given, tuple) else (given or DEFAULT,) * 2
         if target_sigma is not None:
             target = target_sigma

@@ -33,7 +33,8 @@ FIRST_FRAMES = 50
 Frames = Annotated[
     Path,
     typer.Argument(
-        metavar="FRAMES.csv|-", help="Detections frame|time,x,y[,z,camera,sigma] in order; - reads standard input."
+        metavar="FRAMES.csv|-",
+        help="Detections frame|time,x,y[,z,camera,sigma|sxx,sxy,syy] in order; - reads standard input.",
     ),
 ]
 Rate = Annotated[

@@ -64,7 +64,7 @@ def _in_plane(task: MatchingTask) -> tuple[Floats, float] | None:
     options, points = task.options, task.points
     default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
     free = task.allowed is None and task.weights is None and not task.has_prior and task.budget is None
-    known = points.normals is None and points.source_covariance is None
+    known = points.normals is None and not points.has_covariances
     if not (isinstance(task.problem, P3P) and is_modelled(task) and default and free and known):
         return None
     if task.shape[0] < LARGE or task.shape[1] <= task.problem.order:

@@ -211,8 +211,7 @@ def _mistakes(task: MatchingTask) -> Iterator[Mistake]:
             remedy = "give the noise of rays in radians: np.radians(...)"
             yield "the noise is in degrees", remedy, pointed(target_noise=unit * points.target_noise)
         for mistake, factor in NOISIER.items():
-            noisier = pointed(source_noise=factor * points.source_noise, target_noise=factor * points.target_noise)
-            yield mistake, f"give noise= {factor:g} times as large", noisier
+            yield mistake, f"give noise= {factor:g} times as large", pointed(**_noisier(points, factor))
 
 
 def _of_point_sets(problem: Similarity, task: MatchingTask, pointed: Callable[..., Change]) -> Iterator[Mistake]:
@@ -224,6 +223,16 @@ def _of_point_sets(problem: Similarity, task: MatchingTask, pointed: Callable[..
         remedy = "use one unit, such as millimetres, or Similarity, which finds the scale"
         points = _with_noise_in_each_unit(task.points)
         yield "the sets have different units", remedy, lambda: replace(task, problem=scaled, points=points)
+
+
+def _noisier(points: PointSets, factor: float) -> dict[str, Any]:
+    """The noise of both sets, so many times as large."""
+    known = points.target_covariance
+    return {
+        "source_noise": factor * points.source_noise,
+        "target_noise": factor * points.target_noise,
+        "target_covariance": None if known is None else factor**2 * known,
+    }
 
 
 def _with_noise_in_each_unit(points: PointSets) -> PointSets:

@@ -101,7 +101,7 @@ def _found(task: MatchingTask, judging: bool) -> Finding:
 def _several_motions(task: MatchingTask) -> Finding:
     """Groups of one motion each: among proposed pairs, which are evidence themselves, or packed and judged."""
     if pays(task):
-        return assess(task, *motions_of_pairs(task))
+        return judged_motions(assess(task, *motions_of_pairs(task)), proposed=True)
     return judged_motions(assess(task, *pack_motions(task, sample(task))))
 
 

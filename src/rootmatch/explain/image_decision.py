@@ -116,13 +116,14 @@ def told_by(
         prediction = int(prior.prediction_of(modes.rotation[k : k + 1], modes.position[k : k + 1])[0])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     missed = 0.0 if holds else missed  # a search need not meet what is predicted
-    sure = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
+    trusted = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
+    sure = None if trusted is None else trusted.assignment
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
     minimal, triples = base.task.minimal, most_triples(base.task)
     met = sure is not None and model.is_met(sure, minimal, minimal + 1, triples=triples)
     points = int((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0).sum())  # a rig sees one several times
-    of_the_rest = (met or (holds and kept >= LEAST)) and kept >= KEPT * matched
+    of_the_rest = (met or (holds and kept >= LEAST)) and trusted is not None and trusted.known >= KEPT * matched
     facts = Facts(
         present=present,
         contested=not of_the_rest,
@@ -132,11 +133,10 @@ def told_by(
         false_alarms=math.inf if does_not_fit(fault) else -math.inf,
         missed=missed if sure is None or met else 1.0,
     )
-    if (status := facts.status) is Status.MATCHED and sure is not None and kept < matched:
-        pose, each = float(told.probabilities[0]), confidence[sure >= 0]
-        probability = min(pose * float(np.prod(each / each.max())), float(each.min()))
-        confidence = np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
-        first = sure
+    if (status := facts.status) is Status.MATCHED and trusted is not None:
+        probability = trusted.probability if kept < matched else max(probability, trusted.probability)
+        confidence = np.where((trusted.assignment < 0) & (first >= 0), told.unmatched, confidence)
+        first = trusted.assignment
     others, believed = Others(told, TRUST.alternatives, than=first), status is not Status.UNTRUSTED
     first, confidence = of_surest(first, confidence, surest)
     return replace(

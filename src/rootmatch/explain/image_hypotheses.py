@@ -214,7 +214,7 @@ def is_enough(model: DetectionModel, told: Posterior, minimal: int, *, of_severa
     elsewhere = most * max(mass, 0.0) / len(used)
     if most > 0.0 and not of_several:
         # of two squared deviations over their variances the mean is two: half of that is 1
-        worth = -model.clutter.log_density - np.log(2.0 * np.pi * model.sigma**2) - 1.0
+        worth = -model.clutter.log_density - model.log_areas - 1.0
         mean = float(worth.sum() - worth[used].sum()) / left
         elsewhere = max(elsewhere, most * mean - minimal * math.log(left))
     return mass >= math.log(DOUBT) + elsewhere
@@ -255,7 +255,8 @@ def model_of(task: MatchingTask) -> DetectionModel:
         prior = _with_predictions(task, prior, centre)
     return DetectionModel(
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
-        source_covariance=points.source_covariance, rate=task.options.detection_rate, prior=prior,
+        source_covariance=points.source_covariance, target_covariance=points.target_covariance,
+        rate=task.options.detection_rate, prior=prior,
         allowed=allowed, log_weights=log_weights, resolution=task.options.resolution or 0.0,
     )  # fmt: skip
 

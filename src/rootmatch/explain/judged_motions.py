@@ -18,6 +18,7 @@ from rootmatch.deadline import NEVER, OutOfTime, checkpoint
 from rootmatch.explain.decide import Facts, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import is_modelled, told_by
+from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.point_set_decision import model_of, of_one_motion
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import candidate_of
@@ -27,8 +28,11 @@ ROUNDS = 3
 """Most rounds in which each motion is judged again where others have left points or detections. A round value."""
 
 
-def judged_motions(found: Finding) -> Finding:
-    """The finding of a packing, judged by the model of one motion; the same where the problem has no such model."""
+def judged_motions(found: Finding, *, proposed: bool = False) -> Finding:
+    """The finding of a packing, judged by the model of one motion; the same where the problem has no such model.
+
+    ``proposed``: whether its pairs were proposed by what tells nothing of where they lie, see `_body_of`.
+    """
     alone = replace(found.task, options=replace(found.task.options, motions=1, sampler=None, samples=None))
     if not is_modelled(alone) and model_of(alone) is None:
         return found
@@ -39,7 +43,7 @@ def judged_motions(found: Finding) -> Finding:
             before = assignment.copy()
             for label in np.unique(labels[labels >= 0]).tolist():
                 checkpoint()
-                parts[label] = _judged(alone, assignment, labels, label)
+                parts[label] = _judged(alone, assignment, labels, label, proposed=proposed)
             if np.array_equal(before, assignment):
                 break
     except OutOfTime:
@@ -47,14 +51,14 @@ def judged_motions(found: Finding) -> Finding:
     return _together(found, assignment, labels, parts)
 
 
-def _judged(alone: MatchingTask, assignment: Integers, labels: Integers, label: int) -> Finding:
+def _judged(alone: MatchingTask, assignment: Integers, labels: Integers, label: int, *, proposed: bool) -> Finding:
     """The finding of one motion among what the others leave, to which the assignment and its labels are changed.
 
     Its confidence is that of all points (n,), NaN where another motion has them.
     """
     part, points, pixels, own = _left_to(alone, assignment, labels, label)
     if is_modelled(part):
-        body = candidate_of(part, [own])
+        body = _body_of(part, own, proposed)
         told = told_by(nothing_found(part, None), body.alone(), body)
     else:
         told = of_one_motion(part, own)
@@ -64,6 +68,22 @@ def _judged(alone: MatchingTask, assignment: Integers, labels: Integers, label: 
     confidence = np.full(len(assignment), math.nan)
     confidence[points] = math.nan if told.confidence is None else told.confidence
     return replace(told, confidence=confidence)
+
+
+def _body_of(part: MatchingTask, own: Integers, proposed: bool) -> Candidate:
+    """The body of one motion by its assignment.
+
+    A false pair that was ``proposed`` is of a detection that may be any, and chance proposes one of m among n' with m /
+    n'. That such a pair agrees with a pose is evidence, the more the fewer are proposed for its point. The model itself
+    takes candidates for what restricts a choice alone: they may have been chosen by where they lie.
+    """
+    if not proposed or part.allowed is None:
+        return candidate_of(part, [own])
+    body = candidate_of(part, [])
+    by_chance = np.maximum(part.allowed.sum(axis=1), 1) / part.shape[1]
+    known = 0.0 if body.model.log_weights is None else body.model.log_weights
+    weights = known - np.log(by_chance)[:, None] + np.zeros(part.shape)
+    return replace(body, model=replace(body.model, log_weights=weights)).proposed([own])
 
 
 def confidence_of_motions(task: MatchingTask, assignment: Integers, labels: Integers) -> Floats:

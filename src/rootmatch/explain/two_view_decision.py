@@ -106,10 +106,13 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, repeated: bool
     if enough and missed <= TRUST.missed:
         facts = replace(facts, contested=False, sure_of_the_rest=True)
     facts = replace(facts, false_alarms=math.inf if does_not_fit(fault) else -math.inf)
-    if replace(base, facts=facts).status is Status.MATCHED and len(kept) < len(matched):
+    if replace(base, facts=facts).status is Status.MATCHED:
+        # of a large assignment more are known than are right together
+        while (together := share * told.together(first, kept)) < least and len(kept) > 1:
+            kept = kept[:-1]
         sure = np.full_like(first, -1)
         sure[kept] = first[kept]
-        probability = share * told.together(first, kept)
+        probability = together if len(kept) < len(matched) else max(probability, together)
         first, confidence = sure, np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
     different = ((told.proposals >= 0) & (told.proposals != first)).any(axis=1)
     others = [(other, share * told.probability_of(other)) for other in told.proposals[different][: TRUST.alternatives]]

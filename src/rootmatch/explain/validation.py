@@ -70,7 +70,8 @@ def check_not_exact(noise: Any) -> None:
     """Refuse a noise of zero of any target point: no pose would fit a measured one."""
     of_target = noise[1] if isinstance(noise, tuple | list) and len(noise) == 2 else noise
     try:
-        exact = np.asarray(of_target, np.float64) == 0.0
+        sigma = np.asarray(of_target, np.float64)
+        exact = (sigma if sigma.ndim < 3 else np.trace(sigma, axis1=1, axis2=2)) == 0.0
     except (TypeError, ValueError):
         return  # which is refused with the points
     if exact.any():

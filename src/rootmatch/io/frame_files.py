@@ -15,9 +15,10 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.appended_table import MOST_DIGITS
-from rootmatch.io.csv_tables import number, positive, table_rows
+from rootmatch.io.csv_tables import number, table_rows
 from rootmatch.io.inputs import unreadable_named
 from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
+from rootmatch.io.noise_columns import COVARIANCE, noise_columns, noise_of_row, noise_of_rows
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
 STANDARD_INPUT = Path("-")
@@ -36,7 +37,8 @@ class Frame:
     time: float | None = None
     """Seconds, where the file has a column ``time``."""
     sigma: Floats | None = None
-    """(m,) σ of each detection, where the file has a column ``sigma``."""
+    """(m,) σ of each detection, where the file has a column ``sigma``, or (m, 2, 2) covariances, where it has
+    ``sxx,sxy,syy``."""
     known: PosePrior | None = None
     """What is known of the pose, where the file has such columns (`rootmatch.io.known_files`)."""
 
@@ -64,8 +66,8 @@ def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iter
     path : path
         The file, ``-`` for standard input. Rows of one frame follow one another, and numbers, or times, ascend.
         ``frame`` counts, ``time`` is in seconds, in any steps; frames that have a time alone are numbered from 0. A
-        column ``sigma`` is the σ of each detection; columns of `rootmatch.io.known_files.COLUMNS` say what is known of
-        the pose of a frame, in one of its rows or in all.
+        column ``sigma`` is the σ of each detection, ``sxx,sxy,syy`` its covariance; columns of
+        `rootmatch.io.known_files.COLUMNS` say what is known of the pose of a frame, in one of its rows or in all.
     dimension : int
         2 for pixels, 3 for unit rays ``x,y,z``.
     of_rig : bool
@@ -81,11 +83,12 @@ class _Frames:
 
     def __init__(self, path: Path, header: list[str], axes: tuple[str, ...]) -> None:
         self.path, self.axes = path, axes
-        self.numbered, self.timed, self.weighed = (name in header for name in ("frame", "time", "sigma"))
+        self.numbered, self.timed = (name in header for name in ("frame", "time"))
+        self.noisy = noise_columns(path, header)
         self.key: tuple[int, float | None] | None = None
         self.ended = True
         self._points: list[list[float]] = []
-        self._sigma: list[float] = []
+        self._sigma: list[list[float]] = []
         self._known = KnownInImage(path) if check_groups(path, header) else None
 
     def take(self, row: int, cells: dict[str, str]) -> Iterator[Frame]:
@@ -112,8 +115,7 @@ class _Frames:
         if len(self._points) == MOST_DETECTIONS:
             raise InputError(f"{where}: more than {MOST_DETECTIONS:,} detections in {self._name(*key)}")
         self._points.append([number(self.path, row, axis, cells[axis]) for axis in self.axes])
-        if self.weighed:
-            self._sigma.append(positive(self.path, row, "sigma", cells["sigma"]))
+        self._sigma.append(noise_of_row(self.path, row, self.noisy, cells))
 
     def end(self) -> Iterator[Frame]:
         """Yield the frame that was read, if one was begun."""
@@ -121,7 +123,7 @@ class _Frames:
             return
         self.ended = True
         points = np.array(self._points).reshape(-1, len(self.axes))
-        sigma = np.array(self._sigma) if self.weighed else None
+        sigma = noise_of_rows(self.noisy, self._sigma)
         self._points, self._sigma = [], []
         known = None if self._known is None else self._known.end()
         yield Frame(self.key[0], points, self.key[1], sigma=sigma, known=known)
@@ -146,9 +148,10 @@ def _frames(path: Path, stream: TextIO, axes: tuple[str, ...]) -> Iterator[Frame
     def needed(header: list[str]) -> tuple[str, ...]:
         return ("time" if "time" in header and "frame" not in header else "frame", *axes)
 
+    known = ("frame", "time", *axes, "sigma", *COVARIANCE, *COLUMNS)
     frames: _Frames | None = None
     try:
-        for row, cells in table_rows(path, _lines(path, stream), needed, ("frame", "time", *axes, "sigma", *COLUMNS)):
+        for row, cells in table_rows(path, _lines(path, stream), needed, known):
             if frames is None:
                 frames = _Frames(path, list(cells), axes) if cells else None
             else:

@@ -12,15 +12,23 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.csv_tables import number, positive, read_table, read_text, refuse_repeats, write_table
+from rootmatch.io.csv_tables import number, read_table, read_text, refuse_repeats, write_table
 from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
+from rootmatch.io.noise_columns import (
+    COVARIANCE,
+    DEVIATIONS,
+    noise_columns,
+    noise_of_row,
+    noise_of_rows,
+    noise_table,
+    whole,
+)
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
 MATCHES = ("source", "target", "weight", "motion", "residual", "confidence")
 """Columns of a file of matches."""
 COORDINATES = ("x", "y", "z")
 NORMALS = ("nx", "ny", "nz")
-DEVIATIONS = ("sx", "sy", "sz")
 
 
 @dataclass(frozen=True)
@@ -36,8 +44,8 @@ class PointSet:
     bodies: tuple[str, ...] | None = None
     """Labels of the rigid bodies, where the file has a column ``body``."""
     sigma: Floats | None = None
-    """(m,) or (m, 3). Standard deviation of each point's coordinates, where the file has a column ``sigma``, or of each
-    on each axis, where it has ``sx,sy,sz``."""
+    """(m,), (m, 3) or (m, 2, 2). Standard deviation of each point's coordinates, where the file has a column ``sigma``,
+    or of each on each axis, where it has ``sx,sy,sz``; covariances of detections, where it has ``sxx,sxy,syy``."""
     known: PosePrior | None = None
     """What is known of the pose of an image, where its file has such columns (`rootmatch.io.known_files`)."""
 
@@ -58,7 +66,7 @@ def read_points(
 ) -> PointSet:
     """Read points of a CSV file with columns ``x,y[,z]``, optional ``id,sigma`` and, in space, also others.
 
-    Those are ``nx,ny,nz``, ``body``, and ``sx,sy,sz`` in the place of ``sigma``.
+    Those are ``nx,ny,nz``, ``body``, and ``sx,sy,sz`` in the place of ``sigma``; of detections it is ``sxx,sxy,syy``.
 
     Parameters
     ----------
@@ -75,12 +83,12 @@ def read_points(
     """
     needed = (*COORDINATES[:2], "camera") if of_rig else COORDINATES[:dimension]
     known = ("id", *needed, "sigma", *((*NORMALS, "body", *DEVIATIONS) if dimension == 3 and not of_rig else ()))
-    rows = read_table(path, needed, (*known, *(COLUMNS if of_image else ())))
+    rows = read_table(path, needed, (*known, *((*COVARIANCE, *COLUMNS) if of_image else ())))
     told = KnownInImage(path)
     if of_image and check_groups(path, rows[0][1]):
         for row, cells in rows:
             told.take(row, cells)
-    with_normals, with_deviations = (_whole(path, rows[0][1], names) for names in (NORMALS, DEVIATIONS))
+    with_normals, noisy = whole(path, rows[0][1], NORMALS), noise_columns(path, rows[0][1])
     points = np.array([[number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
     bodies = None
     if "body" in rows[0][1]:
@@ -98,29 +106,10 @@ def read_points(
     if "id" in rows[0][1]:
         ids = _labels(path, rows, "id", "name")
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
-    sigma = None
-    if "sigma" in rows[0][1]:
-        if with_deviations:
-            raise InputError(
-                f"{path}: columns sigma and sx; one of them says how noisy a point is, leave the other out"
-            )
-        sigma = np.array([positive(path, row, "sigma", cells["sigma"]) for row, cells in rows])
-    elif with_deviations:
-        sigma = np.array([[positive(path, row, name, cells[name]) for name in DEVIATIONS] for row, cells in rows])
+    sigma = noise_of_rows(noisy, [noise_of_row(path, row, noisy, cells) for row, cells in rows])
     if len(points) < least:
         raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
     return PointSet(points, ids, normals, bodies, sigma=sigma, known=told.end())
-
-
-def _whole(path: Path, cells: dict[str, str], names: tuple[str, ...]) -> bool:
-    """Whether a table has all of three columns; an error if it has but one or two."""
-    given = [name for name in names if name in cells]
-    if given and len(given) < len(names):
-        missing = next(name for name in names if name not in given)
-        raise InputError(
-            f"{path}: the column {missing} is missing although {given[0]} is given; give {','.join(names)} or none"
-        )
-    return bool(given)
 
 
 def _labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, verb: str) -> tuple[str, ...]:
@@ -202,8 +191,9 @@ def write_points(path: Path, points: PointSet) -> None:
         header.append("body")
         columns.append(points.bodies)
     if points.sigma is not None:
-        header += ["sigma"] if points.sigma.ndim == 1 else DEVIATIONS
-        columns += [points.sigma.tolist()] if points.sigma.ndim == 1 else points.sigma.T.tolist()
+        names, numbers = noise_table(points.sigma)
+        header += names
+        columns += numbers.T.tolist()
     write_table(path, header, zip(*columns, strict=True))
 
 

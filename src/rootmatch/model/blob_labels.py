@@ -76,4 +76,7 @@ def resolved(model: DetectionModel, points: PointSets, assignment: Integers, pos
     detections, target, noise = assignment[matched], points.target.copy(), points.target_noise.copy()
     target[detections] += alone[matched] - at.pixels[0, matched]
     noise[detections] = np.sqrt(noise[detections] ** 2 + at.blob_variance[0, matched])
-    return replace(points, target=target, target_noise=noise)
+    own = None if points.target_covariance is None else points.target_covariance.copy()
+    if own is not None:
+        own[detections] += at.blob_variance[0, matched, None, None] * np.eye(2)
+    return replace(points, target=target, target_noise=noise, target_covariance=own)

@@ -35,8 +35,8 @@ from rootmatch.problems.pose_fit.reference_point import about_point
 ANY_POSE = Broad()
 NONE, NO_ROWS = np.empty(0), np.empty((0, 0))
 """What a kernel gets in the place of None."""
-EXACT = np.empty((0, 2, 2))
-"""Covariances of pixels by model points that are exact, as a kernel takes them."""
+EXACT = ISOTROPIC = np.empty((0, 2, 2))
+"""Covariances of pixels by model points that are exact, as a kernel takes them, and of detections beyond their σ."""
 HIGHEST_RATE = 0.999
 """Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
 USUAL_RATE = 0.9
@@ -72,6 +72,8 @@ class DetectionModel:
         Cosines of the view angles.
     source_covariance : (n, 3, 3) array, optional
         Of the model points, in the caller's unit squared.
+    target_covariance : (n', 2, 2) array, optional
+        Of the detections, px², if their noise differs by axis; ``sigma`` is then the root mean square of both axes.
     rate : float, optional
         Rate at which a visible point is detected; integrated over if not given.
     prior : PoseDensity
@@ -95,6 +97,7 @@ class DetectionModel:
     normals: Floats | None = None
     view_cosine: Floats | None = None
     source_covariance: Floats | None = None
+    target_covariance: Floats | None = None
     rate: float | None = None
     prior: PoseDensity = ANY_POSE
     allowed: NDArray[np.bool_] | None = None
@@ -237,6 +240,34 @@ class DetectionModel:
         sigma = self.sigma[image]
         return sigma if at.blob_variance is None else np.asarray(np.sqrt(sigma**2 + at.blob_variance))
 
+    @cached_property
+    def detections_for_gates(self) -> tuple[Floats, Floats, Floats]:
+        """Detections (n', 2), σ (n',) on each axis at least, and what covariances (n', 2, 2) have beyond it."""
+        target, sigma, *_ = self.image_for_kernels
+        if self.target_covariance is None:
+            return target, sigma, ISOTROPIC
+        least = np.linalg.eigvalsh(self.target_covariance)[:, 0]
+        return target, np.sqrt(least), self.target_covariance - least[:, None, None] * np.eye(2)
+
+    @cached_property
+    def log_areas(self) -> Floats:
+        """Logarithm (n',) of 2π √|S_j| of the detections, px²."""
+        if self.target_covariance is None:
+            return np.asarray(np.log(2.0 * np.pi * self.sigma**2))
+        return np.asarray(np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(self.target_covariance)[1])
+
+    @property
+    def has_covariances(self) -> bool:
+        """Whether what is detected differs from its prediction by more than one σ of each detection says."""
+        return self.source_covariance is not None or self.target_covariance is not None
+
+    def own_covariances(self, at: Linearised, image: Integers) -> Floats:
+        """Covariances (K, n, 2, 2) of detections (K, n) as those of the points, px²."""
+        if self.target_covariance is None:
+            return np.asarray(self.noise_of(at, image)[..., None, None] ** 2 * np.eye(2))
+        own = self.target_covariance[image]
+        return own if at.blob_variance is None else own + at.blob_variance[..., None, None] * np.eye(2)
+
     def of_points(self, at: Linearised) -> Floats | None:
         """Covariances (K, n, 2, 2) of the pixels by those of the model points and in blobs; None if exact."""
         if self.source_covariance is None:
@@ -268,7 +299,7 @@ class DetectionModel:
     @cached_property
     def scene_for_kernels(self) -> tuple[Any, ...] | None:
         """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
-        if self._views is None or self.size is not None or self.resolution or self.source_covariance is not None:
+        if self._views is None or self.size is not None or self.resolution or self.has_covariances:
             return None
         clutter, rates = self.clutter.for_kernels, (*self.rates, self.noise_freedom)
         return self.about_centre, self._views, self.image_for_kernels, clutter, rates

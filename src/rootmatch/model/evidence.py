@@ -101,7 +101,7 @@ def evidence(
     if len(at.seen) == 1 < len(assignments):
         at = at.take(np.zeros(len(assignments), np.int64))
     white = NOT_WHITE
-    if model.source_covariance is not None:
+    if model.has_covariances:
         used, image = assignments >= 0, np.maximum(assignments, 0)
         white = _whitened(model, at, used, image, np.where(used[..., None], model.target[image] - at.pixels, 0.0))
     found = unweighed(*assignments.shape)
@@ -216,7 +216,7 @@ def squared_deviations(model: DetectionModel, assignments: Integers, at: Lineari
     """Squared deviations (K,) of the detections of assignments (K, n) from poses, in units of their noise."""
     used, image = assignments >= 0, np.maximum(assignments, 0)
     offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
-    if model.source_covariance is None:
+    if not model.has_covariances:
         return np.asarray(((offset / model.noise_of(at, image)[..., None]) ** 2).sum(axis=(1, 2)))
     return np.asarray((_whitened(model, at, used, image, offset)[1] ** 2).sum(axis=(1, 2)))
 
@@ -226,12 +226,12 @@ def _whitened(
 ) -> tuple[Floats, Floats, Floats]:
     """Jacobians (K, n, 2, 6) and residuals (K, n, 2) in units of the noise, and ½ log |S| (K, n); zero if unmatched.
 
-    Of points with a covariance, which their sightings share.
+    With the covariances of points, which their sightings share, and of detections.
     """
-    assert model.source_covariance is not None
-    sigma, images = model.noise_of(at, image), max(len(model.images), 1)
-    by_point = np.where(used[..., None, None], at.by_position @ at.rotation[:, None], 0.0)
-    spread = shared_spread(by_point, model.source_covariance, np.where(used, sigma**2, 1.0), images)
+    images, each = max(len(model.images), 1), used[..., None, None]
+    own = np.where(each, model.own_covariances(at, image), np.eye(2))
+    by_point = np.where(each, at.by_position @ at.rotation[:, None], 0.0)
+    spread = shared_spread(by_point, model.source_covariance, own, images)
     root = np.linalg.cholesky(spread)
     rows = of_sightings(np.linalg.solve(root, by_points(at.jacobian * used[..., None, None], images)), images)
     residual = of_sightings(np.linalg.solve(root, by_points(offset[..., None], images)), images)[..., 0]

@@ -264,13 +264,13 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised) -> _Mode:
 def _changes_of(model: DetectionModel, mode: _Mode, at: Linearised) -> tuple[Integers, Floats, Integers, Integers]:
     """The changes of a mode that are not negligible to first order in its pose, see `changes_of`."""
     of_points, least = model.of_points(at), model.prior.least
-    target, sigma, log_weights, _, log_counts, image_of = model.image_for_kernels
+    _, _, log_weights, _, log_counts, image_of = model.image_for_kernels
     may_lose = np.count_nonzero(mode.assignment >= 0) > least or least < LEAST  # one match is no mode, but is weighed
     found: tuple[Integers, Floats, Integers, Integers] = changes_of(
         mode.assignment,
         (at.pixels[0], at.jacobian[0], EXACT if of_points is None else of_points[0].copy(), mode.visible, at.seen[0]),
         mode.covariance,
-        (target, sigma, model.clutter.log_density, log_weights, log_counts, image_of),
+        (*model.detections_for_gates, model.clutter.log_density, log_weights, log_counts, image_of),
         (math.nan if model.rate is None else model.rate, -NEGLIGIBLE, may_lose, WEIGHED, least),
     )
     return found

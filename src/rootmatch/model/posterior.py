@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,17 @@ from rootmatch.model.priors import WRONG_MODEL
 
 WRONG = 0.001
 """Part of the matches of a large assignment that may be expected to be wrong. A round value."""
+
+
+class Believed(NamedTuple):
+    """What is believed of an assignment."""
+
+    assignment: Integers
+    """(n,) of the matches that are right together with the least probability."""
+    probability: float
+    """That they are, at least."""
+    known: int
+    """Matches that are known but for a few: of a large assignment more than are right together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +98,11 @@ class Posterior:
             place.setdefault(key, k)
         return [(every[place[key]], total[key]) for key in sorted(total, key=lambda key: -total[key])[:most]]
 
-    def believed(self, min_probability: float, lit: Floats | float = 1.0) -> Integers | None:
-        """The first assignment without its doubtful matches; None if none can be kept.
+    def believed(self, min_probability: float, lit: Floats | float = 1.0) -> Believed | None:
+        """The first assignment without its doubtful matches; None if its pose has not the least probability.
 
-        If its pose has the probability P, its `surest` matches are kept, with 1 − p / P for the least probability p.
-        ``lit`` (n,) is the probability that a point is lit, given that its blob has the detection.
+        If that is p and the pose's P, its `surest` matches are known with 1 − p / P. ``lit`` (n,) is the probability
+        that a point is lit, given that its blob has the detection.
         """
         if not len(self.probabilities):
             return None
@@ -100,11 +111,15 @@ class Posterior:
             return None
         first: Integers = self.modes.assignments[0]
         matched = np.flatnonzero(first >= 0)
-        each = (self.confidence / self.confidence[matched].max() * lit)[matched]
-        kept = matched[surest(each, 1.0 - min_probability / pose)]
-        out = np.full(len(first), -1)
+        each = (self.confidence * lit)[matched]
+        given_pose = each / self.confidence[matched].max()
+        known = surest(given_pose, 1.0 - min_probability / pose)
+        # at least: the expected number of wrong ones is no less than the probability that any is
+        together = np.minimum(pose * (1.0 - np.cumsum(1.0 - given_pose[known])), each[known])
+        count = int(np.count_nonzero(together >= min_probability))
+        kept, out = matched[known[:count]], np.full(len(first), -1)
         out[kept] = first[kept]
-        return out
+        return Believed(out, float(together[count - 1]) if count else pose, len(known))
 
 
 @dataclass(frozen=True, eq=False)

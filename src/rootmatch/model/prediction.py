@@ -241,10 +241,9 @@ def _images_of(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, F
     return at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0])
 
 
-def _image_of(model: DetectionModel) -> tuple[Floats, Floats, Floats, Floats]:
-    """Detections, their σ, the log-density of clutter, and the weights of matches, as `gate` takes them."""
-    target, sigma, log_weights, *_ = model.image_for_kernels
-    return target, sigma, model.clutter.log_density, log_weights
+def _image_of(model: DetectionModel) -> tuple[Floats, ...]:
+    """Detections, their noise, the log-density of clutter, and the weights of matches, as `gate` takes them."""
+    return *model.detections_for_gates, model.clutter.log_density, model.image_for_kernels[2]
 
 
 def _narrowed(
@@ -292,11 +291,14 @@ def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[F
     All terms are nonnegative: the determinant of a spread of rank one, far wider than the noise, is pure rounding error
     of either sign.
     """
-    variance = model.sigma**2
+    _, sigma, blur = model.detections_for_gates
+    variance = sigma**2
     x = model.target[:, 0] - pixels[..., 0, None]
     y = model.target[:, 1] - pixels[..., 1, None]
     a, c = np.maximum(spread[..., 0, 0, None], 0.0), np.maximum(spread[..., 1, 1, None], 0.0)
     b = spread[..., 0, 1, None]
+    if len(blur):
+        a, b, c = a + blur[:, 0, 0], b + blur[:, 0, 1], c + blur[:, 1, 1]
     determinant = np.maximum(a * c - b * b, 0.0) + variance * (a + c + variance)
     x2, y2 = x * x, y * y
     across = np.maximum(c * x2 - 2.0 * b * (x * y) + a * y2, 0.0)

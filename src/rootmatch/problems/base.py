@@ -18,7 +18,14 @@ from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
 from rootmatch.problems.limits import MOST_PAIRS
-from rootmatch.problems.noise import check_source_noise, mean_deviation, parse_noise, split_noise, with_model_noise
+from rootmatch.problems.noise import (
+    check_source_noise,
+    detection_covariances,
+    mean_deviation,
+    parse_noise,
+    split_noise,
+    with_model_noise,
+)
 from rootmatch.problems.points import CheckedSource, PointClouds, PointSets, TwoViews
 from rootmatch.problems.pose_fit.pose import Pose
 
@@ -124,7 +131,7 @@ class Problem(ABC):
             Standard deviation of a coordinate of the target, in its unit (pixels of an image). Where the source is
             noisy too, one number holds for both sets, n' numbers for the target and their root mean square for the
             source; a tuple or list of two gives both, each a number or one for each point. Of points in space or of a
-            plane also σ of each axis (m, k), or covariances (m, k, k).
+            plane, and of pixels if the source is in space, also σ of each axis (m, k), or covariances (m, k, k).
         normals : (n, 3) array, optional
             Outward normals of source points in space, which are visible only from their front; zero where unknown.
         view_angle : float or (n,) array, optional
@@ -152,6 +159,9 @@ class Problem(ABC):
         of_source = of_target = None
         if self.noisy_source and not self.source_is_image:
             noise, of_source, of_target = split_noise(noise, first, second)
+        elif self.takes_prior and not self.noise_is_angular:
+            of_target = detection_covariances(noise, len(second))
+            noise = noise if of_target is None else mean_deviation(of_target)
         sigma, sigma2 = parse_noise(
             noise, (len(first), len(second)), self.noisy_source, self.name, self.noise_pixels(first, second)
         )

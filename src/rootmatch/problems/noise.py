@@ -17,7 +17,7 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import as_floats, check_noise
+from rootmatch.problems.checks import LEAST_NOISE, as_floats, check_noise
 from rootmatch.problems.points import PointSets
 
 FARTHER = 3.0
@@ -82,7 +82,16 @@ def check_source_noise(noise: ArrayLike, points: Floats, name: str = "source_noi
     name : str
         For the message.
     """
-    n, k = points.shape
+    covariance = as_covariances(noise, points.shape, name)
+    widest = float(np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)).max())
+    if widest > float(np.ptp(points, axis=0).max()):
+        raise InputError(f"{name}: {widest:g} given, more than the points lie apart; give it in their unit")
+    return covariance
+
+
+def as_covariances(noise: ArrayLike, shape: tuple[int, int], name: str) -> Floats:
+    """Covariances (n, k, k) of n points with k coordinates, from what `check_source_noise` takes."""
+    n, k = shape
     expected = f"give σ as one number, ({n},) or ({n}, {k}), or covariances ({n}, {k}, {k})"
     values = as_floats(noise, name, expected)
     if values.shape not in ((), (n,), (n, k), (n, k, k)):
@@ -101,10 +110,27 @@ def check_source_noise(noise: ArrayLike, points: Floats, name: str = "source_noi
         covariance = 0.5 * (values + values.swapaxes(1, 2))
         if (np.linalg.eigvalsh(covariance) < -ROUNDED * largest[:, 0]).any():
             raise InputError(f"{name}: a covariance has a negative eigenvalue; give those of an estimate")
-    widest = float(np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)).max())
-    if widest > float(np.ptp(points, axis=0).max()):
-        raise InputError(f"{name}: {widest:g} given, more than the points lie apart; give it in their unit")
     return np.ascontiguousarray(covariance)
+
+
+def detection_covariances(noise: ArrayLike, count: int) -> Floats | None:
+    """Covariances (n', 2, 2) of so many detections, px²; None if one σ for both axes is given.
+
+    Raises
+    ------
+    InputError
+        If they are no covariances, or one says that a coordinate is exact.
+    """
+    if isinstance(noise, int | float) or np.ndim(noise) < 2:
+        return None
+    covariance = as_covariances(noise, (count, 2), "noise")
+    least = float(np.linalg.eigvalsh(covariance)[:, 0].min(initial=np.inf))
+    if least < LEAST_NOISE**2:
+        raise InputError(
+            f"noise: a covariance has the eigenvalue {max(least, 0.0):g} px², so a detection is exact along an axis; "
+            "add the variance across the blur, such as 0.1"
+        )
+    return covariance
 
 
 def split_noise(noise: Any, first: Floats, second: Floats) -> tuple[Any, Floats | None, Floats | None]:

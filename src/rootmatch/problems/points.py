@@ -42,8 +42,8 @@ class PointSets:
     angle was given: 0, the rim."""
     source_covariance: Floats | None = None
     target_covariance: Floats | None = None
-    """(n, k, k) and (n', k, k). Where they say more than the noise: of points in space that are not exact, or not
-    equally on all axes."""
+    """(n, k, k) and (n', k, k). Where they say more than the noise: of points in space that are not exact, or of points
+    and detections whose noise is not the same on all axes."""
     noise_alone: Floats | None = None
     """(n',) ``target_noise`` without what that adds."""
 
@@ -51,6 +51,26 @@ class PointSets:
     def detection_noise(self) -> Floats:
         """Standard deviations (n',) of the detections alone."""
         return self.target_noise if self.noise_alone is None else self.noise_alone
+
+    @property
+    def has_covariances(self) -> bool:
+        """Whether covariances say more than the noise, of either set."""
+        return self.source_covariance is not None or self.target_covariance is not None
+
+    def covariances_of(self, target: Indices) -> Floats:
+        """Covariances (…, k, k) of some (…) detections alone."""
+        if self.target_covariance is not None:
+            return self.target_covariance[target]
+        k = self.target.shape[1]
+        return np.asarray(self.detection_noise[target][..., None, None] ** 2 * np.eye(k))
+
+    @property
+    def widest_noise(self) -> Floats:
+        """Standard deviations (n',) along the widest axis of each detection."""
+        if self.target_covariance is None:
+            return self.target_noise
+        own = np.linalg.eigvalsh(self.target_covariance)[:, -1]
+        return np.asarray(np.sqrt(own + self.target_noise**2 - self.detection_noise**2))
 
     @property
     def shape(self) -> tuple[int, int]:

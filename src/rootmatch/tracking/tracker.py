@@ -57,8 +57,8 @@ class Tracker:
         Points in space in any frame and unit.
     problem : Problem
         `P3P`, also of a `Rig`, `UP2P`, or, where targets are measured in space, `Rigid`.
-    noise : float or (n',) array
-        Standard deviation of a pixel coordinate, in pixels; `update` can override it. For `Rigid` as in
+    noise : float, (n',) or (n', 2, 2) array
+        Standard deviation of a pixel coordinate, in pixels, or covariances; `update` can override it. For `Rigid` as in
         `rootmatch.match`.
     tracking : TrackingOptions
         Frame rate, how long a body may be missing, and how fast bodies may move.
@@ -217,7 +217,7 @@ max_evaluations
             A pose replaces the tracker's own prediction. Partial knowledge, for example from an inertial sensor, is
             combined with that prediction, and narrows the search for a body that is lost. With ``bodies``, a dict from
             labels to either.
-        noise : float or (n',) array, optional
+        noise : float, (n',) or (n', 2, 2) array, optional
             Of this frame.
         candidates : (n, n') array, optional
             Possible correspondences of this frame, or their prior weights; see `rootmatch.match`.
@@ -280,7 +280,8 @@ max_evaluations
         present = {label: chance for label, chance in chances.items() if chance is not None}
         factor = self.noise_factor if of_images else 1.0
         if factor > 1.0:
-            noise = np.asarray(self.matcher.noise if noise is None else noise, float) * factor
+            stated = np.asarray(self.matcher.noise if noise is None else noise, float)
+            noise = stated * (factor if stated.ndim < 3 else factor**2)
 
         gap = 0.0 if self.time is None else when - self.time
 

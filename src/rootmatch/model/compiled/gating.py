@@ -35,10 +35,19 @@ def deviation(a, b, c, variance, x, y):  # type: ignore[no-untyped-def]
 
 
 @part
+def spread_about(a, b, c, image, j):  # type: ignore[no-untyped-def]
+    """The covariance (a, b; b, c) of a predicted pixel with what detection j adds beyond its σ on all axes."""
+    blur = image[2]
+    if blur.shape[0] > 0:
+        return a + blur[j, 0, 0], b + blur[j, 0, 1], c + blur[j, 1, 1]
+    return a, b, c
+
+
+@part
 def gate_about(points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
     """As `gate`."""
     pixels, jacobian, of_points, visible = points
-    target, sigma, log_clutter, log_weights = image
+    target, sigma, _, log_clutter, log_weights = image
     squared_gate, rate, hidden = limits
     candidates, gains, assignment = out
     unique = True
@@ -54,7 +63,8 @@ def gate_about(points, covariance, image, limits, out):  # type: ignore[no-untyp
         seen = visible[i] > hidden
         for j in range(target.shape[0]):
             x, y = target[j, 0] - pixels[i, 0], target[j, 1] - pixels[i, 1]
-            squared, determinant = deviation(a, b, c, sigma[j] * sigma[j], x, y)
+            spread = spread_about(a, b, c, image, j)
+            squared, determinant = deviation(*spread, sigma[j] * sigma[j], x, y)
             gain = shown - 0.5 * (squared + math.log(determinant)) - LOG_2PI - log_clutter[j]
             near = seen and squared <= squared_gate
             if log_weights.shape[0] > 0:
@@ -80,8 +90,9 @@ def gate(points, covariance, image, limits, out):  # type: ignore[no-untyped-def
     covariance : (6, 6) array
         Of the pose.
     image : tuple
-        Detections (n', 2), their σ (n',), log-density (n',) of clutter, and logarithms of the weights of matches
-        (n, n'), −∞ where one is not allowed, empty if not given.
+        Detections (n', 2), their σ (n',) and what their covariances have beyond it (n', 2, 2), empty if nothing;
+        log-density (n',) of clutter, and logarithms of the weights of matches (n, n'), −∞ where one is not allowed,
+        empty if not given.
     limits : tuple of float
         Squared gate, the detection rate, and the least visibility of a point with candidates.
     out : tuple

@@ -69,6 +69,7 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
     images = pixels, jacobian, by_position, seen, cosine, expected
     whole = pixels, jacobian, seen, expected, cosine, np.empty((0, 0), np.int64), np.empty((0, 0))
     white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
+    isotropic = np.empty((0, 2, 2))
     exact, visible, shown = np.empty((0, 2, 2)), np.empty(n), np.empty(n)
     terms = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty(1), np.empty(1)
     which, corner = np.empty(1, np.int64), (np.empty((3, 3)), np.empty((2, 6)))
@@ -81,7 +82,7 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
         unique = gate_about(
             (pixels[turn], jacobian[turn], exact, visible),
             covariance,
-            (target, sigma, clutter[0], log_weights),
+            (target, sigma, isotropic, clutter[0], log_weights),
             (squared_gate, rate, hidden),
             (candidates, gains, row),
         )

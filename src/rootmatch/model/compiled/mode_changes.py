@@ -57,9 +57,9 @@ def changes_of(assignment, points, covariance, image, limits):  # type: ignore[n
     assignment, points, covariance
         As `gains_of_matches` takes them.
     image : tuple
-        Detections (n', 2), their σ (n',), log-density (n',) of clutter, logarithms of the weights of matches (n, n'),
-        and what `rootmatch.model.detection_model.DetectionModel.log_counts` adds up: logarithms (C, n' + 1) of the odds
-        of counts, and the image (n',) of each detection.
+        As for `rootmatch.model.compiled.gating.gate`, and what
+        `rootmatch.model.detection_model.DetectionModel.log_counts` adds up: logarithms (C, n' + 1) of the odds of
+        counts, and the image (n',) of each detection.
     limits : tuple
         The detection rate, NaN for the one that the assignment suggests; the least gain, whether the assignment may
         lose a match, how many changes are made, and the fewest matches of all changes together.
@@ -74,7 +74,7 @@ def changes_of(assignment, points, covariance, image, limits):  # type: ignore[n
         The assignment after each of these, and after all of them that gain together, if that is more than one.
     """
     assignment, points, covariance, image = borrowed((assignment, points, covariance, image))
-    target, sigma, log_clutter, log_weights, log_counts, image_of = image
+    target, sigma, blur, log_clutter, log_weights, log_counts, image_of = image
     rate, least_gain, may_lose, most, least = limits
     n = assignment.shape[0]
     matches, total, visible = np.zeros(log_counts.shape[0], np.int64), 0, 0.0
@@ -90,7 +90,7 @@ def changes_of(assignment, points, covariance, image, limits):  # type: ignore[n
         count = max(matches[image_of[j]], 1)
         log_count[j] = log_counts[image_of[j], count] - log_counts[image_of[j], count - 1]
     every = np.empty((n, target.shape[0]))
-    detections = target, sigma, log_clutter, log_weights, log_count
+    detections = target, sigma, blur, log_clutter, log_weights, log_count
     gains_of_matches(assignment, points, covariance, detections, rate, every)
     for i in range(n):
         if assignment[i] >= 0 and not abs(every[i, assignment[i]]) < math.inf:

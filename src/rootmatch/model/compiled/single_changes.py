@@ -6,7 +6,7 @@ import math
 
 from rootmatch.jit.decorators import part
 from rootmatch.model.compiled.evidence import LOG_2PI
-from rootmatch.model.compiled.gating import spread_by_pose
+from rootmatch.model.compiled.gating import spread_about, spread_by_pose
 
 NOT_SINGULAR = 1e-9
 """Added to the diagonal of I − H, so that a match which alone determines its prediction has an inverse."""
@@ -29,14 +29,13 @@ def gains_of_matches(assignment, points, covariance, image, rate, gains):  # typ
     covariance : (6, 6) array
         Of the pose.
     image : tuple
-        Detections (n', 2), their σ (n',), log-density (n',) of clutter, logarithms of the weights of matches (n, n'),
-        −∞ where one is not allowed, empty if not given, and the change (n',) of `log_counts` by one match.
+        As for `rootmatch.model.compiled.gating.gate`, and the change (n',) of `log_counts` by one match.
     rate : float
         Of detection.
     gains : (n, n') array
     """
     pixels, jacobian, of_points, visible, seen = points
-    target, sigma, log_clutter, log_weights, log_count = image
+    target, sigma, _, log_clutter, log_weights, log_count = image
     for i in range(pixels.shape[0]):
         a, b, c = spread_by_pose(jacobian, covariance, i)
         u, v, d, e, f = pixels[i, 0], pixels[i, 1], 0.0, 0.0, 0.0
@@ -45,7 +44,8 @@ def gains_of_matches(assignment, points, covariance, image, rate, gains):  # typ
         j = assignment[i]
         if j >= 0:
             variance = sigma[j] * sigma[j]
-            k, m, n = d + variance, e, f + variance
+            k, m, n = spread_about(d, e, f, image, j)
+            k, n = k + variance, n + variance
             size = k * n - m * m
             # H by rows, then (I − H)⁻¹
             h00, h01 = (a * n - b * m) / size, (b * k - a * m) / size
@@ -64,10 +64,11 @@ def gains_of_matches(assignment, points, covariance, image, rate, gains):  # typ
                 gains[i, j] = -math.inf
                 continue
             variance = sigma[j] * sigma[j]
-            p, q = a + variance, c + variance
-            determinant = max(p * q - b * b, variance * variance)  # it is, but for rounding
+            p, o, q = spread_about(a, b, c, image, j)
+            p, q = p + variance, q + variance
+            determinant = max(p * q - o * o, variance * variance)  # it is, but for rounding
             x, y = target[j, 0] - u, target[j, 1] - v
-            squared = (q * x * x - 2.0 * b * x * y + p * y * y) / determinant
+            squared = (q * x * x - 2.0 * o * x * y + p * y * y) / determinant
             gain = shown - 0.5 * (squared + math.log(determinant)) - LOG_2PI - log_clutter[j] + log_count[j]
             if log_weights.shape[0] > 0:
                 gain += log_weights[i, j]

@@ -9,7 +9,7 @@ import numpy as np
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import LOG_2PI
-from rootmatch.model.compiled.gating import deviation, spread_by_pose
+from rootmatch.model.compiled.gating import deviation, spread_about, spread_by_pose
 
 HIGHEST = 700.0
 """Logarithm of the largest ratio of densities: that of what is far beyond any doubt, and still a number."""
@@ -41,8 +41,7 @@ def choose_pairs(points, about, image, candidates, limits, out):  # type: ignore
     about : tuple
         Step (6,) to the mean of the prediction, and its covariance (6, 6).
     image : tuple
-        Detections (n', 2), their σ (n',), log-density (n',) of clutter, and logarithms of the weights of matches
-        (n, n'), −∞ where one is not allowed, empty if not given.
+        As for `rootmatch.model.compiled.gating.gate`.
     candidates : (n, n') bool array
         About the first prediction.
     limits : tuple
@@ -57,7 +56,7 @@ def choose_pairs(points, about, image, candidates, limits, out):  # type: ignore
     """
     points, about, image, candidates, out = borrowed((points, about, image, candidates, out))
     pixels, jacobian, of_points, _ = points
-    target, sigma, _, _ = image
+    target, sigma, _, _, _ = image
     squared_gate, tried = limits
     n = pixels.shape[0]
     near, cost, counts = np.empty(candidates.shape, np.bool_), np.empty(n), np.zeros(n, np.int64)
@@ -69,7 +68,8 @@ def choose_pairs(points, about, image, candidates, limits, out):  # type: ignore
         a, c = max(a, 0.0), max(c, 0.0)
         for j in range(target.shape[0]):
             x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
-            near[i, j] = candidates[i, j] and deviation(a, b, c, sigma[j] * sigma[j], x, y)[0] <= squared_gate
+            spread = spread_about(a, b, c, image, j)
+            near[i, j] = candidates[i, j] and deviation(*spread, sigma[j] * sigma[j], x, y)[0] <= squared_gate
             counts[i] += 1 if near[i, j] else 0
     for i in range(n):
         # points that are still vague tell most; few candidates cost least
@@ -107,7 +107,7 @@ def update_with_each(points, about, image, candidates, pairs, out):  # type: ign
     points, about, image, candidates, pairs, out = borrowed((points, about, image, candidates, pairs, out))
     pixels, jacobian, of_points, chance = points
     step, covariance = about
-    target, sigma, log_clutter, log_weights = image
+    target, sigma, blur, log_clutter, log_weights = image
     steps, covariances, scores = out
     gain = np.empty((6, 2))
     shown = np.zeros(pixels.shape[0], np.bool_)
@@ -117,6 +117,7 @@ def update_with_each(points, about, image, candidates, pairs, out):  # type: ign
     for k in range(pairs.shape[0]):
         i, j = pairs[k, 0], pairs[k, 1]
         u, v, a, b, c = seen_by(jacobian, of_points, about, i)
+        a, b, c = spread_about(a, b, c, image, j)
         x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
         variance = sigma[j] * sigma[j]
         determinant = max(a * c - b * b, 0.0) + variance * (a + c + variance)
@@ -145,8 +146,9 @@ def update_with_each(points, about, image, candidates, pairs, out):  # type: ign
                     continue
                 variance = sigma[j] * sigma[j]
                 x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
-                squared, determinant = deviation(a, b, c, variance, x, y)
-                if variance != last:  # most images have one σ, and a logarithm takes longer than all the rest
+                squared, determinant = deviation(*spread_about(a, b, c, image, j), variance, x, y)
+                # most images have one σ, and a logarithm takes longer than all the rest
+                if variance != last or blur.shape[0] > 0:
                     log_determinant, last = math.log(determinant), variance
                 best = max(best, -0.5 * (squared + log_determinant) - LOG_2PI - log_clutter[j])
             scores[k] += math.log(1.0 - chance[i] + chance[i] * math.exp(min(best, HIGHEST)))

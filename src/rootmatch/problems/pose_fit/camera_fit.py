@@ -86,11 +86,11 @@ def camera_poses(
         )
         kept += 1
     state, chi2 = lowest_of(*descended(model.repeated(kept), state), count)
-    if points.source_covariance is not None:
-        known = points.source_covariance[packed] / unit**2
-        alone = np.where(weight > 0.0, 1.0 / points.detection_noise[target], 0.0)
+    if points.has_covariances:
+        known = None if points.source_covariance is None else points.source_covariance[packed] / unit**2
+        own = np.where(weight[..., None, None] > 0.0, points.covariances_of(target), 0.0)
         for _ in range(REWEIGHTED):
-            model = replace(model, white=whitening(camera, places, known, alone, state))
+            model = replace(model, white=whitening(camera, places, known, own, state))
             state, chi2 = descended(model, state)
     covariance = covariance_of(model, state)
     dof = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
@@ -116,7 +116,7 @@ def camera_poses(
                 points=members,
                 predicted=predicted,
                 residuals=np.linalg.norm(detected - predicted, axis=1),
-                sigma=points.target_noise[assignment[members]],
+                sigma=points.widest_noise[assignment[members]],
             )
         )
     return poses

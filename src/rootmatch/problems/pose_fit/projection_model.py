@@ -88,20 +88,21 @@ class ProjectionModel:
 
 
 def whitening(
-    camera: CameraModel, points: Floats, covariance: Floats, weight: Floats, state: State, images: int = 1
+    camera: CameraModel, points: Floats, covariance: Floats | None, own: Floats, state: State, images: int = 1
 ) -> Floats:
     """Inverse Cholesky factors (B, n, C k, C k) of the covariances of detections about their points' projections.
 
-    That is σ² I + J Σ Jᵀ, the derivative J by the position of a point that is uncertain by Σ, in all C images at once.
+    That is S + J Σ Jᵀ, S that of a detection and J the derivative by the position of a point that is uncertain by Σ, in
+    all C images at once.
 
     Parameters
     ----------
     camera : CameraModel
         With detections of k numbers.
     points, covariance : (B, C n, 3) and (B, C n, 3, 3) arrays
-        Model points with their Σ, or their sightings image by image.
-    weight : (B, C n) array
-        1 / σ of the detections, 0 for none.
+        Model points with their Σ, or their sightings image by image; None for Σ if points are exact.
+    own : (B, C n, k, k) array
+        S of the detections, 0 for none.
     state : State
         The poses at which J is taken.
     images : int
@@ -110,7 +111,8 @@ def whitening(
     rotation, translation = state
     with np.errstate(all="ignore"):
         by_point = camera.jacobian(points @ rotation.swapaxes(-1, -2) + translation[:, None]) @ rotation[:, None]
-        own = np.where(weight > 0.0, 1.0 / weight**2, 1.0)
-    usable = np.isfinite(by_point).all(axis=(-1, -2)) & (weight > 0.0)
+    used = own[..., 0, 0] > 0.0
+    usable = np.isfinite(by_point).all(axis=(-1, -2)) & used
+    own = np.where(used[..., None, None], own, np.eye(own.shape[-1]))
     spread = shared_spread(np.where(usable[..., None, None], by_point, 0.0), covariance, own, images)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(spread)))

@@ -79,11 +79,11 @@ def rig_pose(
     if not np.isfinite(chi2).any():
         return None
     state, chi2 = lowest_of(state, chi2, 1)
-    if points.source_covariance is not None:
-        known = points.source_covariance[None] / unit**2
-        alone = np.where(used, 1.0 / points.detection_noise[np.maximum(assignment, 0)], 0.0)[None]
+    if points.has_covariances:
+        known = None if points.source_covariance is None else points.source_covariance[None] / unit**2
+        own = np.where(used[:, None, None], points.covariances_of(np.maximum(assignment, 0)), 0.0)[None]
         for _ in range(REWEIGHTED):
-            white = whitening(image, places[None], known, alone, state, images=len(image.offsets))
+            white = whitening(image, places[None], known, own, state, images=len(image.offsets))
             model = replace(model, white=white)
             state, chi2 = descended(model, state, STEPS)
     covariance = covariance_of(model, state)[0]
@@ -102,7 +102,7 @@ def rig_pose(
         points=members,
         predicted=predicted - image.offsets[image.camera_of[detections]],
         residuals=np.linalg.norm(predicted - target[detections], axis=1),
-        sigma=sigma[detections],
+        sigma=points.widest_noise[detections],
     )
 
 

@@ -24,22 +24,23 @@ def of_sightings(rows: Floats, images: int) -> Floats:
     return np.moveaxis(parts, -3, -4).reshape(*some, images * count, size // images, q)
 
 
-def shared_spread(by_point: Floats, covariance: Floats, variance: Floats, images: int) -> Floats:
+def shared_spread(by_point: Floats, covariance: Floats | None, own: Floats, images: int) -> Floats:
     """Covariances (…, n, C k, C k) of the sightings of each point: J Σ Jᵀ with the J of all of them, and their own.
 
     Parameters
     ----------
     by_point : (…, C n, k, 3) array
         Derivatives J of the sightings by their points; zero where a point is not matched.
-    covariance : (…, C n, 3, 3) array
-        Σ of the points, the same for all sightings of one.
-    variance : (…, C n) array
-        Of the detections.
+    covariance : (…, C n, 3, 3) array or None
+        Σ of the points, the same for all sightings of one; None if they are exact.
+    own : (…, C n, k, k) array
+        Covariances of the detections.
     images : int
         C.
     """
     rows, k = by_points(by_point, images), by_point.shape[-2]
-    own = by_points(np.repeat(variance[..., None, None], k, axis=-2), images)
+    alone = np.tile(by_points(own, images), images) * np.kron(np.eye(images), np.ones((k, k)))
+    if covariance is None:
+        return np.asarray(alone)
     count = rows.shape[-3]
-    spread = rows @ covariance[..., :count, :, :] @ rows.swapaxes(-1, -2)
-    return np.asarray(spread + own * np.eye(rows.shape[-2]))
+    return np.asarray(rows @ covariance[..., :count, :, :] @ rows.swapaxes(-1, -2) + alone)

@@ -74,7 +74,10 @@ def keep_survivor(survivors, ratios, weakest, ratio, found):  # type: ignore[no-
 def keep_likeliest(  # type: ignore[no-untyped-def]
     grid, test, others_of, coordinates_of, masked, allowed, hypotheses, filled, stamp, tick, images, survivors, ratios
 ):  # fmt: skip
-    """Test what the screening leaves, one by one; the last stamp used, and how many points were looked up."""
+    """Test what the screening leaves, one by one; the last stamp used, and how many points were looked up.
+
+    Images of sets are places in ``images``; those of survivors are detections.
+    """
     frames, picked = hypotheses
     m, looked = picked.shape[1] - 2, 0
     weakest = weakest_of(ratios)
@@ -93,7 +96,8 @@ def keep_likeliest(  # type: ignore[no-untyped-def]
         looked += own
         if ratio > ratios[weakest] and hits + m >= test.least:
             ratios[weakest] = ratio
-            for p in range(m + 2):
-                survivors[weakest, p] = picked[q, p]
+            survivors[weakest, 0], survivors[weakest, 1] = s, picked[q, 1]
+            for p in range(m):
+                survivors[weakest, 2 + p] = images[picked[q, 2 + p]]
             weakest = weakest_of(ratios)
     return tick, looked

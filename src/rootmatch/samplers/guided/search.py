@@ -29,13 +29,7 @@ from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import in_turn, minimal_sets, others_of, sets_of_parts
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
-from rootmatch.samplers.guided.rivals import (
-    RIVALS_KEPT,
-    allowed_to,
-    missed_among,
-    try_rivals,
-    verify_rivals,
-)
+from rootmatch.samplers.guided.rivals import RIVALS_KEPT, allowed_to, missed_among, try_rivals, verify_rivals
 from rootmatch.samplers.guided.sequential_test import (
     VISIBLE,
     VISIBLE_OF_MANY,
@@ -47,7 +41,7 @@ from rootmatch.samplers.guided.sequential_test import (
 )
 from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level
 from rootmatch.samplers.guided.survivors import Survivors
-from rootmatch.samplers.guided.verification import CANDIDATES, verify
+from rootmatch.samplers.guided.verification import CANDIDATES, shares_of, verify
 from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, detected_views, missed_at_random
 
 VERIFIED = 10_000_000
@@ -90,8 +84,11 @@ class Search:
         self.normals = bool(tables.normals[:3].any())
         self.grid = grid_of(tables.rays, np.sqrt(tables.variance), narrow=not self.normals)
         self.density = CROWDING * self.grid.density
-        self.clutter = float(self.density.sum()) / self.n_target * math.pi * self.grid.gate2
-        """Mean number of clutter detections within a gate."""
+        share = max(float(shares_of(self.allowed, self.n).mean()), 1.0 / (self.n * self.n_target))  # one pair at least
+        self.clutter = float(self.density.mean()) * math.pi * self.grid.gate2 * share
+        """Mean number of clutter detections within a gate, of those that a point may have."""
+        self.possible = share**self.minimal
+        """Share of the images of a minimal set that its points may have, as if they may have theirs independently."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.positions = np.ascontiguousarray(tables.points.T)
         self.solved = self.tested = self.evaluated = 0
@@ -134,7 +131,7 @@ class Search:
             test = self._test(wave)
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
-                wanted = max(batches.CHUNKS, batch // (self.n_target - self.minimal + 1))
+                wanted = max(batches.CHUNKS, int(batch / (self.possible * (self.n_target - self.minimal + 1))))
                 last = min(tasks, done + pace.block(wanted))
                 if last == done:
                     return
@@ -212,7 +209,7 @@ class Search:
             return True
         return enough_found(
             hypotheses, leaders, self._false_alarm_level(), shape=self.shape,
-            motions=self.motions, solved=self.solved, options=self.options.stopping,
+            motions=self.motions, solved=self.solved, possible=self.possible, options=self.options.stopping,
         )  # fmt: skip
 
     def is_beyond_chance(self) -> bool:
@@ -241,7 +238,8 @@ class Search:
         If only some ``images`` may be matched, ``arrangements`` are places in them, and the survivors are rivals of the
         best hypothesis; of a ``known`` assignment (n,), if they are its own images. How many sets met that again.
         """
-        solved = (last - first) * ((self.n_target if images is None else len(images)) - self.minimal + 1)
+        columns = self.n_target if images is None else len(images)
+        solved = int(self.possible * (last - first) * (columns - self.minimal + 1))
         most = batches.verified_of(solved, self.single) if images is None else RIVALS_KEPT
         survivors, ratios, counts = run_sequential_tests(
             self.padded, self.grid, test, sets, arrangements,

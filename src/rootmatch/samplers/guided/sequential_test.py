@@ -124,6 +124,9 @@ QUICK = 5_000
 """Minimal sets that are solved before signals are looked for: a few milliseconds at the most. Changes no result."""
 TESTED = 64
 """Hypotheses that are tested together, which costs one call. Changes no result."""
+CLASSES = 16
+"""Classes of points with the same possible detections up to which those of each are solved alone: each takes tables of
+its own. A round value: marks have a few colours. Changes what is solved, not what is found."""
 
 
 def run_sequential_tests(
@@ -173,20 +176,21 @@ def run_sequential_tests(
     ratios = np.full((chunks, keep), -np.inf)
     counts = np.zeros((chunks, 3), np.int64)
     n_target, m = grid.positions.shape[1], sets.points.shape[1]
-    columns, rays = target_columns(tables, n_target), grid.rays
-    if images is None:
-        images = np.arange(n_target)
-    else:
-        places = images[padded_places(len(images))]
-        tables, rays, columns = with_targets(tables, places, columns), np.take(grid.rays, places, axis=1), len(places)
-    solved_grid = grid._replace(rays=padded_rows(rays, columns))
     flat_cells, solutions = grid.cells.reshape(-1), hypothesis_kernels(tables).solutions
     # where normals tell, few solutions of a set show their own three points; those are tested one by one
     lookups = 0 if test.normals else lookups_before_dropped(test, sets.others.shape[1], m)
 
     bounds = chunk_bounds(first, last, chunks)
 
+    groups = [_solved_together(tables, grid, sets, allowed, images=images, own=own) for own in _classes(sets, allowed)]
+
     def test_some(first_task: int, last_task: int) -> None:
+        for group in groups:
+            if group.width > 0:
+                test_group(group, first_task, last_task)
+
+    def test_group(group: _Group, first_task: int, last_task: int) -> None:
+        columns = len(padded_places(group.width))
         scratch = np.empty((2 * solutions, columns))
         cells = np.empty((2, columns), np.int32)
         work = Work(cells, cells.view(np.uint32), np.empty(columns, np.bool_), np.empty(columns + 1, np.int64))
@@ -195,13 +199,56 @@ def run_sequential_tests(
         stamp = np.zeros(n_target, np.int64)
         image = np.zeros(m, np.int64)
         _test_some(
-            tables, solved_grid, grid, images, flat_cells, test, sets, arrangements, allowed, lookups,
-            first_task, last_task, np.array(bounds), scratch, work, hypotheses, stamp, image, survivors, ratios, counts,
+            group.tables, group.grid, grid, group.images, flat_cells, test, sets, group.own, arrangements, allowed,
+            lookups, first_task, last_task, np.array(bounds), group.width, scratch, work, hypotheses, stamp, image,
+            survivors, ratios, counts,
         )  # fmt: skip
 
-    in_chunks(test_some, bounds, threads, max(1, QUICK // max(columns, 1)))
-    survivors[:, :, 2:] = images[survivors[:, :, 2:]]
+    in_chunks(test_some, bounds, threads, max(1, QUICK // max(n_target, 1)))
     return survivors, ratios, counts
+
+
+class _Group(NamedTuple):
+    """Minimal sets whose last points may have the same detections, which are solved together."""
+
+    own: Integers
+    """(G,) their numbers."""
+    images: Integers
+    """(L,) detections, those of the last points first."""
+    width: int
+    """How many these are."""
+    tables: Any
+    """Of ``images``, with padding behind them."""
+    grid: DetectionGrid
+    """With their rays."""
+
+
+def _classes(sets: PreparedSets, allowed: Bools) -> list[Integers]:
+    """Numbers of the sets by the detections that their last points may have; all together if those differ by point."""
+    every = np.arange(len(sets.points))
+    if not allowed.size:
+        return [every]
+    rows, label = np.unique(allowed[sets.points[:, -1]], axis=0, return_inverse=True)
+    return [np.flatnonzero(label.ravel() == k) for k in range(len(rows))] if len(rows) <= CLASSES else [every]
+
+
+def _solved_together(
+    tables: Any, grid: DetectionGrid, sets: PreparedSets, allowed: Bools, *, images: Integers | None, own: Integers
+) -> _Group:
+    """What the sets ``own`` are solved with; ``images``: the only detections, all by default."""
+    n_target = grid.positions.shape[1]
+    columns = target_columns(tables, n_target)
+    if images is None and not allowed.size:
+        solved_grid = grid._replace(rays=padded_rows(grid.rays, columns))
+        return _Group(own, np.arange(n_target), n_target, tables, solved_grid)
+    chosen = np.arange(n_target) if images is None else images
+    width = len(chosen)
+    if allowed.size:
+        of_last = allowed[sets.points[own, -1]].any(axis=0)[chosen]
+        chosen, width = chosen[np.argsort(~of_last, kind="stable")], int(of_last.sum())
+    places = chosen[padded_places(len(chosen))]
+    fewer = with_targets(tables, places, columns)
+    return _Group(own, chosen, width, fewer, grid._replace(rays=np.take(grid.rays, places, axis=1)))
 
 
 def lookups_before_dropped(test: SequentialTest, others: int, minimal: int) -> int:
@@ -213,20 +260,21 @@ def lookups_before_dropped(test: SequentialTest, others: int, minimal: int) -> i
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _test_some(  # type: ignore[no-untyped-def]
-    tables, solved_grid, grid, images, flat_cells, test, sets, arrangements, allowed, lookups, first, last, bounds,
-    scratch, work, hypotheses, stamp, j, survivors, ratios, counts,
+    tables, solved_grid, grid, images, flat_cells, test, sets, members, arrangements, allowed, lookups, first, last,
+    bounds, width, scratch, work, hypotheses, stamp, j, survivors, ratios, counts,
 ):  # fmt: skip
-    """Tasks ``first … last − 1`` of chunks between ``bounds``.
+    """Tasks ``first … last − 1`` of chunks between ``bounds``, of the sets ``members``.
 
-    Columns of ``tables`` and of the rays of ``solved_grid`` are those of the detections ``images``.
+    Columns of ``tables`` and of the rays of ``solved_grid`` are those of the detections ``images``, of which the first
+    ``width`` are solved as images of last points.
     ``scratch`` (2 s, columns) with s solutions of a set, ``work``, ``hypotheses``, ``stamp`` (n',) and j (m,) are
     scratch, made outside, as each array made in jitted code costs compile time.
     """
     tables, solved_grid, grid, images = borrowed((tables, solved_grid, grid, images))
-    flat_cells, sets, arrangements, allowed = borrowed((flat_cells, sets, arrangements, allowed))
+    flat_cells, sets, members, arrangements, allowed = borrowed((flat_cells, sets, members, arrangements, allowed))
     scratch, work, hypotheses, stamp, j = borrowed((scratch, work, hypotheses, stamp, j))
     survivors, ratios, counts = borrowed((survivors, ratios, counts))
-    points_of, others_of, coordinates_of, own_of, offset = sets
+    points_of, others_of, coordinates_of, normals_of, offset = sets
     count, m = points_of.shape
     masked = allowed.shape[0] > 0
     tick = 0
@@ -235,10 +283,18 @@ def _test_some(  # type: ignore[no-untyped-def]
         if start >= end:
             continue
         solved, tested, looked, filled = 0, 0, 0, 0
-        for task in range(start, end):
-            s = task % count
+        turn, place = start // count, 0
+        while place < members.size and members[place] < start % count:
+            place += 1
+        while True:
+            if place == members.size:
+                turn, place = turn + 1, 0
+            s = members[place]
+            place += 1
+            if turn * count + s >= end:
+                break
             i = points_of[s]
-            rank = (offset[s] + task // count) % arrangements.shape[0]
+            rank = (offset[s] + turn) % arrangements.shape[0]
             possible = True
             for p in range(m - 1):
                 j[p] = arrangements[rank, p]
@@ -246,19 +302,22 @@ def _test_some(  # type: ignore[no-untyped-def]
             if not possible:
                 continue
             solve_set(tables, i, j, scratch)
-            solved += images.size - m + 1
+            solved += width
+            for p in range(m - 1):
+                solved -= 1 if j[p] < width else 0
             for row in range(scratch.shape[0]):
                 for p in range(m - 1):
-                    scratch[row, j[p]] = np.nan
-                for k in range(images.size, scratch.shape[1]):
+                    if j[p] < width:
+                        scratch[row, j[p]] = np.nan
+                for k in range(width, scratch.shape[1]):
                     scratch[row, k] = np.nan
                 if masked:
-                    for k in range(images.size):
+                    for k in range(width):
                         if not allowed[i[m - 1], images[k]]:
                             scratch[row, k] = np.nan
             before = set_known(tables, solved_grid, i, j)
             found, filled = screen(
-                tables, solved_grid, flat_cells, test.normals, before, coordinates_of[s], own_of[s], j, lookups,
+                tables, solved_grid, flat_cells, test.normals, before, coordinates_of[s], normals_of[s], j, lookups,
                 scratch, work, s, hypotheses, filled,
             )  # fmt: skip
             tested += found

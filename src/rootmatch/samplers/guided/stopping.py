@@ -39,6 +39,7 @@ def enough_found(
     shape: tuple[int, int],
     motions: float,
     solved: int,
+    possible: float,
     options: StoppingOptions,
 ) -> bool:
     """Whether as many hypotheses as there are motions are beyond chance, and stronger ones would have been met.
@@ -55,6 +56,8 @@ def enough_found(
         Number of motions looked for, infinite where unknown.
     solved : int
         Minimal sets solved so far.
+    possible : float
+        Share of the images of a minimal set that its points may have.
     options : StoppingOptions
     """
     n, n_target = shape
@@ -69,4 +72,5 @@ def enough_found(
     if covered.sum() >= options.complete * min(n, n_target):
         return True
     # minimal sets that are solved, on average, until one of the smallest motion's is among them
-    return len(sizes) >= motions and solved >= math.perm(n_target, minimal) * (n / min(sizes)) ** minimal
+    every = possible * math.perm(n_target, minimal)
+    return len(sizes) >= motions and solved >= every * (n / min(sizes)) ** minimal

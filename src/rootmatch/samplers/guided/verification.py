@@ -29,8 +29,8 @@ def verify(
     """Evidence for hypotheses from the covariance of each prediction.
 
     The ratio of one source point is (1 − v) + v N(e; S) / λ: e is the distance of its best detection, S the covariance,
-    λ the density of detections and v the probability that it is visible. Its mean by chance is 1, so a product of T or
-    more comes by chance once in T trials. Several v are averaged.
+    λ the density of the detections that it may have and v the probability that it is visible. Its mean by chance is 1,
+    so a product of T or more comes by chance once in T trials. Several v are averaged.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def verify(
     images : (K, 1 + m) int64 array
         Root, and image of each of the points.
     density : (n',) array
-        λ about each detection.
+        Of all detections about each.
     allowed : (n, n') bool array, or (0, 0) for all
 
     Returns
@@ -58,20 +58,26 @@ def verify(
     scratch = (
         np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(CANDIDATES), np.empty(n_target)
     )  # fmt: skip
-    gate2, visible = GATE**2, np.array(VISIBLE)
+    gate2, visible, shares = GATE**2, np.array(VISIBLE), shares_of(allowed, n)
     roots, sets = images[:, 0].copy(), images[:, 1:].copy()
-    _verify(tables, points, roots, sets, density, gate2, allowed, visible, *scratch, evidence, best, candidates)
+    _verify(tables, points, roots, sets, density, shares, gate2, allowed, visible, *scratch, evidence, best, candidates)
     return evidence, best, candidates
+
+
+def shares_of(allowed: Bools, n: int) -> Floats:
+    """Share (n,) of the detections that each point may have, by (n, n') of them or (0, 0) for all."""
+    return np.asarray(allowed.mean(axis=1)) if allowed.size else np.ones(n)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _verify(  # type: ignore[no-untyped-def]
-    tables, points, roots, images, density, gate2, allowed, visible, out, owner, strength, distances, beyond,
+    tables, points, roots, images, density, shares, gate2, allowed, visible, out, owner, strength, distances, beyond,
     evidence, best, candidates,
 ):  # fmt: skip
     """Fill in evidence, best and candidates; the arrays before them are scratch."""
     tables, points, images, allowed, out = borrowed((tables, points, images, allowed, out))
     roots, visible, owner, strength, distances = borrowed((roots, visible, owner, strength, distances))
+    shares = borrowed(shares)
     evidence, best, candidates, density, beyond = borrowed((evidence, best, candidates, density, beyond))
     rays, variance = tables.rays, tables.variance
     count, m = points.shape
@@ -120,7 +126,8 @@ def _verify(  # type: ignore[no-untyped-def]
                 chi2, determinant = _squared_distance(rays, variance, out, d, k)
                 if not (chi2 <= gate2):
                     continue
-                ratio = math.exp(-0.5 * chi2) / (2.0 * math.pi * math.sqrt(determinant) * density[k])
+                met = density[k] * shares[d]
+                ratio = math.exp(-0.5 * chi2) / (2.0 * math.pi * math.sqrt(determinant) * met)
                 # the stronger claim of two source points on one detection holds
                 if ratio > strength[d] and (owner[k] < 0 or ratio > strength[owner[k]]):
                     if best[q, d] >= 0:
