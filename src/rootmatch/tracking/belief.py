@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
@@ -33,6 +33,7 @@ from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.tracking.averaged_pose import averaged_pose
+from rootmatch.tracking.followed_places import chance_of_copy, log_gone, log_weight, odds_alone, places_of
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
@@ -61,13 +62,16 @@ class FollowedPose:
 
     ``shown``: log-probability that just these of its visible points were seen in the last frame. It is no part of the
     weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
-    pose of something else.
+    pose of something else. ``place``: number of the place that it has with all hypotheses about the same detections;
+    ``alone``: the largest log-odds of that place without a prediction, since there were several places.
     """
 
     filter: MotionFilter
     log_weight: float = 0.0
     shown: float = 0.0
     log_other: float = FLOOR
+    place: int = 0
+    alone: float = -math.inf
 
     @property
     def total(self) -> float:
@@ -89,8 +93,13 @@ class Belief:
     def __init__(self, source: Floats, motion: MotionOptions) -> None:
         self.source, self.motion = source, motion
         self.poses: list[FollowedPose] = []
+        self.time = -math.inf
+        """Of the last frame that was taken in, seconds."""
         self.unfollowed = 0.0
         """Probability of poses that a frame left possible and that are not followed, as there were too many."""
+        self.gone = self.most_gone = 0.0
+        """Probability that the body was in a place that is not seen any more, rather than in those that are, and the
+        largest part of that of one place."""
 
     def __bool__(self) -> bool:
         return bool(self.poses)
@@ -100,11 +109,25 @@ class Belief:
         """The filter of the most probable hypothesis."""
         return self.poses[0].filter
 
-    @property
-    def certainty(self) -> float:
-        """Probability that a hypothesis is right: that the best one is of the body, and no pose was left out."""
+    def certainty_of(self, found: Finding) -> float:
+        """Probability that the hypothesis which holds in a frame is right, as far as the frame does not tell.
+
+        That it is of the body, that no pose was left out, and that the body is not where nothing is seen any more.
+        """
         other = math.exp(self.poses[0].log_other) if self.poses else 0.0
-        return (1.0 - self.unfollowed) / (1.0 + other)
+        return (1.0 - self.unfollowed) * (1.0 - self.gone) * (1.0 - self._hidden(found)) / (1.0 + other)
+
+    def _hidden(self, found: Finding) -> float:
+        """Share of the places of which a frame shows nothing, if it shows another that is followed."""
+        told, model = found.posterior, found.model
+        if len({one.place for one in self.poses}) < 2 or told is None or model is None:
+            return 0.0
+        assert isinstance(model.prior, Doubted)
+        modes = told.modes.take(slice(LOOKED_AT))
+        origin = model.prior.prediction_of(modes.rotation, modes.position)
+        seen = {self.poses[k].place for k in origin.tolist() if k >= 0}
+        hidden = [one.place not in seen for one in self.poses]
+        return float(self.shares @ hidden)
 
     @property
     def shares(self) -> Floats:
@@ -120,11 +143,48 @@ class Belief:
 
     def forget_before(self, time: float) -> None:
         """Give up the hypotheses that no frame has confirmed since a time."""
-        self.poses = [one for one in self.poses if one.filter.time >= time]
+        self._keep([one.filter.time >= time for one in self.poses])
+
+    def leave_before(self, time: float) -> None:
+        """Give up the places in which no frame has confirmed a hypothesis since a time."""
+        if len({one.place for one in self.poses}) > 1:
+            seen = {one.place for one in self.poses if one.filter.time >= time}
+            self._keep([one.place in seen for one in self.poses])
+
+    def _keep(self, kept: Sequence[bool]) -> None:
+        """Give up some hypotheses, and remember the share of the places that are not followed any more."""
+        poses = [one for one, keep in zip(self.poses, kept, strict=True) if keep]
+        if not poses:
+            self.lose()
+        elif len(poses) < len(self.poses):
+            places = {one.place for one in poses}
+            lost = {place: share for place, share in self._of_places.items() if place not in places}
+            self.most_gone = max([self.most_gone, *((1.0 - self.gone) * share for share in lost.values())])
+            self.gone, self.poses = 1.0 - (1.0 - self.gone) * (1.0 - sum(lost.values())), poses
+
+    def lose(self) -> None:
+        """Give up all: what is found next may be what was in any of the places, at best in the most probable one."""
+        if self.poses:
+            most = (1.0 - self.gone) * max(self._of_places.values())
+            self.gone, self.most_gone, self.poses = 1.0 - max(most, self.most_gone), 0.0, []
+        self.unfollowed = 0.0
+
+    def forget(self) -> None:
+        """Give up all, and know nothing of the body any more."""
+        self.poses, self.gone, self.most_gone, self.unfollowed = [], 0.0, 0.0, 0.0
+
+    @property
+    def _of_places(self) -> dict[int, float]:
+        """Share of each place."""
+        out = dict[int, float]()
+        for one, share in zip(self.poses, self.shares.tolist(), strict=True):
+            out[one.place] = out.get(one.place, 0.0) + share
+        return out
 
     def keep_best(self) -> None:
         """Give up all hypotheses but the most probable one."""
         del self.poses[1:]
+        self.gone = self.most_gone = 0.0
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
         """Also follow the best pose after motions (R, t) that nearly map the body onto itself.
@@ -184,13 +244,15 @@ class Belief:
         if self.poses and isinstance(model.prior, Doubted):
             origin = model.prior.prediction_of(modes.rotation, modes.position)
         shown = log_detected(model, modes.assignments >= 0, modes.visible)
+        place, alone, more = self._places(model, modes, origin, shown)
         each = _log(told.probabilities[: len(origin)])
-        weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown)
+        weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown) + more
         nothing = float(_log(np.array(told.clutter)))
-        stay = [_Step(share + TEMPER * nothing, 0.0, k, None, 0.0) for k, share in enumerate(log_share[:-1].tolist())]
         present, go_on = found.facts.present, []
         is_shown = present is not None and present >= found.facts.min_probability
         for k, of in enumerate(origin.tolist()):
+            if (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
+                continue  # what is left of another mode
             if of < 0:
                 many = model.is_met(modes.assignments[k], found.task.minimal, triples=most_triples(found.task))
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
@@ -202,7 +264,8 @@ class Belief:
                 if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
                     chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
             if chance >= LIKELY:
-                go_on.append(_Step(float(weight[k]), float(shown[k]), of, k, chance))
+                go_on.append(_Step(float(weight[k]), float(shown[k]), of, k, chance, int(place[k]), float(alone[k])))
+        stay = [self._stays(k, share, share + TEMPER * nothing, go_on, time) for k, share in enumerate(log_share[:-1].tolist())]
         gone = {step.origin for step in go_on}
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
         likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
@@ -212,6 +275,48 @@ class Belief:
         cut = [k for k in (step.mode for step in go_on if step.origin < 0 and step not in likely) if k is not None]
         left = float(told.probabilities[cut].sum() + told.probabilities[len(origin) :].sum())
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
+        if not known and len({one.place for one in self.poses if chance_of_copy(one.alone) > LIKELY}) > 1:
+            self.gone = 0.0  # they are in view again
+        self.time = time
+
+    def _places(
+        self, model: DetectionModel, modes: Modes, origin: Integers, shown: Floats
+    ) -> tuple[Integers, Floats, Floats]:
+        """The place of each mode, its log-odds alone, and what is added to its log-weight; changes ``shown``.
+
+        See `rootmatch.tracking.followed_places`. Of what is expected in several places, which points are shown tells
+        nothing: either place may be that of something else, which shows the same.
+        """
+        followed = [one.place for one in self.poses]
+        place = places_of(modes.uses(model.shape[1]), origin, followed)
+        alone, more = np.full(len(place), -math.inf), np.zeros(len(place))
+        if len({*followed, *place.tolist()}) == 1:
+            return place, alone, more
+        told, known = odds_alone(model, modes), np.array([one.alone for one in self.poses])
+        for number in set(place.tolist()):
+            own = place == number
+            first = int(own.argmax())
+            before = float(known[np.array(followed, int) == number].max(initial=-math.inf))
+            alone[own] = now = max(before, float(told[first]))
+            expected = np.where(origin[own] >= 0, 1.0, chance_of_copy(now))
+            shown[own] += expected * (shown[0] - shown[first])
+            if math.isfinite(before):
+                more[own] += log_weight(now) - log_weight(before)
+        return place, alone, more
+
+    def _stays(self, k: int, log_share: float, log_weight: float, go_on: Sequence[_Step], time: float) -> _Step:
+        """A hypothesis that no mode continues; ``log_weight``: where the frame tells of it.
+
+        It does not where what is followed elsewhere explains the frame as well if the body is hidden.
+        """
+        last, shown = self.poses[k], 0.0
+        lead = next((step for step in go_on if step.origin >= 0), None)
+        if lead is not None and all(step.place != last.place for step in go_on):
+            gained = lead.log_weight - math.log(self.shares[lead.origin])
+            log_weight, shown = log_share + gained, lead.shown
+            if last.filter.time == self.time:
+                log_weight += log_gone(last.alone, time - last.filter.time)
+        return _Step(log_weight, shown, k, None, 0.0, last.place, last.alone)
 
     def _take_motion(self, found: Finding, time: float) -> None:
         """Take in a match of two point sets: only one that is trusted tells a pose."""
@@ -227,7 +332,7 @@ class Belief:
     def _after(self, step: _Step, found: Finding, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
         """The hypothesis that a step leads to."""
         if step.mode is None:
-            return replace(self.poses[step.origin], log_weight=step.log_weight, shown=0.0)
+            return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose, log_other = averaged_pose(model, modes, step.mode), FLOOR
         if step.origin < 0:
             filter_ = MotionFilter(self.source, pose, time, self.motion)
@@ -239,7 +344,7 @@ class Belief:
             else:
                 misfit = misfit_of(model, modes, step.mode)
             log_other = after_frame(self.poses[step.origin].log_other, misfit, TEMPER, len(model.images) > 1)
-        return FollowedPose(filter_, step.log_weight, step.shown, log_other)
+        return FollowedPose(filter_, step.log_weight, step.shown, log_other, step.place, step.alone)
 
 
 class _Step(NamedTuple):
@@ -253,6 +358,9 @@ class _Step(NamedTuple):
     """None for a hypothesis that stays as predicted."""
     chance: float
     """Probability that the mode is what became of the prediction."""
+    place: int
+    alone: float
+    """See `FollowedPose`."""
 
     @property
     def total(self) -> float:
