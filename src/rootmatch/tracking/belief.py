@@ -28,10 +28,12 @@ from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import log_detected, settled_about, stepped
 from rootmatch.model.modes import Modes
+from rootmatch.model.parallel_poses import between
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.followed_places import chance_of_copy, log_gone, log_weight, odds_alone, places_of
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
@@ -271,9 +273,14 @@ class Belief:
         likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
         every = [self._after(step, found, model, modes, time) for step in likely]
+        self._move_alike(every, [step.mode for step in likely], model, modes)
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
-        cut = [k for k in (step.mode for step in go_on if step.origin < 0 and step not in likely) if k is not None]
+        cut = [k for k in (step.mode for step in go_on if step not in likely) if k is not None]
         left = float(told.probabilities[cut].sum() + told.probabilities[len(origin) :].sum())
+        if origin[0] < 0 and found.facts.missed > EXISTS and model.is_met(
+            modes.assignments[0], found.task.minimal, found.task.minimal + 1, triples=most_triples(found.task)
+        ):
+            left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
         if not known and len({one.place for one in self.poses if chance_of_copy(one.alone) > LIKELY}) > 1:
             self.gone = 0.0  # they are in view again
@@ -317,6 +324,19 @@ class Belief:
             if last.filter.time == self.time:
                 log_weight += log_gone(last.alone, time - last.filter.time)
         return _Step(log_weight, shown, k, None, 0.0, last.place, last.alone)
+
+    def _move_alike(
+        self, poses: list[FollowedPose], of: Sequence[int | None], model: DetectionModel, modes: Modes
+    ) -> None:
+        """Let poses between which the body looks the same move as the best one of them does.
+
+        Such poses differ by how far the body's centre is moved, which tells nothing: it may be the camera that moves.
+        """
+        for k, mode in enumerate(of[1:], 1):
+            if mode is None or of[0] is None:
+                continue
+            if (motion := between(model, modes, of[0], mode)) is not None:
+                poses[k] = replace(poses[k], filter=poses[0].filter.turned(*motion))
 
     def _take_motion(self, found: Finding, time: float) -> None:
         """Take in a match of two point sets: only one that is trusted tells a pose."""
