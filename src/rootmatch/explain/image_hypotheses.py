@@ -30,9 +30,9 @@ from rootmatch.model.evidence import Evidence
 from rootmatch.model.gathering import gathered
 from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.parallel_poses import parallel
 from rootmatch.model.mode_search import modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
+from rootmatch.model.parallel_poses import parallel
 from rootmatch.model.pose_density import Doubted, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about

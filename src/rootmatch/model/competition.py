@@ -93,8 +93,8 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
         return as_copy[None]
     of = np.append(prior.prediction_of(modes.rotation, modes.position), -1)
     every = of[:-1, None] == np.arange(len(prior.predictions))
-    place = (same_place(uses[:-1]) @ every) @ np.exp(prior.log_shares)  # of all that is followed with the same detections
-    expected = np.append(mass - np.log(np.where(of[:-1] >= 0, place, 1.0)), 0.0)
+    share = (same_place(uses[:-1]) @ every) @ np.exp(prior.log_shares)  # of all that is followed in its place
+    expected = np.append(mass - np.log(np.where(of[:-1] >= 0, share, 1.0)), 0.0)
     return np.where((of >= 0) & (of[:, None] >= 0), expected, as_copy)
 
 
@@ -110,8 +110,8 @@ def _beside(model: DetectionModel, modes: Modes, uses: Bools) -> Bools:
 def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bools]) -> Modes:
     """The best modes of body k, and what remains of them if others take shared detections.
 
-    Others are other bodies, and what is followed in another place. ``uses``: the detections (M, n') of the best modes of
-    each body.
+    Others are other bodies, and what is followed in another place. ``uses``: the detections (M, n') of the best modes
+    of each body.
     """
     modes, others = modes.take(slice(KEPT)), np.concatenate([uses[k], *uses[:k], *uses[k + 1 :]])
     own = len(uses[k])

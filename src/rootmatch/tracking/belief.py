@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,7 +34,8 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
-from rootmatch.tracking.followed_places import chance_of_copy, log_gone, log_weight, odds_alone, places_of
+from rootmatch.tracking.followed_places import GonePlaces, chance_of_copy, in_places, log_gone
+from rootmatch.tracking.followed_pose import FollowedPose, Step
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
@@ -58,29 +58,6 @@ ALIKE = 1.0 + 2.0 * math.cos(0.2)
 """Trace of the rotation between two poses above which they are one. A round value."""
 
 
-@dataclass(frozen=True, eq=False)
-class FollowedPose:
-    """A hypothesis: the pose and motion of the body, with the logarithm of its weight among the hypotheses.
-
-    ``shown``: log-probability that just these of its visible points were seen in the last frame. It is no part of the
-    weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
-    pose of something else. ``place``: number of the place that it has with all hypotheses about the same detections;
-    ``alone``: the largest log-odds of that place without a prediction, since there were several places.
-    """
-
-    filter: MotionFilter
-    log_weight: float = 0.0
-    shown: float = 0.0
-    log_other: float = FLOOR
-    place: int = 0
-    alone: float = -math.inf
-
-    @property
-    def total(self) -> float:
-        """Logarithm of its weight with the last frame."""
-        return self.log_weight + self.shown
-
-
 class Belief:
     """The hypotheses of one body's pose; none while it is lost.
 
@@ -99,9 +76,7 @@ class Belief:
         """Of the last frame that was taken in, seconds."""
         self.unfollowed = 0.0
         """Probability of poses that a frame left possible and that are not followed, as there were too many."""
-        self.gone = self.most_gone = 0.0
-        """Probability that the body was in a place that is not seen any more, rather than in those that are, and the
-        largest part of that of one place."""
+        self.gone = GonePlaces()
 
     def __bool__(self) -> bool:
         return bool(self.poses)
@@ -117,19 +92,26 @@ class Belief:
         That it is of the body, that no pose was left out, and that the body is not where nothing is seen any more.
         """
         other = math.exp(self.poses[0].log_other) if self.poses else 0.0
-        return (1.0 - self.unfollowed) * (1.0 - self.gone) * (1.0 - self._hidden(found)) / (1.0 + other)
+        return (1.0 - self.unfollowed) * (1.0 - self.gone.share) * (1.0 - self._hidden(found)) / (1.0 + other)
 
     def _hidden(self, found: Finding) -> float:
         """Share of the places of which a frame shows nothing, if it shows another that is followed."""
         told, model = found.posterior, found.model
-        if len({one.place for one in self.poses}) < 2 or told is None or model is None:
+        if len(self.places) < 2 or told is None or model is None:
             return 0.0
         assert isinstance(model.prior, Doubted)
         modes = told.modes.take(slice(LOOKED_AT))
         origin = model.prior.prediction_of(modes.rotation, modes.position)
         seen = {self.poses[k].place for k in origin.tolist() if k >= 0}
-        hidden = [one.place not in seen for one in self.poses]
-        return float(self.shares @ hidden)
+        return sum(share for place, share in self.places.items() if place not in seen)
+
+    @property
+    def places(self) -> dict[int, float]:
+        """The followed places, and the share of each."""
+        out = dict[int, float]()
+        for one, share in zip(self.poses, self.shares.tolist(), strict=True):
+            out[one.place] = out.get(one.place, 0.0) + share
+        return out
 
     @property
     def shares(self) -> Floats:
@@ -149,44 +131,30 @@ class Belief:
 
     def leave_before(self, time: float) -> None:
         """Give up the places in which no frame has confirmed a hypothesis since a time."""
-        if len({one.place for one in self.poses}) > 1:
-            seen = {one.place for one in self.poses if one.filter.time >= time}
-            self._keep([one.place in seen for one in self.poses])
+        seen = {one.place for one in self.poses if one.filter.time >= time}
+        self._keep([one.place in seen for one in self.poses])
 
     def _keep(self, kept: Sequence[bool]) -> None:
         """Give up some hypotheses, and remember the share of the places that are not followed any more."""
-        poses = [one for one, keep in zip(self.poses, kept, strict=True) if keep]
-        if not poses:
-            self.lose()
-        elif len(poses) < len(self.poses):
-            places = {one.place for one in poses}
-            lost = {place: share for place, share in self._of_places.items() if place not in places}
-            self.most_gone = max([self.most_gone, *((1.0 - self.gone) * share for share in lost.values())])
-            self.gone, self.poses = 1.0 - (1.0 - self.gone) * (1.0 - sum(lost.values())), poses
+        if all(kept):
+            return
+        before = self.places
+        self.poses = [one for one, keep in zip(self.poses, kept, strict=True) if keep]
+        self.gone.add(before, self.places)
 
     def lose(self) -> None:
-        """Give up all: what is found next may be what was in any of the places, at best in the most probable one."""
-        if self.poses:
-            most = (1.0 - self.gone) * max(self._of_places.values())
-            self.gone, self.most_gone, self.poses = 1.0 - max(most, self.most_gone), 0.0, []
+        """Give up all: what is found next may be what was in any of the places."""
+        self._keep([False] * len(self.poses))
         self.unfollowed = 0.0
 
     def forget(self) -> None:
         """Give up all, and know nothing of the body any more."""
-        self.poses, self.gone, self.most_gone, self.unfollowed = [], 0.0, 0.0, 0.0
-
-    @property
-    def _of_places(self) -> dict[int, float]:
-        """Share of each place."""
-        out = dict[int, float]()
-        for one, share in zip(self.poses, self.shares.tolist(), strict=True):
-            out[one.place] = out.get(one.place, 0.0) + share
-        return out
+        self.poses, self.unfollowed, self.gone = [], 0.0, GonePlaces()
 
     def keep_best(self) -> None:
         """Give up all hypotheses but the most probable one."""
         del self.poses[1:]
-        self.gone = self.most_gone = 0.0
+        self.gone = GonePlaces()
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
         """Also follow the best pose after motions (R, t) that nearly map the body onto itself.
@@ -246,7 +214,7 @@ class Belief:
         if self.poses and isinstance(model.prior, Doubted):
             origin = model.prior.prediction_of(modes.rotation, modes.position)
         shown = log_detected(model, modes.assignments >= 0, modes.visible)
-        place, alone, more = self._places(model, modes, origin, shown)
+        place, alone, more = in_places(model, modes, origin, self.poses, shown)
         each = _log(told.probabilities[: len(origin)])
         weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown) + more
         nothing = float(_log(np.array(told.clutter)))
@@ -266,8 +234,8 @@ class Belief:
                 if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
                     chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
             if chance >= LIKELY:
-                go_on.append(_Step(float(weight[k]), float(shown[k]), of, k, chance, int(place[k]), float(alone[k])))
-        stay = [self._stays(k, share, share + TEMPER * nothing, go_on, time) for k, share in enumerate(log_share[:-1].tolist())]
+                go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, int(place[k]), float(alone[k])))
+        stay = [self._stays(k, TEMPER * nothing, go_on, time) for k in range(len(self.poses))]
         gone = {step.origin for step in go_on}
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
         likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
@@ -277,53 +245,30 @@ class Belief:
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
         cut = [k for k in (step.mode for step in go_on if step not in likely) if k is not None]
         left = float(told.probabilities[cut].sum() + told.probabilities[len(origin) :].sum())
-        if origin[0] < 0 and found.facts.missed > EXISTS and model.is_met(
-            modes.assignments[0], found.task.minimal, found.task.minimal + 1, triples=most_triples(found.task)
-        ):
+        if origin[0] < 0 and found.facts.missed > EXISTS and self._is_met(found, modes.assignments[0]):
             left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
-        if not known and len({one.place for one in self.poses if chance_of_copy(one.alone) > LIKELY}) > 1:
-            self.gone = 0.0  # they are in view again
+        if not known and len({one.place for one in self.poses if chance_of_copy(one.alone) >= LIKELY}) > 1:
+            self.gone = GonePlaces()  # they are in view again
         self.time = time
 
-    def _places(
-        self, model: DetectionModel, modes: Modes, origin: Integers, shown: Floats
-    ) -> tuple[Integers, Floats, Floats]:
-        """The place of each mode, its log-odds alone, and what is added to its log-weight; changes ``shown``.
+    def _is_met(self, found: Finding, assignment: Integers) -> bool:
+        """Whether a search would have met other poses of as many matches."""
+        minimal, triples = found.task.minimal, most_triples(found.task)
+        return found.model is not None and found.model.is_met(assignment, minimal, minimal + 1, triples=triples)
 
-        See `rootmatch.tracking.followed_places`. Of what is expected in several places, which points are shown tells
-        nothing: either place may be that of something else, which shows the same.
-        """
-        followed = [one.place for one in self.poses]
-        place = places_of(modes.uses(model.shape[1]), origin, followed)
-        alone, more = np.full(len(place), -math.inf), np.zeros(len(place))
-        if len({*followed, *place.tolist()}) == 1:
-            return place, alone, more
-        told, known = odds_alone(model, modes), np.array([one.alone for one in self.poses])
-        for number in set(place.tolist()):
-            own = place == number
-            first = int(own.argmax())
-            before = float(known[np.array(followed, int) == number].max(initial=-math.inf))
-            alone[own] = now = max(before, float(told[first]))
-            expected = np.where(origin[own] >= 0, 1.0, chance_of_copy(now))
-            shown[own] += expected * (shown[0] - shown[first])
-            if math.isfinite(before):
-                more[own] += log_weight(now) - log_weight(before)
-        return place, alone, more
-
-    def _stays(self, k: int, log_share: float, log_weight: float, go_on: Sequence[_Step], time: float) -> _Step:
-        """A hypothesis that no mode continues; ``log_weight``: where the frame tells of it.
+    def _stays(self, k: int, more: float, go_on: Sequence[Step], time: float) -> Step:
+        """A hypothesis that no mode continues; ``more``: what the frame adds to its log-weight, if it tells of it.
 
         It does not where what is followed elsewhere explains the frame as well if the body is hidden.
         """
-        last, shown = self.poses[k], 0.0
+        last, shares, shown = self.poses[k], self.shares, 0.0
         lead = next((step for step in go_on if step.origin >= 0), None)
         if lead is not None and all(step.place != last.place for step in go_on):
-            gained = lead.log_weight - math.log(self.shares[lead.origin])
-            log_weight, shown = log_share + gained, lead.shown
+            more, shown = lead.log_weight - math.log(shares[lead.origin]), lead.shown
             if last.filter.time == self.time:
-                log_weight += log_gone(last.alone, time - last.filter.time)
-        return _Step(log_weight, shown, k, None, 0.0, last.place, last.alone)
+                more += log_gone(last.alone, time - last.filter.time)
+        return Step(math.log(shares[k]) + more, shown, k, None, 0.0, last.place, last.alone)
 
     def _move_alike(
         self, poses: list[FollowedPose], of: Sequence[int | None], model: DetectionModel, modes: Modes
@@ -349,7 +294,7 @@ class Belief:
         if pose is not None:
             self.poses = [FollowedPose(MotionFilter(self.source, pose, time, self.motion))]
 
-    def _after(self, step: _Step, found: Finding, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
+    def _after(self, step: Step, found: Finding, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
         """The hypothesis that a step leads to."""
         if step.mode is None:
             return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
@@ -365,27 +310,6 @@ class Belief:
                 misfit = misfit_of(model, modes, step.mode)
             log_other = after_frame(self.poses[step.origin].log_other, misfit, TEMPER, len(model.images) > 1)
         return FollowedPose(filter_, step.log_weight, step.shown, log_other, step.place, step.alone)
-
-
-class _Step(NamedTuple):
-    """A hypothesis after a frame, before its pose is known."""
-
-    log_weight: float
-    shown: float
-    origin: int
-    """The hypothesis that it goes on from; −1 for a new one."""
-    mode: int | None
-    """None for a hypothesis that stays as predicted."""
-    chance: float
-    """Probability that the mode is what became of the prediction."""
-    place: int
-    alone: float
-    """See `FollowedPose`."""
-
-    @property
-    def total(self) -> float:
-        """See `FollowedPose.total`."""
-        return self.log_weight + self.shown
 
 
 def _log(chance: Floats) -> Floats:

@@ -166,7 +166,7 @@ class FollowedBody:
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        told = bool(found.prior_holds) or self.belief.gone > 0.0
+        told = bool(found.prior_holds) or self.belief.gone.share > 0.0
         unsure |= told and self.belief.certainty_of(found) < found.facts.min_probability
         if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)

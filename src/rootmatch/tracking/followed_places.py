@@ -15,7 +15,7 @@ for no reason.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from rootmatch.model.modes import Modes, same_place
 from rootmatch.model.point_set_model import PRESENT
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.priors import COPY
+from rootmatch.tracking.followed_pose import FollowedPose
 
 RETURN = 1.0
 """Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five
@@ -33,6 +34,67 @@ markers, three of them in view among four strays, 7 of 186 trusted matches of on
 in six flights with it none of 1,080."""
 CLUTTER_GOES = 0.5
 """Probability that clutter which was taken for a body is not there in the next frame. A round value."""
+
+
+class GonePlaces:
+    """What is known of places that are not followed any more.
+
+    Attributes
+    ----------
+    share : float
+        Probability that the body was in one of them, rather than in those that are followed.
+    """
+
+    def __init__(self) -> None:
+        self.share = self._most = 0.0
+
+    def add(self, before: Mapping[int, float], after: Mapping[int, float]) -> None:
+        """Give up some of the places with their shares, those that are not among the places after.
+
+        If none is left, what is found next may be of any of them, and is so best with the share of the largest.
+        """
+        every = [(1.0 - self.share) * share for place, share in before.items() if place not in after]
+        self._most = max([self._most, *every])
+        self.share += sum(every)
+        if not after:
+            self.share, self._most = 1.0 - self._most, 0.0
+
+
+def in_places(
+    model: DetectionModel, modes: Modes, origin: Integers, followed: Sequence[FollowedPose], shown: Floats
+) -> tuple[Integers, Floats, Floats]:
+    """The place (M,) of each mode, its log-odds alone, and what is added to its log-weight for what it shows alone.
+
+    Of what is expected in several places, which points are shown tells nothing: either may be that of something else,
+    which shows the same. So ``shown`` (M,), the log-probability of the points that each shows, changes.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    modes : Modes
+        The most probable first.
+    origin : (M,) int array
+        The followed hypothesis that each goes on from; −1 for a new one.
+    followed : sequence of FollowedPose
+    shown : (M,) float64 array
+    """
+    known = [one.place for one in followed]
+    place = places_of(modes.uses(model.shape[1]), origin, known)
+    alone, more = np.full(len(place), -math.inf), np.zeros(len(place))
+    every = set(place.tolist())
+    if len(every.union(known)) == 1:
+        return place, alone, more
+    told = odds_alone(model, modes)
+    for number in every:
+        own = place == number
+        first = int(own.argmax())
+        before = max((one.alone for one in followed if one.place == number), default=-math.inf)
+        alone[own] = now = max(before, float(told[first]))
+        expected = np.where(origin[own] >= 0, 1.0, chance_of_copy(now))
+        shown[own] += expected * (shown[0] - shown[first])
+        if math.isfinite(before):
+            more[own] = log_weight(now) - log_weight(before)
+    return place, alone, more
 
 
 def places_of(uses: Bools, origin: Integers, followed: Sequence[int]) -> Integers:
