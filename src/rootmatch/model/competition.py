@@ -94,7 +94,7 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
     of = np.append(prior.prediction_of(modes.rotation, modes.position), -1)
     every = of[:-1, None] == np.arange(len(prior.predictions))
     share = (same_place(uses[:-1]) @ every) @ np.exp(prior.log_shares)  # of all that is followed in its place
-    expected = np.append(mass - np.log(np.where(of[:-1] >= 0, share, 1.0)), 0.0)
+    expected = np.append(mass - np.log(np.where(of[:-1] >= 0, share, 1.0)) + math.log(COPY), 0.0)
     return np.where((of >= 0) & (of[:, None] >= 0), expected, as_copy)
 
 

@@ -29,6 +29,7 @@ from rootmatch.model.evidence import log_detected, settled_about, stepped
 from rootmatch.model.modes import Modes
 from rootmatch.model.parallel_poses import between
 from rootmatch.model.pose_density import LEAST, Doubted
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
@@ -97,13 +98,12 @@ class Belief:
     def _hidden(self, found: Finding) -> float:
         """Share of the places of which a frame shows nothing, if it shows another that is followed."""
         told, model = found.posterior, found.model
-        if len(self.places) < 2 or told is None or model is None:
+        if len(self.poses) < 2 or told is None or model is None or not isinstance(model.prior, Doubted):
             return 0.0
-        assert isinstance(model.prior, Doubted)
         modes = told.modes.take(slice(LOOKED_AT))
         origin = model.prior.prediction_of(modes.rotation, modes.position)
         seen = {self.poses[k].place for k in origin.tolist() if k >= 0}
-        return sum(share for place, share in self.places.items() if place not in seen)
+        return sum(share for place, share in self.places.items() if place not in seen) if seen else 0.0
 
     @property
     def places(self) -> dict[int, float]:
@@ -131,8 +131,9 @@ class Belief:
 
     def leave_before(self, time: float) -> None:
         """Give up the places in which no frame has confirmed a hypothesis since a time."""
-        seen = {one.place for one in self.poses if one.filter.time >= time}
-        self._keep([one.place in seen for one in self.poses])
+        if len(self.poses) > 1:
+            seen = {one.place for one in self.poses if one.filter.time >= time}
+            self._keep([one.place in seen for one in self.poses])
 
     def _keep(self, kept: Sequence[bool]) -> None:
         """Give up some hypotheses, and remember the share of the places that are not followed any more."""
@@ -217,11 +218,14 @@ class Belief:
         place, alone, more = in_places(model, modes, origin, self.poses, shown)
         each = _log(told.probabilities[: len(origin)])
         weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown) + more
+        first = int((origin >= 0).argmax())
+        new = ~np.isin(place, [place[first], *(one.place for one in self.poses)])
+        weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         nothing = float(_log(np.array(told.clutter)))
         present, go_on = found.facts.present, []
         is_shown = present is not None and present >= found.facts.min_probability
         for k, of in enumerate(origin.tolist()):
-            if (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
+            if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
                 continue  # what is left of another mode
             if of < 0:
                 many = model.is_met(modes.assignments[k], found.task.minimal, triples=most_triples(found.task))
@@ -238,7 +242,9 @@ class Belief:
         stay = [self._stays(k, TEMPER * nothing, go_on, time) for k in range(len(self.poses))]
         gone = {step.origin for step in go_on}
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
-        likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
+        # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
+        least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
+        likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
         every = [self._after(step, found, model, modes, time) for step in likely]
         self._move_alike(every, [step.mode for step in likely], model, modes)
@@ -262,13 +268,13 @@ class Belief:
 
         It does not where what is followed elsewhere explains the frame as well if the body is hidden.
         """
-        last, shares, shown = self.poses[k], self.shares, 0.0
+        last, log_shares, shown = self.poses[k], _log(self.shares).tolist(), 0.0
         lead = next((step for step in go_on if step.origin >= 0), None)
         if lead is not None and all(step.place != last.place for step in go_on):
-            more, shown = lead.log_weight - math.log(shares[lead.origin]), lead.shown
+            more, shown = lead.log_weight - log_shares[lead.origin], lead.shown
             if last.filter.time == self.time:
                 more += log_gone(last.alone, time - last.filter.time)
-        return Step(math.log(shares[k]) + more, shown, k, None, 0.0, last.place, last.alone)
+        return Step(log_shares[k] + more, shown, k, None, 0.0, last.place, last.alone)
 
     def _move_alike(
         self, poses: list[FollowedPose], of: Sequence[int | None], model: DetectionModel, modes: Modes

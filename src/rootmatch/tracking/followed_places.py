@@ -79,19 +79,20 @@ def in_places(
     shown : (M,) float64 array
     """
     known = [one.place for one in followed]
+    alone, more = np.full(len(origin), -math.inf), np.zeros(len(origin))
+    if len(origin) == 1 and len({*known}) <= 1 and (origin[0] >= 0 or not known):
+        return np.array(known[:1] or [0]), alone, more
     place = places_of(modes.uses(model.shape[1]), origin, known)
-    alone, more = np.full(len(place), -math.inf), np.zeros(len(place))
     every = set(place.tolist())
     if len(every.union(known)) == 1:
         return place, alone, more
-    told = odds_alone(model, modes)
+    told, reference = odds_alone(model, modes), int((origin >= 0).argmax())
     for number in every:
         own = place == number
         first = int(own.argmax())
         before = max((one.alone for one in followed if one.place == number), default=-math.inf)
         alone[own] = now = max(before, float(told[first]))
-        expected = np.where(origin[own] >= 0, 1.0, chance_of_copy(now))
-        shown[own] += expected * (shown[0] - shown[first])
+        shown[own] += shown[reference] - shown[first]
         if math.isfinite(before):
             more[own] = log_weight(now) - log_weight(before)
     return place, alone, more
