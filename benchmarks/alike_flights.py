@@ -50,7 +50,8 @@ def alike_tracker(family: str) -> rm.Tracker:
     """The tracker of a family."""
     if family != "ceiling":
         return rm.Tracker(RING, rm.P3P(CAMERA), noise=SIGMA)
-    problem = rm.UP2P(HALL_CAMERA, vertical_camera=(0.0, 0.0, 1.0), vertical_world=(0.0, 0.0, 1.0))
+    down = (0.0, 0.0, 1.0)
+    problem = rm.UP2P(HALL_CAMERA, vertical_camera=down, vertical_world=down, vertical_noise=0.002)
     walk = MotionOptions(velocity=0.2, acceleration=0.5, angular_velocity=1.0, angular_acceleration=5.0)
     return rm.Tracker(LAMPS, problem, noise=SIGMA, tracking=rm.TrackingOptions(interval=1.0 / 30.0, motion=walk))
 
