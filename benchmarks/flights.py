@@ -1,5 +1,7 @@
 """Flights through `Tracker`: a room, a rig with two controllers, a drone before a fisheye, a board, a mirror.
 
+Also what nothing but chance could decide, as in alike_flights.py: two objects of the same kind, and a regular ceiling.
+
     python benchmarks/flights.py --families room rig drone board mirror --flights 6 --first-seed 20000
     python benchmarks/flights.py --families room --merge 3 --resolution 3  # detections within 3 px are one blob
     python benchmarks/flights.py --families rig --off 0.5  # each camera is turned by 0.5 px about each axis
@@ -20,11 +22,13 @@ import gc
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from types import ModuleType
 from typing import Any
 
 import numba
 import numpy as np
+from alike_flights import alike_tracker, ceiling_flight, twins_flight
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.sparse.csgraph import connected_components
@@ -34,7 +38,7 @@ from shared import parser, scenes_of, squared_error
 
 import rootmatch as rm
 
-FRAMES = {"room": 60, "rig": 150, "drone": 300, "board": 120, "mirror": 200}
+FRAMES = {"room": 60, "rig": 150, "drone": 300, "board": 120, "mirror": 200, "twins": 150, "named": 150, "ceiling": 90}
 VIEW = np.radians(70.0)
 FEW = 5
 """LEDs that a body shows from which its pose is asked for."""
@@ -74,6 +78,8 @@ def tracker_of(
 
     ``off``: error of its rig's calibration, the standard deviation in pixels of a turn of each camera about each axis.
     """
+    if family in ("twins", "named", "ceiling"):
+        return alike_tracker(family), [(None, 0)]
     if family == "board":
         return rm.Tracker(BOARD, rm.P3P(BOARD_CAMERA), noise=0.5, resolution=resolution), [(None, 0)]
     camera: Any = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -100,7 +106,8 @@ def tracker_of(
 def frames_of(xr: ModuleType, family: str, seed: int) -> Iterator[dict[str, Any]]:
     """The frames of one flight."""
     made = {"room": xr.room_flight, "rig": xr.rig_flight, "drone": xr.drone_flight, "board": board_flight}
-    made["mirror"] = mirror_flight
+    made |= {"mirror": mirror_flight, "twins": twins_flight, "ceiling": ceiling_flight}
+    made["named"] = partial(twins_flight, named=True)
     flight: Iterator[dict[str, Any]] = made[family](seed, frames=FRAMES[family])
     return flight
 
@@ -192,7 +199,7 @@ def fly(
         frame = merged(frame, merge)
         target: Any = (frame["target"], frame["camera"]) if family == "rig" else frame["target"]
         started = time.process_time()
-        match = tracker.update(target, time=float(frame["time"]))
+        match = tracker.update(target, time=float(frame["time"]), prior=frame.get("prior"))
         if k:
             tally.times.append(1e3 * (time.process_time() - started))
         for place, (label, number) in enumerate(bodies):

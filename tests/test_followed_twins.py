@@ -14,7 +14,7 @@ from rootmatch.model.evidence import about, settled
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.model.proposals import Proposals
-from rootmatch.tracking.belief import FollowedPose
+from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.motion_filter import MotionFilter
 
 Floats = NDArray[np.float64]

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.problems.base import Problem
 from rootmatch.samplers.guided.minimal_sets import sets_of_parts
+from rootmatch.tracking.motion_filter import MotionOptions
 
 Floats = NDArray[np.float64]
 
@@ -55,6 +57,25 @@ def test_a_part_of_many_lamps_is_found_by_the_vertical() -> None:
         points, detections = match.pairs.T
         right += bool(match) and bool((own[detections] == points).all())
     assert right >= 7
+
+
+@pytest.mark.parametrize("seed", [1005, 1012, 1018])
+def test_frames_do_not_tell_between_poses_a_period_apart(seed: int) -> None:
+    """Before poses that look the same moved alike, how far the lamps' centre moves decided, and often wrongly."""
+    rng = np.random.default_rng(seed)
+    lamps, _, _ = ceiling(seed, (6, 4), 0.0)
+    walk = MotionOptions(velocity=0.2, acceleration=0.5, angular_velocity=1.0, angular_acceleration=5.0)
+    tracker = rm.Tracker(lamps, UPRIGHT, noise=0.3, tracking=rm.TrackingOptions(interval=1.0 / 30.0, motion=walk))
+    place, speed, turn = rng.uniform(2.4, 4.8, 2), rng.normal(0.0, 0.6, 2), rng.normal(0.0, 0.8)
+    told = []
+    for k in range(45):
+        R = Rotation.from_euler("z", turn * k / 30.0).as_matrix()
+        image = CAMERA.project((lamps - np.append(place + speed * k / 30.0, 1.0)) @ R.T)
+        own = rng.permutation(np.flatnonzero(np.linalg.norm(image - (640.0, 480.0), axis=1) < 480.0))
+        match = tracker.update(image[own] + rng.normal(0.0, 0.3, (len(own), 2)))
+        points, detections = match.pairs.T
+        told.append((bool(match), bool((own[detections] != points).any())))
+    assert not any(trusted and wrong for trusted, wrong in told)
 
 
 def test_sets_of_parts_are_of_all_sizes() -> None:

@@ -23,7 +23,8 @@ from rootmatch.model.mode_search import modes_of
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
 from rootmatch.tracking.averaged_pose import averaged_pose
-from rootmatch.tracking.belief import Belief, FollowedPose
+from rootmatch.tracking.belief import Belief
+from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.motion_filter import MotionFilter, transition
 from rootmatch.tracking.tracker import TrackingOptions
 

@@ -32,6 +32,7 @@ from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
+from rootmatch.model.parallel_poses import parallel
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Known, PoseDensity, body_radius
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
@@ -135,10 +136,14 @@ class Candidate:
 
     def _with_twins(self, modes: Modes, searched: bool = True) -> Modes:
         """Modes and the twins of the best of them."""
-        if not len(modes.log_odds):
-            return modes
-        twins = self.twins(modes) if searched else twins_about_predictions(self.task, self.model, modes)
-        return modes_of(self.model, twins, modes) if len(twins.assignments) else modes
+        first = b""
+        while len(modes.log_odds) and modes.assignments[0].tobytes() != first:
+            first = modes.assignments[0].tobytes()
+            twins = self.twins(modes) if searched else twins_about_predictions(self.task, self.model, modes)
+            modes = modes_of(self.model, twins, modes) if len(twins.assignments) else modes
+            if searched:
+                break  # twins of what was found, whichever is better
+        return modes
 
     def reconsidered(self, modes: Modes) -> Candidate:
         """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
@@ -300,8 +305,8 @@ def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Mo
     """
     first, prior, parts = best_of(modes), model.prior, [no_proposals(task.rows)]
     if isinstance(prior, Doubted) and len(prior.predictions) > 1:
-        for image in symmetries(task, (False,)):
-            twins = look_alikes(first, model.points, model.points, image[None])
+        every = [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(task, (False,))]
+        for twins in [*every, parallel(model, prior, first)]:
             known = (twins.assignments[:, None] == modes.assignments).all(axis=2).any(axis=1)
             twins = twins.take(~known)
             parts.append(twins.take(prior.prediction_of(twins.rotation, twins.position) >= 0))

@@ -16,7 +16,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
-from rootmatch.model.modes import Modes, none_near
+from rootmatch.model.modes import Modes, none_near, same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
@@ -46,19 +46,18 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
     uses = [modes.uses(count)[:KEPT] for modes in every]
     parts = [_with_parts(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))]
     uses = [modes.uses(count) for modes in parts]
-    masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
-    copies = [_as_copy(*each) for each in zip(models, parts, uses, strict=True)]
     absent = np.zeros((1, count), np.bool_)
-    (taken, value), *others = [
-        (np.concatenate([used, absent]), np.concatenate([mass, [0.0]]))
-        for used, mass in zip([*uses, *uses], [*masses, *copies], strict=True)
-        if mass is not None
-    ]
-    chosen = np.arange(len(value))[:, None]
-    for mine, mass in others:
+    uses = [np.concatenate([used, absent]) for used in uses]
+    value = np.append(parts[0].log_mass + PRESENT_ODDS, 0.0)
+    taken, chosen = uses[0], np.arange(len(value))[:, None]
+    others = [(k, np.append(modes.log_mass + PRESENT_ODDS, 0.0)[None]) for k, modes in enumerate(parts)][1:]
+    copies = [_as_copy(*each) for each in zip(models, parts, uses, strict=True)]
+    others += [(k, mass) for k, mass in enumerate(copies) if mass is not None]
+    for k, mass in others:
+        mine = uses[k]
         free = ~(taken @ mine.T)  # which of the joint hypotheses leave which modes their detections
         row, mode = free.nonzero()
-        value = value[row] + mass[mode]
+        value = value[row] + mass[chosen[row, k] if len(mass) > 1 else 0, mode]
         if len(value) > BEAM:
             best = np.argsort(-value, kind="stable")[:BEAM]
             row, mode, value = row[best], mode[best], value[best]
@@ -75,31 +74,54 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
 
 
 def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
-    """Odds of a body's modes as those of a copy that nobody named; None if two cannot be in one image.
+    """Log-odds of a body's modes as those of something else; None if two cannot be in one image.
 
-    Where the body is expected tells nothing of its copy. ``uses`` (M, n'): the detections of each mode.
+    A copy that nobody named, of which what is known of the body tells nothing; or, where a tracker follows the body in
+    several places, what it follows in the others: whether that is a copy or clutter that stays, it is expected there.
+    Rows (M + 1) are of the body's own mode, the last one of its absence; columns (M + 1) the same of the other.
+    ``uses`` (M + 1, n'): the detections of each mode, and of none.
     """
-    if (uses @ uses.T).all():
+    if (uses[:-1] @ uses[:-1].T).all():
         return None
-    mass = modes.log_mass
-    if isinstance(model.prior, Doubted):
-        at = model.linearised(modes.rotation, modes.position)
-        anywhere = evidence(model, modes.assignments, at, model.prior.without).log_odds
-        mass = mass - modes.log_odds + anywhere
-    return np.asarray(mass + math.log(COPY), np.float64)
+    mass, prior = modes.log_mass, model.prior
+    if not isinstance(prior, Doubted):
+        return np.append(mass + math.log(COPY), 0.0)[None]
+    at = model.linearised(modes.rotation, modes.position)
+    anywhere = evidence(model, modes.assignments, at, prior.without).log_odds
+    as_copy = np.append(mass - modes.log_odds + anywhere + math.log(COPY), 0.0)
+    if len(prior.predictions) == 1:
+        return as_copy[None]
+    of = np.append(prior.prediction_of(modes.rotation, modes.position), -1)
+    every = of[:-1, None] == np.arange(len(prior.predictions))
+    share = (same_place(uses[:-1]) @ every) @ np.exp(prior.log_shares)  # of all that is followed in its place
+    expected = np.append(mass - np.log(np.where(of[:-1] >= 0, share, 1.0)) + math.log(COPY), 0.0)
+    return np.where((of >= 0) & (of[:, None] >= 0), expected, as_copy)
+
+
+def _beside(model: DetectionModel, modes: Modes, uses: Bools) -> Bools:
+    """Which modes (M, M) are followed in different places, but share detections; ``uses`` (M, n')."""
+    prior = model.prior
+    if not isinstance(prior, Doubted) or len(prior.predictions) == 1:
+        return np.zeros((len(uses), len(uses)), np.bool_)
+    followed = prior.prediction_of(modes.rotation, modes.position) >= 0
+    return np.asarray((uses @ uses.T) & ~same_place(uses) & followed & followed[:, None])
 
 
 def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bools]) -> Modes:
     """The best modes of body k, and what remains of them if others take shared detections.
 
-    ``uses``: the detections (M, n') of the best modes of each body.
+    Others are other bodies, and what is followed in another place. ``uses``: the detections (M, n') of the best modes
+    of each body.
     """
-    modes, others = modes.take(slice(KEPT)), np.concatenate([uses[k][:0], *uses[:k], *uses[k + 1 :]])
-    if not len(others):
+    modes, others = modes.take(slice(KEPT)), np.concatenate([uses[k], *uses[:k], *uses[k + 1 :]])
+    own = len(uses[k])
+    shared = others @ uses[k].T
+    shared[:own] = _beside(model, modes, uses[k])
+    if not shared.any():
         return modes
     known = {one.tobytes() for one in modes.assignments}
     rows, parts = [], []
-    for wanted, row in np.argwhere(others @ uses[k].T).tolist():
+    for wanted, row in np.argwhere(shared).tolist():
         assignment = modes.assignments[row]
         part = np.where((assignment >= 0) & others[wanted, assignment], -1, assignment)
         if np.count_nonzero(part >= 0) >= model.prior.least and part.tobytes() not in known:

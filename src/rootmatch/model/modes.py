@@ -74,6 +74,13 @@ def uses_of(assignments: Integers, count: int) -> Bools:
     return out[:, :count]
 
 
+def same_place(uses: Bools) -> Bools:
+    """Which modes (M, M) are of the same thing, by their detections (M, n'): most of those of the smaller one."""
+    shared = uses.astype(float) @ uses.T
+    count = shared.diagonal()
+    return np.asarray(shared > 0.5 * np.minimum(count, count[:, None]))
+
+
 @lru_cache(maxsize=64)
 def no_modes(n: int) -> Modes:
     """Empty modes of a body with ``n`` points."""

@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
@@ -28,11 +27,16 @@ from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import settled_about, stepped
 from rootmatch.model.modes import Modes
+from rootmatch.model.parallel_poses import between
 from rootmatch.model.pose_density import LEAST, Doubted
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
+from rootmatch.tracking.followed_places import GonePlaces, chance_of_copy, in_places, log_gone
+from rootmatch.tracking.followed_pose import FollowedPose, Step
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
@@ -55,26 +59,6 @@ ALIKE = 1.0 + 2.0 * math.cos(0.2)
 """Trace of the rotation between two poses above which they are one. A round value."""
 
 
-@dataclass(frozen=True, eq=False)
-class FollowedPose:
-    """A hypothesis: the pose and motion of the body, with the logarithm of its weight among the hypotheses.
-
-    ``shown``: log-probability that just these of its visible points were seen in the last frame. It is no part of the
-    weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
-    pose of something else.
-    """
-
-    filter: MotionFilter
-    log_weight: float = 0.0
-    shown: float = 0.0
-    log_other: float = FLOOR
-
-    @property
-    def total(self) -> float:
-        """Logarithm of its weight with the last frame."""
-        return self.log_weight + self.shown
-
-
 class Belief:
     """The hypotheses of one body's pose; none while it is lost.
 
@@ -89,8 +73,11 @@ class Belief:
     def __init__(self, source: Floats, motion: MotionOptions) -> None:
         self.source, self.motion = source, motion
         self.poses: list[FollowedPose] = []
+        self.time = -math.inf
+        """Of the last frame that was taken in, seconds."""
         self.unfollowed = 0.0
         """Probability of poses that a frame left possible and that are not followed, as there were too many."""
+        self.gone = GonePlaces()
 
     def __bool__(self) -> bool:
         return bool(self.poses)
@@ -100,11 +87,31 @@ class Belief:
         """The filter of the most probable hypothesis."""
         return self.poses[0].filter
 
-    @property
-    def certainty(self) -> float:
-        """Probability that a hypothesis is right: that the best one is of the body, and no pose was left out."""
+    def certainty_of(self, found: Finding) -> float:
+        """Probability that the hypothesis which holds in a frame is right, as far as the frame does not tell.
+
+        That it is of the body, that no pose was left out, and that the body is not where nothing is seen any more.
+        """
         other = math.exp(self.poses[0].log_other) if self.poses else 0.0
-        return (1.0 - self.unfollowed) / (1.0 + other)
+        return (1.0 - self.unfollowed) * (1.0 - self.gone.share) * (1.0 - self._hidden(found)) / (1.0 + other)
+
+    def _hidden(self, found: Finding) -> float:
+        """Share of the places of which a frame shows nothing, if it shows another that is followed."""
+        told, model = found.posterior, found.model
+        if len(self.poses) < 2 or told is None or model is None or not isinstance(model.prior, Doubted):
+            return 0.0
+        modes = told.modes.take(slice(LOOKED_AT))
+        origin = model.prior.prediction_of(modes.rotation, modes.position)
+        seen = {self.poses[k].place for k in origin.tolist() if k >= 0}
+        return sum(share for place, share in self.places.items() if place not in seen) if seen else 0.0
+
+    @property
+    def places(self) -> dict[int, float]:
+        """The followed places, and the share of each."""
+        out = dict[int, float]()
+        for one, share in zip(self.poses, self.shares.tolist(), strict=True):
+            out[one.place] = out.get(one.place, 0.0) + share
+        return out
 
     @property
     def shares(self) -> Floats:
@@ -120,11 +127,35 @@ class Belief:
 
     def forget_before(self, time: float) -> None:
         """Give up the hypotheses that no frame has confirmed since a time."""
-        self.poses = [one for one in self.poses if one.filter.time >= time]
+        self._keep([one.filter.time >= time for one in self.poses])
+
+    def leave_before(self, time: float) -> None:
+        """Give up the places in which no frame has confirmed a hypothesis since a time."""
+        if len(self.poses) > 1:
+            seen = {one.place for one in self.poses if one.filter.time >= time}
+            self._keep([one.place in seen for one in self.poses])
+
+    def _keep(self, kept: Sequence[bool]) -> None:
+        """Give up some hypotheses, and remember the share of the places that are not followed any more."""
+        if all(kept):
+            return
+        before = self.places
+        self.poses = [one for one, keep in zip(self.poses, kept, strict=True) if keep]
+        self.gone.add(before, self.places)
+
+    def lose(self) -> None:
+        """Give up all: what is found next may be what was in any of the places."""
+        self._keep([False] * len(self.poses))
+        self.unfollowed = 0.0
+
+    def forget(self) -> None:
+        """Give up all, and know nothing of the body any more."""
+        self.poses, self.unfollowed, self.gone = [], 0.0, GonePlaces()
 
     def keep_best(self) -> None:
         """Give up all hypotheses but the most probable one."""
         del self.poses[1:]
+        self.gone = GonePlaces()
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
         """Also follow the best pose after motions (R, t) that nearly map the body onto itself.
@@ -182,13 +213,19 @@ class Belief:
         origin = np.full(len(modes.log_odds), -1)
         if self.poses and isinstance(model.prior, Doubted):
             origin = model.prior.prediction_of(modes.rotation, modes.position)
+        shown = modes.detected.copy()
+        place, alone, more = in_places(model, modes, origin, self.poses, shown)
         each = _log(told.probabilities[: len(origin)])
-        weight = log_share[origin] + TEMPER * (each - log_share[origin] - modes.detected)
+        weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown) + more
+        first = int((origin >= 0).argmax())
+        new = ~np.isin(place, [place[first], *(one.place for one in self.poses)])
+        weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         nothing = float(_log(np.array(told.clutter)))
-        stay = [_Step(share + TEMPER * nothing, 0.0, k, None, 0.0) for k, share in enumerate(log_share[:-1].tolist())]
         present, go_on = found.facts.present, []
         is_shown = present is not None and present >= found.facts.min_probability
         for k, of in enumerate(origin.tolist()):
+            if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
+                continue  # what is left of another mode
             if of < 0:
                 many = model.is_met(modes.assignments[k], found.task.minimal, triples=most_triples(found.task))
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
@@ -200,16 +237,56 @@ class Belief:
                 if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
                     chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
             if chance >= LIKELY:
-                go_on.append(_Step(float(weight[k]), float(modes.detected[k]), of, k, chance))
+                go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, int(place[k]), float(alone[k])))
+        stay = [self._stays(k, TEMPER * nothing, go_on, time) for k in range(len(self.poses))]
         gone = {step.origin for step in go_on}
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
-        likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
+        # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
+        least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
+        likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
         every = [self._after(step, found, model, modes, time) for step in likely]
+        self._move_alike(every, [step.mode for step in likely], model, modes)
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
-        cut = [k for k in (step.mode for step in go_on if step.origin < 0 and step not in likely) if k is not None]
+        cut = [k for k in (step.mode for step in go_on if step not in likely) if k is not None]
         left = float(told.probabilities[cut].sum() + told.probabilities[len(origin) :].sum())
+        if origin[0] < 0 and found.facts.missed > EXISTS and self._is_met(found, modes.assignments[0]):
+            left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
+        if not known and len({one.place for one in self.poses if chance_of_copy(one.alone) >= LIKELY}) > 1:
+            self.gone = GonePlaces()  # they are in view again
+        self.time = time
+
+    def _is_met(self, found: Finding, assignment: Integers) -> bool:
+        """Whether a search would have met other poses of as many matches."""
+        minimal, triples = found.task.minimal, most_triples(found.task)
+        return found.model is not None and found.model.is_met(assignment, minimal, minimal + 1, triples=triples)
+
+    def _stays(self, k: int, more: float, go_on: Sequence[Step], time: float) -> Step:
+        """A hypothesis that no mode continues; ``more``: what the frame adds to its log-weight, if it tells of it.
+
+        It does not where what is followed elsewhere explains the frame as well if the body is hidden.
+        """
+        last, log_shares, shown = self.poses[k], _log(self.shares).tolist(), 0.0
+        lead = next((step for step in go_on if step.origin >= 0), None)
+        if lead is not None and all(step.place != last.place for step in go_on):
+            more, shown = lead.log_weight - log_shares[lead.origin], lead.shown
+            if last.filter.time == self.time:
+                more += log_gone(last.alone, time - last.filter.time)
+        return Step(log_shares[k] + more, shown, k, None, 0.0, last.place, last.alone)
+
+    def _move_alike(
+        self, poses: list[FollowedPose], of: Sequence[int | None], model: DetectionModel, modes: Modes
+    ) -> None:
+        """Let poses between which the body looks the same move as the best one of them does.
+
+        Such poses differ by how far the body's centre is moved, which tells nothing: it may be the camera that moves.
+        """
+        for k, mode in enumerate(of[1:], 1):
+            if mode is None or of[0] is None:
+                continue
+            if (motion := between(model, modes, of[0], mode)) is not None:
+                poses[k] = replace(poses[k], filter=poses[0].filter.turned(*motion))
 
     def _take_motion(self, found: Finding, time: float) -> None:
         """Take in a match of two point sets: only one that is trusted tells a pose."""
@@ -222,10 +299,10 @@ class Belief:
         if pose is not None:
             self.poses = [FollowedPose(MotionFilter(self.source, pose, time, self.motion))]
 
-    def _after(self, step: _Step, found: Finding, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
+    def _after(self, step: Step, found: Finding, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
         """The hypothesis that a step leads to."""
         if step.mode is None:
-            return replace(self.poses[step.origin], log_weight=step.log_weight, shown=0.0)
+            return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose, log_other = averaged_pose(model, modes, step.mode), FLOOR
         if step.origin < 0:
             filter_ = MotionFilter(self.source, pose, time, self.motion)
@@ -237,25 +314,7 @@ class Belief:
             else:
                 misfit = misfit_of(model, modes, step.mode)
             log_other = after_frame(self.poses[step.origin].log_other, misfit, TEMPER, len(model.images) > 1)
-        return FollowedPose(filter_, step.log_weight, step.shown, log_other)
-
-
-class _Step(NamedTuple):
-    """A hypothesis after a frame, before its pose is known."""
-
-    log_weight: float
-    shown: float
-    origin: int
-    """The hypothesis that it goes on from; −1 for a new one."""
-    mode: int | None
-    """None for a hypothesis that stays as predicted."""
-    chance: float
-    """Probability that the mode is what became of the prediction."""
-
-    @property
-    def total(self) -> float:
-        """See `FollowedPose.total`."""
-        return self.log_weight + self.shown
+        return FollowedPose(filter_, step.log_weight, step.shown, log_other, step.place, step.alone)
 
 
 def _log(chance: Floats) -> Floats:

@@ -15,12 +15,9 @@ from rootmatch.explain.rig_triples import most_triples
 from rootmatch.model.point_set_model import PRESENT
 from rootmatch.options import Options, option
 from rootmatch.tracking.belief import Belief
+from rootmatch.tracking.followed_places import RETURN
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
 
-RETURN = 1.0
-"""Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five
-markers, three of them in view among four strays, 7 of 186 trusted matches of one flight were of absent ones without it,
-in six flights with it none of 1,080."""
 LONGEST = 8
 """Times `TrackingOptions.search_every` that may lie between two searches for a followed body. A round value: bodies are
 right and trusted as often as with 1 (benchmarks/flights.py, all families, 3 flights from 1100 and 1300)."""
@@ -92,8 +89,13 @@ class FollowedBody:
         self.forget()
 
     def forget(self) -> None:
+        """Know nothing of the body any more."""
+        self.belief.forget()
+        self._lose()
+
+    def _lose(self) -> None:
         """Declare the body lost."""
-        self.belief.poses = []
+        self.belief.lose()
         self.settled, self.matched = False, -math.inf
         self.missed = self.agreements = 0
 
@@ -164,7 +166,8 @@ class FollowedBody:
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        unsure |= bool(found.prior_holds) and self.belief.certainty < found.facts.min_probability
+        told = bool(found.prior_holds) or self.belief.gone.share > 0.0
+        unsure |= told and self.belief.certainty_of(found) < found.facts.min_probability
         if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found
@@ -189,12 +192,13 @@ class FollowedBody:
             self.missed += 1
             self.belief.forget_before(time - self.options.coasting)
             if not self.belief:
-                self.forget()
+                self._lose()
             return
+        self.belief.leave_before(time - self.options.coasting)
         self.missed, self.detections = 0, found.task.shape[1]
         least = found.facts.min_probability
         if self.belief and 1.0 - self.belief.unfollowed < least and frame - self.searched >= self.options.search_every:
-            self.forget()  # what is not followed can only be found anew
+            self._lose()  # what is not followed can only be found anew
             return
         if frame % self.options.search_every == 0 and self.belief and not in_space:
             self.belief.add_flipped(found, time)

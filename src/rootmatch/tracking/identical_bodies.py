@@ -18,8 +18,9 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import pose_of_mode
 from rootmatch.model.pose_density import body_radius
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.tracking.belief import ALIKE, Belief, FollowedPose
+from rootmatch.tracking.belief import ALIKE, Belief
 from rootmatch.tracking.followed_body import FollowedBody
+from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.motion_filter import MotionFilter
 
 Groups = Sequence[Sequence[Label]]

@@ -105,10 +105,12 @@ class MotionFilter:
         return copy(self)
 
     def turned(self, R: Floats, t: Floats) -> MotionFilter:
-        """A filter with the same motion, for the body after a motion x' = R x + t of its points."""
+        """A filter of the same motion, for the body after a motion x' = R x + t of its points.
+
+        It is that of the same place in the camera frame, which is another one of the body: so both expect the same.
+        """
         other = self.copy()
-        other.R = self.R @ R
-        other.t = self.t + self.R @ (R @ self.centre + t - self.centre)
+        other.R, other.centre = self.R @ R, R.T @ (self.centre - t)
         other._ahead = None
         return other
 

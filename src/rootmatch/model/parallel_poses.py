@@ -1,0 +1,80 @@
+"""What is found about one of several predicted poses, about the others.
+
+Poses that have looked the same for some frames, a period of a lattice apart or half a turn, do so in the next one: the
+motion from one prediction to another takes points of the body to points. So the pose that is found about one, moved by
+it, is found about the other, where the detections are those of the points at the same places.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rootmatch.arrays import Floats, Integers
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.modes import Modes
+from rootmatch.model.pose_density import Doubted, Gaussian
+from rootmatch.model.proposals import Proposals, joined, no_proposals
+
+NEAR = 0.25
+"""Distance of a point's place from that of another, over that of the nearest points, up to which they are the same. A
+round value: the predictions need not be as good as the poses."""
+
+
+def parallel(model: DetectionModel, prior: Doubted, found: Proposals) -> Proposals:
+    """Poses about each of the predictions in which the body looks as in those found about another.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    prior : Doubted
+        Its prior.
+    found : Proposals
+        Its best poses.
+    """
+    predictions = [one for one in prior.predictions if isinstance(one, Gaussian)]
+    origin = prior.prediction_of(found.rotation, found.position)
+    if len(predictions) < len(prior.predictions):
+        return no_proposals(model.shape[0])
+    parts = [no_proposals(model.shape[0])]
+    for k, first in enumerate(origin.tolist()):
+        for second, there in enumerate(predictions):
+            if first in (-1, second):
+                continue
+            here = predictions[first]
+            turn, shift = here.rotation.T @ there.rotation, here.rotation.T @ (there.position - here.position)
+            assignment = _moved(model, (turn, shift), found.assignments[k])
+            rotation, position = found.rotation[k] @ turn, found.position[k] + found.rotation[k] @ shift
+            parts.append(Proposals(assignment[None], rotation[None], position[None]))
+    return joined(parts)
+
+
+def between(model: DetectionModel, modes: Modes, first: int, second: int) -> tuple[Floats, Floats] | None:
+    """The motion (R, t), x' = R x + t, from one mode to another, if the body looks the same after it.
+
+    None if the other mode has not all detections of the first one as those of the points that come to their places, or
+    if these are the same points.
+    """
+    here, there = modes.assignments[first], modes.assignments[second]
+    if (here == there).all() or (here >= 0).sum() != (there >= 0).sum():
+        return None
+    turn = modes.rotation[first].T @ modes.rotation[second]
+    shift = modes.rotation[first].T @ (modes.position[second] - modes.position[first])
+    if (_moved(model, (turn, shift), here) != there).any():
+        return None
+    return turn, model.centre + shift - turn @ model.centre
+
+
+def _moved(model: DetectionModel, motion: tuple[Floats, Floats], assignment: Integers) -> Integers:
+    """An assignment (n,) as one of the points that are at their places after a motion x' = R x + t about the centre."""
+    images = max(len(model.images), 1)
+    points = (model.points - model.centre)[: len(assignment) // images]
+    rows = assignment.reshape(images, -1)
+    (matched,) = np.nonzero((rows >= 0).any(axis=0))
+    apart = ((points[matched, None] - points) ** 2).sum(axis=2)
+    apart[np.arange(len(matched)), matched] = np.inf
+    far = ((points[matched, None] - (points @ motion[0].T + motion[1])) ** 2).sum(axis=2)
+    nearest = far.argmin(axis=1)
+    same = far[np.arange(len(matched)), nearest] <= NEAR**2 * apart.min(axis=1)
+    out = np.full(rows.shape, -1)
+    out[:, nearest[same]] = rows[:, matched[same]]
+    return out.reshape(-1)

@@ -1,0 +1,153 @@
+"""Which of several places that a tracker follows is the body's.
+
+Two hypotheses about the same detections are poses of one thing, and each frame tells more of which it is. Two that
+share none are things in two places. Each of them is found where it was expected, whatever it is: the body, a copy of
+it, or clutter that stays. So frames tell nothing of which one was asked for, but by what each shows for itself alone.
+With O, the odds of what was seen in a place at best, without a prediction, against clutter, and κ, the odds of a copy,
+
+    P(the body is in X) ∝ O_X Π_Y≠X (1 + κ O_Y) ∝ 1 / (κ + 1 / O_X)
+
+Frames repeat this evidence rather than add to it, so a place has the largest of them. Beyond 1 / κ all are alike.
+A place that is no longer seen keeps its share: the body may have left the view, as well as a copy. Clutter also goes
+for no reason.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import evidence
+from rootmatch.model.modes import Modes, same_place
+from rootmatch.model.point_set_model import PRESENT
+from rootmatch.model.pose_density import Doubted
+from rootmatch.model.priors import COPY
+from rootmatch.tracking.followed_pose import FollowedPose
+
+RETURN = 1.0
+"""Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five
+markers, three of them in view among four strays, 7 of 186 trusted matches of one flight were of absent ones without it,
+in six flights with it none of 1,080."""
+CLUTTER_GOES = 0.5
+"""Probability that clutter which was taken for a body is not there in the next frame. A round value."""
+
+
+class GonePlaces:
+    """What is known of places that are not followed any more.
+
+    Attributes
+    ----------
+    share : float
+        Probability that the body was in one of them, rather than in those that are followed.
+    """
+
+    def __init__(self) -> None:
+        self.share = self._most = 0.0
+
+    def add(self, before: Mapping[int, float], after: Mapping[int, float]) -> None:
+        """Give up some of the places with their shares, those that are not among the places after.
+
+        If none is left, what is found next may be of any of them, and is so best with the share of the largest.
+        """
+        every = [(1.0 - self.share) * share for place, share in before.items() if place not in after]
+        self._most = max([self._most, *every])
+        self.share += sum(every)
+        if not after:
+            self.share, self._most = 1.0 - self._most, 0.0
+
+
+def in_places(
+    model: DetectionModel, modes: Modes, origin: Integers, followed: Sequence[FollowedPose], shown: Floats
+) -> tuple[Integers, Floats, Floats]:
+    """The place (M,) of each mode, its log-odds alone, and what is added to its log-weight for what it shows alone.
+
+    Of what is expected in several places, which points are shown tells nothing: either may be that of something else,
+    which shows the same. So ``shown`` (M,), the log-probability of the points that each shows, changes.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    modes : Modes
+        The most probable first.
+    origin : (M,) int array
+        The followed hypothesis that each goes on from; −1 for a new one.
+    followed : sequence of FollowedPose
+    shown : (M,) float64 array
+    """
+    known = [one.place for one in followed]
+    alone, more = np.full(len(origin), -math.inf), np.zeros(len(origin))
+    if len(origin) == 1 and len({*known}) <= 1 and (origin[0] >= 0 or not known):
+        return np.array(known[:1] or [0]), alone, more
+    place = places_of(modes.uses(model.shape[1]), origin, known)
+    every = set(place.tolist())
+    if len(every.union(known)) == 1:
+        return place, alone, more
+    told, reference = odds_alone(model, modes), int((origin >= 0).argmax())
+    for number in every:
+        own = place == number
+        first = int(own.argmax())
+        before = max((one.alone for one in followed if one.place == number), default=-math.inf)
+        alone[own] = now = max(before, float(told[first]))
+        shown[own] += shown[reference] - shown[first]
+        if math.isfinite(before):
+            more[own] = log_weight(now) - log_weight(before)
+    return place, alone, more
+
+
+def places_of(uses: Bools, origin: Integers, followed: Sequence[int]) -> Integers:
+    """The place (M,) of each mode: that of the others that share detections with it.
+
+    Parameters
+    ----------
+    uses : (M, n') bool array
+        The detections of each mode, the most probable first.
+    origin : (M,) int array
+        The followed hypothesis that each goes on from; −1 for a new one.
+    followed : sequence of int
+        The place of each hypothesis, which its first mode keeps. New places have numbers that are not among these.
+    """
+    count = len(uses)
+    out, new = np.full(count, -1), max(followed, default=-1) + 1
+    overlap = same_place(uses)
+    for k in range(count):
+        if out[k] >= 0:
+            continue
+        mine = overlap[k] & (out < 0)
+        known = [followed[o] for o in origin[mine].tolist() if o >= 0 and followed[o] not in out]
+        if known:
+            out[mine] = known[0]
+        else:
+            out[mine], new = new, new + 1
+    return out
+
+
+def odds_alone(model: DetectionModel, modes: Modes) -> Floats:
+    """Log-odds (M,) of modes against clutter, without a prediction."""
+    if not isinstance(model.prior, Doubted):
+        return modes.log_mass
+    at = model.linearised(modes.rotation, modes.position)
+    anywhere = evidence(model, modes.assignments, at, model.prior.without).log_odds
+    return np.asarray(modes.log_mass - modes.log_odds + anywhere)
+
+
+def log_weight(alone: float) -> float:
+    """Logarithm of 1 / (κ + 1 / O): how probably a place is the body's, relative to others."""
+    return -float(np.logaddexp(math.log(COPY), -alone))
+
+
+def chance_of_copy(alone: float) -> float:
+    """Probability that what is in a place is a copy rather than clutter, if it is not the body."""
+    return COPY * math.exp(log_weight(alone))
+
+
+def log_gone(alone: float, seconds: float) -> float:
+    """Change of a place's log-weight where nothing is seen there any more, since so many seconds.
+
+    The body leaves the view as a copy does, now and then; clutter often does.
+    """
+    copy, leaves = chance_of_copy(alone), (1.0 - PRESENT) * -math.expm1(-seconds / RETURN)
+    return math.log(leaves / (copy * leaves + (1.0 - copy) * CLUTTER_GOES))

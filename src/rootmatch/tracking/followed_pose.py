@@ -1,0 +1,54 @@
+"""A hypothesis of a body's pose that is followed, and what becomes of it in a frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from rootmatch.tracking.mistaken_identity import FLOOR
+from rootmatch.tracking.motion_filter import MotionFilter
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedPose:
+    """A hypothesis: the pose and motion of the body, with the logarithm of its weight among the hypotheses.
+
+    ``shown``: log-probability that just these of its visible points were seen in the last frame. It is no part of the
+    weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
+    pose of something else. ``place``: number of the place that it has with all hypotheses about the same detections;
+    ``alone``: the largest log-odds of that place without a prediction, since there were several places.
+    """
+
+    filter: MotionFilter
+    log_weight: float = 0.0
+    shown: float = 0.0
+    log_other: float = FLOOR
+    place: int = 0
+    alone: float = -math.inf
+
+    @property
+    def total(self) -> float:
+        """Logarithm of its weight with the last frame."""
+        return self.log_weight + self.shown
+
+
+class Step(NamedTuple):
+    """A hypothesis after a frame, before its pose is known."""
+
+    log_weight: float
+    shown: float
+    origin: int
+    """The hypothesis that it goes on from; −1 for a new one."""
+    mode: int | None
+    """None for a hypothesis that stays as predicted."""
+    chance: float
+    """Probability that the mode is what became of the prediction."""
+    place: int
+    alone: float
+    """See `FollowedPose`."""
+
+    @property
+    def total(self) -> float:
+        """See `FollowedPose.total`."""
+        return self.log_weight + self.shown
