@@ -214,7 +214,7 @@ class Search:
 
     def is_beyond_chance(self) -> bool:
         """Whether any hypothesis is beyond chance."""
-        evidence = max((float(batch.evidence.max()) for batch in self.hypotheses), default=-math.inf)
+        evidence = max((float(batch.evidence.max(initial=-math.inf)) for batch in self.hypotheses), default=-math.inf)
         return evidence > self._false_alarm_level()
 
     _try_rivals, _missed_among = try_rivals, missed_among
