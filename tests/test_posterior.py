@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 import rootmatch as rm
 from posteriors import told
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.posterior import surest
+from rootmatch.model.posterior import WRONG, right_together, surest
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 
@@ -103,3 +105,16 @@ def test_the_surest_matches_leave_so_many_wrong_ones_and_no_more() -> None:
     assert surest(confidence, 0.2).tolist() == [1, 2, 3, 0]
     assert len(surest(np.full(200, 0.9995), 0.0)) == 200  # a thousandth of a large assignment
     assert len(surest(np.full(200, 0.9979), 0.0)) == 95
+
+
+@pytest.mark.parametrize("count", [5, 49, 60, 200])
+def test_what_is_right_together_is_no_more_than_independent_matches_are(count: int) -> None:
+    confidence = np.sort(1.0 - np.random.default_rng(count).uniform(0.0, 0.004, count))[::-1]
+    told = right_together(confidence, 0.95)
+    for k in (1, 4, count // 2, count):
+        wrong = np.ones(1)  # probabilities of 0, 1, 2 … wrong ones
+        for one in confidence[:k]:
+            wrong = np.convolve(wrong, (one, 1.0 - one))
+        allowed = math.ceil(WRONG * k) if k > 50 else 0
+        exact = float(wrong[: allowed + 1].sum())
+        assert exact - 0.02 <= told[k - 1] <= exact + 1e-12

@@ -181,7 +181,8 @@ class Match:
     def probability(self) -> float | None:
         """Posterior probability that the whole assignment is right.
 
-        If the status is MATCHED and doubtful matches were left out, it is that of those that remain. It comes from a
+        If the status is MATCHED and doubtful matches were left out, it is that of those that remain; of so many that a
+        thousandth of them is more than 1 − ``min_probability``, that all but this thousandth are right. It comes from a
         model of all observations, in which the object may be absent, or two views may have nothing in common
         (docs/model.md). With several motions it is the product of theirs, each weighed with the points and detections
         that the others leave. None if the problem fits no poses, and for the paper's residuals.

@@ -21,7 +21,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.clutter import clutter_areas, clutter_of
 from rootmatch.model.detection_model import HIGHEST_RATE
-from rootmatch.model.posterior import surest
+from rootmatch.model.posterior import right_together, surest
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 from rootmatch.samplers.base import SampledTensor
@@ -108,8 +108,10 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, repeated: bool
     facts = replace(facts, false_alarms=math.inf if does_not_fit(fault) else -math.inf)
     if replace(base, facts=facts).status is Status.MATCHED:
         # of a large assignment more are known than are right together
-        while (together := share * told.together(first, kept)) < least and len(kept) > 1:
-            kept = kept[:-1]
+        highest = float(confidence[kept].max())
+        few = share * told.present * right_together(confidence[kept] / highest, least)
+        while (together := max(share * told.together(first, kept), float(few[-1]))) < least and len(kept) > 1:
+            kept, few = kept[:-1], few[:-1]
         sure = np.full_like(first, -1)
         sure[kept] = first[kept]
         probability = together if len(kept) < len(matched) else max(probability, together)

@@ -24,11 +24,11 @@ class Believed(NamedTuple):
     """What is believed of an assignment."""
 
     assignment: Integers
-    """(n,) of the matches that are right together with the least probability."""
+    """(n,) of the matches that are right together, all but a few of a large assignment, with the least probability."""
     probability: float
     """That they are, at least."""
     known: int
-    """Matches that are known but for a few: of a large assignment more than are right together."""
+    """Matches that are known, of which so few are expected to be wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +114,7 @@ class Posterior:
         each = (self.confidence * lit)[matched]
         given_pose = each / self.confidence[matched].max()
         known = surest(given_pose, 1.0 - min_probability / pose)
-        # at least: the expected number of wrong ones is no less than the probability that any is
-        together = np.minimum(pose * (1.0 - np.cumsum(1.0 - given_pose[known])), each[known])
+        together = np.minimum(pose * right_together(given_pose[known], min_probability), each[known])
         count = int(np.count_nonzero(together >= min_probability))
         kept, out = matched[known[:count]], np.full(len(first), -1)
         out[kept] = first[kept]
@@ -168,6 +167,18 @@ def surest(confidence: Floats, wrong: float) -> Integers:
     """
     order = np.argsort(-confidence, kind="stable")
     return np.asarray(order[np.cumsum(1.0 - confidence[order]) <= max(wrong, WRONG * len(confidence))])
+
+
+def right_together(confidence: Floats, min_probability: float) -> Floats:
+    """Probability (m,), at least, that of the first 1, 2, … of m matches all are right.
+
+    Of so many that a thousandth of them is more than may be wrong by ``min_probability``, all but that, rounded up.
+    """
+    from scipy.special import pdtr  # slow to import
+
+    expected, allowed = np.cumsum(1.0 - confidence), WRONG * np.arange(1, len(confidence) + 1)
+    few = pdtr(np.ceil(allowed), expected)  # a sum of independent events is spread less than a Poisson distribution
+    return np.asarray(np.where(allowed > 1.0 - min_probability, few, 1.0 - expected))
 
 
 def unknown(n: int) -> Posterior:
