@@ -457,7 +457,7 @@ def test_the_sizes_of_a_rigs_images_count(path: str) -> None:
         np.testing.assert_array_equal(match.sightings.assignment, world.frames[-1].truth)
         assert match.log_odds is not None
         odds.append(match.log_odds)
-    assert odds[1] > odds[0] + 1.0
+    assert odds[1] > odds[0] + 0.5  # without sizes the missing points may all be beyond an edge
 
 
 @pytest.mark.parametrize("path", ["search", "prior", "bodies"])

@@ -66,7 +66,9 @@ class Sampled:
         shown = gammaln(k + 1) + gammaln(n - k + 1) - gammaln(n + 2)  # a rate that is uniform
         log_zoom = np.log(self.scene.focal / USUAL) + v[:, 1]
         prior = -math.log(2.0 * math.pi) - 0.5 * log_zoom**2 - 0.5 * math.log(2.0 * math.pi)
-        prior = prior - np.log(2.0 * np.linalg.norm(place, axis=1) ** 3 * math.log(100.0))
+        radius2 = ((self.scene.source - self.scene.source.mean(axis=0)) ** 2).sum(axis=1).mean()
+        prior = prior - np.log(2.0 * ((place**2).sum(axis=1) + radius2) ** 1.5 * math.log(100.0))
+        prior = prior + math.log(0.9)  # nothing hides a part: at most two points are missing
         total = noisy + clutter + shown + prior - k * math.log(2.0 * math.pi * SIGMA**2)
         return np.asarray(np.where((depth > 0.0).all(axis=1), total, -np.inf))
 

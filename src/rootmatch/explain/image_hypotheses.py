@@ -33,7 +33,7 @@ from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.parallel_poses import parallel
-from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Known, PoseDensity, body_radius
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import (
@@ -47,7 +47,7 @@ from rootmatch.model.proposals import (
     poses_of_sets,
     rough_fits,
 )
-from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.reference_point import about_point, body_radius
 
 TWINS = 4
 """Number of a body's first poses for which near-symmetric poses and look-alikes of another body are proposed. A round

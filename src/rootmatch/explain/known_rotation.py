@@ -20,11 +20,12 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import stepped
-from rootmatch.model.pose_density import Known, body_radius
+from rootmatch.model.pose_density import Known
 from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, deviations, settle
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.pose_fit.reference_point import body_radius
 
 GATE = 3.5
 """Standard deviations by which a pair may contradict the rotation. A round value."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.pose_density import body_radius
+from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
 TOLERANCE = 0.01

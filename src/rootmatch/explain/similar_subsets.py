@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.model.pose_density import body_radius
+from rootmatch.problems.pose_fit.reference_point import body_radius
 
 TOLERANCE = 0.15
 """Difference of two distances, over the body's radius, up to which a few points may be taken for others: depths are

@@ -81,11 +81,6 @@ class PoseDensity(ABC):
         """The logarithm of the density about poses (K, 3, 3) and (K, 3)."""
 
 
-def body_radius(source: Floats) -> float:
-    """Root mean square distance of a body's points (n, 3) from their centre."""
-    return math.sqrt(float(((source - source.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-
 @dataclass(frozen=True)
 class Broad(PoseDensity):
     """Any rotation, at any place in the field of view, at any distance within two decades.

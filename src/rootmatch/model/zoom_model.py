@@ -20,10 +20,11 @@ from rootmatch.arrays import Floats
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.pose_density import TURNS, Broad, PoseDensity, Terms, body_radius
+from rootmatch.model.pose_density import TURNS, Broad, PoseDensity, Terms
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
 from rootmatch.problems.pose_fit.prior_residuals import Upright
+from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.problems.up2pf.focal_lengths import MOST_LOG, ZOOM, usual_focal
 
 LOG_2PI = math.log(2.0 * math.pi)

@@ -237,7 +237,8 @@ class Belief:
                 if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
                     chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
             if chance >= LIKELY:
-                go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, int(place[k]), float(alone[k])))
+                where = int(place[k])
+                go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=float(alone[k])))
         stay = [self._stays(k, TEMPER * nothing, go_on, time) for k in range(len(self.poses))]
         gone = {step.origin for step in go_on}
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
@@ -273,7 +274,7 @@ class Belief:
             more, shown = lead.log_weight - log_shares[lead.origin], lead.shown
             if last.filter.time == self.time:
                 more += log_gone(last.alone, time - last.filter.time)
-        return Step(log_shares[k] + more, shown, k, None, 0.0, last.place, last.alone)
+        return Step(log_shares[k] + more, shown, k, None, 0.0, place=last.place, alone=last.alone)
 
     def _move_alike(
         self, poses: list[FollowedPose], of: Sequence[int | None], model: DetectionModel, modes: Modes
@@ -314,7 +315,7 @@ class Belief:
             else:
                 misfit = misfit_of(model, modes, step.mode)
             log_other = after_frame(self.poses[step.origin].log_other, misfit, TEMPER, len(model.images) > 1)
-        return FollowedPose(filter_, step.log_weight, step.shown, log_other, step.place, step.alone)
+        return FollowedPose(filter_, step.log_weight, step.shown, log_other, place=step.place, alone=step.alone)
 
 
 def _log(chance: Floats) -> Floats:

@@ -16,8 +16,8 @@ from rootmatch.explain.body_labels import SAME_SHAPE, BodyLabels, Label, twin_po
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import pose_of_mode
-from rootmatch.model.pose_density import body_radius
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.tracking.belief import ALIKE, Belief
 from rootmatch.tracking.followed_body import FollowedBody
 from rootmatch.tracking.followed_pose import FollowedPose

@@ -10,10 +10,9 @@ import numpy as np
 
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.arrays import Floats
-from rootmatch.model.pose_density import body_radius
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.reference_point import about_point, body_radius
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
 State = tuple[Floats, Floats, Floats, Floats]

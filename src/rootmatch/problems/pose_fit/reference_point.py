@@ -1,12 +1,19 @@
-"""Poses and their covariances about another point of the body than its origin."""
+"""Poses and their covariances about another point of the body than its origin, and how large it is."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from rootmatch.arrays import Floats
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
+
+
+def body_radius(source: Floats) -> float:
+    """Root mean square distance of a body's points (n, 3) from their centre."""
+    return math.sqrt(float(((source - source.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats) -> tuple[Floats, Floats]:
