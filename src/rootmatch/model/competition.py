@@ -1,8 +1,8 @@
 """The joint posterior of bodies that compete for the detections of an image: one pose of each, or none.
 
 Every detection has one owner. A joint hypothesis consists of one mode of each body, or its absence, such that no
-detection is used twice. Its odds against clutter alone are the product of theirs. So no body is trusted on detections
-that another explains as well, and a body is not taken to be absent merely because another takes its detections.
+detection is used twice: see `rootmatch.model.joint`. So no body is trusted on detections that another explains as
+well, and a body is not taken to be absent merely because another takes its detections.
 An image may also show a copy of a body that nobody named: of two places where it fits, either may be the one asked for.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
+from rootmatch.model.joint import marginals
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
@@ -23,8 +24,6 @@ from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
 
 KEPT = 16
 """Modes of each body that are weighed together. A round value."""
-BEAM = 4096
-"""Most joint hypotheses that are kept from one body to the next, the most probable ones. A round value."""
 
 
 def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) -> list[Posterior]:
@@ -48,27 +47,13 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
     uses = [modes.uses(count) for modes in parts]
     masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
     copies = [_as_copy(*each) for each in zip(models, parts, uses, strict=True)]
-    absent = np.zeros((1, count), np.bool_)
-    (taken, value), *others = [
-        (np.concatenate([used, absent]), np.concatenate([mass, [0.0]]))
-        for used, mass in zip([*uses, *uses], [*masses, *copies], strict=True)
-        if mass is not None
-    ]
-    chosen = np.arange(len(value))[:, None]
-    for mine, mass in others:
-        free = ~(taken @ mine.T)  # which of the joint hypotheses leave which modes their detections
-        row, mode = free.nonzero()
-        value = value[row] + mass[mode]
-        if len(value) > BEAM:
-            best = np.argsort(-value, kind="stable")[:BEAM]
-            row, mode, value = row[best], mode[best], value[best]
-        chosen = np.concatenate([chosen[row], mode[:, None]], axis=1)
-        taken = taken[row] | mine[mode]
-    shares = np.exp(value - value.max())
-    shares /= shares.sum()
+    of_copies = [(used, mass) for used, mass in zip(uses, copies, strict=True) if mass is not None]
+    each_of = marginals(
+        [*uses, *(used for used, _ in of_copies)], [*masses, *(mass for _, mass in of_copies)], models[0].log_left
+    )
     found = []
-    for k, modes in enumerate(parts):
-        each = (1.0 - WRONG_MODEL) * np.bincount(chosen[:, k], shares, len(modes.log_mass) + 1)
+    for modes, share in zip(parts, each_of, strict=False):  # those of copies follow
+        each = (1.0 - WRONG_MODEL) * share
         order = np.argsort(-each[:-1], kind="stable")
         found.append(Posterior(modes.take(order), np.asarray(each[:-1][order], np.float64), float(each[-1])))
     return found
