@@ -13,6 +13,7 @@ Floats = NDArray[np.float64]
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
 UP = np.array([0.0, 1.0, 0.0])
 SEEDS = range(6)
+SEQUENCES = 1005, 1006, 1011, 1013
 
 
 def family(kind: str, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -73,3 +74,60 @@ def test_a_point_more_is_seen_where_it_is_there(problem: str, order: tuple[int, 
 def test_one_camera_does_not_tell_a_larger_body_from_a_nearer_one(order: tuple[int, int]) -> None:
     for seed in SEEDS:
         assert trusted("p3p", "larger", seed % 2, order, seed) == (False, False)
+
+
+def two_tools(rng: np.random.Generator, off: float = 8.0) -> Floats:
+    """Two tools of five markers, mm, of which one is elsewhere; (2, 5, 3)."""
+    first = rng.uniform(-60.0, 60.0, (5, 3))
+    second = first.copy()
+    second[3] += off * np.array([0.6, 0.6, 0.53])
+    return np.stack([first, second])
+
+
+@pytest.mark.parametrize("off", [8.0, 60.0])
+def test_tools_that_share_all_markers_but_one_are_both_trusted(off: float) -> None:
+    """All of both against four of each, and a hidden marker of each, is no tie: it was one, of two places each."""
+    for seed in range(1000, 1006):
+        rng = np.random.default_rng(seed)
+        tools = two_tools(rng, off)
+        seen = [tools[k] @ Rotation.random(rng=rng).as_matrix().T + (200.0 - 400.0 * k, 0.0, 1500.0) for k in (0, 1)]
+        target = np.concatenate([*seen, rng.uniform((-300.0, -300.0, 1300.0), (300.0, 300.0, 1800.0), (2, 3))])
+        target[:10] += 0.25 * rng.normal(size=(10, 3))
+        match = rm.match(np.concatenate(tools), target, rm.Rigid(), noise=(0.0, 0.25), bodies=np.repeat([0, 1], 5))
+        assert match, match.advice
+        assert (match.assignment == np.arange(10)).all()
+
+
+def test_a_hidden_tool_does_not_take_the_markers_of_its_like_in_a_sequence() -> None:
+    """Its prediction grows wide until the other one is within it, of which it explains four of five markers.
+
+    It took them, the other one got nothing, and afterwards both followed each other's place, trusted, in 90 of 160.
+    """
+    labels, trusted = np.repeat([0, 1], 5), 0
+    for seed in SEQUENCES:
+        rng = np.random.default_rng(seed)
+        tools, turned = two_tools(rng), Rotation.random(2, rng=rng)
+        axis, phase = rng.normal(size=(2, 3)), rng.uniform(0.0, 6.0, 4)
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        tracker = rm.Tracker(
+            np.concatenate(tools), rm.Rigid(), noise=(0.0, 0.25), bodies=labels,
+            tracking=rm.TrackingOptions(interval=0.01),
+        )  # fmt: skip
+        for k in range(80):
+            t = 0.01 * (k + 95)  # they pass each other at 1.3 s
+            truth, seen = np.full(10, -1), np.empty((0, 3))
+            for body in (0, 1) if not 12 <= k < 40 else (1,):
+                turn = Rotation.from_rotvec(2.0 * np.sin(1.5 * t + phase[body]) * axis[body]) * turned[body]
+                x = (200.0 - 400.0 * body) * np.cos(1.2 * t)
+                place = (x, 80.0 * np.sin(2.0 * t + phase[2 + body]), 1500.0 + 100.0 * body)
+                lit = np.flatnonzero(rng.random(5) > 0.03)
+                truth[5 * body + lit] = len(seen) + np.arange(len(lit))
+                seen = np.concatenate([seen, tools[body][lit] @ turn.as_matrix().T + place])
+            match = tracker.update(seen + 0.25 * rng.normal(size=seen.shape))
+            assert match.bodies is not None
+            for body, own in match.bodies.items():
+                if own:
+                    trusted += 1
+                    matched = own.assignment >= 0
+                    assert (own.assignment[matched] == truth[labels == body][matched]).all()
+    assert trusted >= 0.95 * len(SEQUENCES) * (80 + 52)
