@@ -25,6 +25,7 @@ from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.motion_prior import MotionPrior, fused
 from rootmatch.model.point_set_model import PRESENT, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, posterior
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grown, is_small
@@ -220,7 +221,8 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
     base, found = replace(base, labellings=found), first
     assignment, probability = found.assignments[0], float(found.probabilities[0])
     confidence, unmatched = found.confidence()
-    prior_holds, pose = _with_prior(task, model, assignment)
+    fit = model.fit(assignment[None])
+    prior_holds, pose = _with_prior(task, model, fit)
     # a motion that is where it is known to be needs no search
     missed = 0.0 if prior_holds else base.facts.missed
     others = found.assignments[1:]
@@ -229,10 +231,10 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         left_out = (sure[0] < 0) & (assignment >= 0)
         if left_out.any():
             others = found.assignments
-            prior_holds, pose = _with_prior(task, model, sure[0])
+            fit = model.fit(sure[0][None])
+            prior_holds, pose = _with_prior(task, model, fit)
         (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
     different = ((others >= 0) & (others != assignment)).any(axis=1)
-    fit = model.fit(assignment[None])
     fault = Misfit.of(float(fit.chi2[0]), int(fit.dof[0]))
     return replace(
         base,
@@ -258,12 +260,12 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
     )
 
 
-def _with_prior(task: MatchingTask, model: PointSetModel, assignment: Integers) -> tuple[bool | None, Pose | None]:
-    """Whether what is known of the motion holds for an assignment, and then the pose of both; no pose with a scale."""
+def _with_prior(task: MatchingTask, model: PointSetModel, fit: PointSetFit) -> tuple[bool | None, Pose | None]:
+    """Whether what is known of the motion holds for a fit, and then the pose of both; no pose with a scale."""
     if model.prior is None:
         return None, None
-    which = int(model.held(model.fit(assignment[None]))[0])
+    which = int(model.held(fit)[0])
     pose = None
     if which >= 0 and not model.clouds.scaled:
-        (pose,) = task.problem.poses(task.points, assignment[None])
+        (pose,) = task.problem.poses(task.points, fit.assignments)
     return which >= 0, None if pose is None else fused(pose, model.prior.predictions[which][0])

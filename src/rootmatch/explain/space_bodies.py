@@ -67,21 +67,19 @@ class _Body:
         return self.among < 0 or (self.cut and (fewer or budget > self.budget)) or (fewer and left)
 
     def predict(self) -> None:
-        """Add what has a target for each point where the body is predicted, if there is one.
-
-        No other motion could explain more: then nothing is searched.
-        """
-        named = wholly_predicted(self.model)
-        if not named:
-            return
-        found = weighed(self.model, np.array(named), of_several=True)
-        (told,) = joint_posterior([self.model], [found])
-        first = told.assignments[:1]
-        holds = (first >= 0).all() and told.motion >= SURE and self.model.held(self.model.fit(first))[0] >= 0
-        if holds:
+        """Add what has a target for each point where the body is predicted, if there is one."""
+        self.named = wholly_predicted(self.model)
+        if self.named:
             _, base = unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
-            self.found, self.weighed = replace(base, scoreless=True), found
-            self.named, self.enough, self.among = named, True, len(self.free)
+            self.found = replace(base, scoreless=True)
+            self.weighed = weighed(self.model, np.array(self.named), of_several=True)
+
+    @property
+    def is_as_predicted(self) -> bool:
+        """Whether all its points are where it was predicted: no other motion could explain more."""
+        first = self.told.assignments[:1]
+        whole = len(first) > 0 and bool((first >= 0).all()) and self.told.motion >= SURE
+        return whole and bool(self.model.held(self.model.fit(first))[0] >= 0)
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
         """Search among the free targets of the task of all bodies, and add what is found."""
@@ -122,9 +120,7 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
     with suppress(OutOfTime):
-        for body in bodies:
-            body.predict()
-        _weigh(bodies)
+        _predict(bodies)
         _search(task, bodies, solve)
         for body in bodies:
             body.confirm(task, solve)
@@ -145,6 +141,18 @@ def _body(task: MatchingTask, number: int) -> _Body:
     return _Body(number, own, task.bodies.points_of(number), model, nothing_found(own, None), nothing, told, free)
 
 
+def _predict(bodies: list[_Body]) -> None:
+    """Look about the predicted motions; what is wholly there needs no search."""
+    for body in bodies:
+        body.predict()
+    if any(body.named for body in bodies):
+        _weigh(bodies)
+        for body in bodies:
+            if body.named and body.is_as_predicted:
+                body.enough, body.among = True, len(body.free)
+        _share(bodies)
+
+
 def _search(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
     """Search for each body until nothing more can be expected."""
     budgets = budgets_of(task)
@@ -162,15 +170,21 @@ def _search(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
 
 
 def _weigh(bodies: list[_Body]) -> None:
-    """Weigh all bodies together, settle those that are sure, and say which targets are left for each."""
+    """Weigh all bodies together."""
     told = joint_posterior([body.model for body in bodies], [body.weighed for body in bodies])
-    known = [body.among >= 0 for body in bodies]
-    used = np.zeros((len(bodies), len(bodies[0].free)))
-    for k, (body, one) in enumerate(zip(bodies, told, strict=True)):
+    for body, one in zip(bodies, told, strict=True):
         body.told = one
-        if body.enough or all(known):
-            body.settled = one.motion >= SURE
-            used[k] = one.used(used.shape[1])
+    _share(bodies)
+
+
+def _share(bodies: list[_Body]) -> None:
+    """Settle the bodies that are sure, and say which targets are left for each."""
+    all_known = all(body.among >= 0 for body in bodies)
+    used = np.zeros((len(bodies), len(bodies[0].free)))
+    for k, body in enumerate(bodies):
+        if body.enough or all_known:
+            body.settled = body.told.motion >= SURE
+            used[k] = body.told.used(used.shape[1])
     for k, body in enumerate(bodies):
         body.free = used.sum(axis=0) - used[k] < SURE
 
