@@ -17,9 +17,9 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import pose_of_mode
 from rootmatch.explain.near_symmetries import body_radius
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.tracking.belief import ALIKE, Belief, FollowedPose
+from rootmatch.tracking.belief import Belief, FollowedPose
 from rootmatch.tracking.followed_body import FollowedBody
-from rootmatch.tracking.motion_filter import MotionFilter
+from rootmatch.tracking.motion_filter import ALIKE, MotionFilter
 
 Groups = Sequence[Sequence[Label]]
 

@@ -51,6 +51,8 @@ class MotionOptions(Options):
     """Largest factor on them. A round value."""
 
 
+ALIKE = 1.0 + 2.0 * math.cos(0.2)
+"""Trace of the rotation between two poses above which they are one. A round value."""
 DEFAULT_MOTION = MotionOptions()
 MOST_SURPRISE = 10.0
 """Square of a step over the expected one above which it counts as no larger. A round value."""
@@ -104,13 +106,24 @@ class MotionFilter:
         """An independent copy: no array of a filter is ever written into."""
         return copy(self)
 
-    def turned(self, R: Floats, t: Floats) -> MotionFilter:
-        """A filter with the same motion, for the body after a motion x' = R x + t of its points."""
+    def turned(self, R: Floats, t: Floats, source: Floats | None = None) -> MotionFilter:
+        """A filter with the same motion, for the body after a motion x' = R x + t of its points.
+
+        ``source`` (n, 3): points of another body, which that motion takes to where this one has its own.
+        """
         other = self.copy()
+        if source is not None:
+            other.centre, other.radius = source.mean(axis=0), body_radius(source)
         other.R = self.R @ R
-        other.t = self.t + self.R @ (R @ self.centre + t - self.centre)
+        other.t = self.t + self.R @ (R @ other.centre + t - self.centre)
         other._ahead = None
         return other
+
+    def is_near(self, pose: Pose, time: float) -> bool:
+        """Whether a pose at a time is where the body is expected: no two bodies are so near each other."""
+        R, t, _, _ = self._at(time)
+        off = pose.t + pose.R @ self.centre - t
+        return bool((R * pose.R).sum() > ALIKE) and float(np.linalg.norm(off)) <= self.radius
 
     def predicted(self, time: float) -> Pose:
         """The pose at a later time."""
