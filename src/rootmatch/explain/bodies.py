@@ -1,8 +1,8 @@
-"""Several known rigid bodies, matched one after another; no detection is used twice.
+"""Several known rigid bodies of a problem without a model of all observations: matched one after another.
 
-Certain bodies go first. A successful search removes its detections from the later ones, so bodies that show little are
-searched for among few detections: short searches for all bodies come before longer ones for the rest. A body that looks
-like another one, or like its mirror image, takes no detections before the other one has been tried on them.
+Certain bodies go first; no detection is used twice. A successful search removes its detections from the later ones, so
+bodies that show little are searched for among few detections: short searches for all bodies come before longer ones for
+the rest. `rootmatch.explain.image_bodies` and `rootmatch.explain.space_bodies` weigh bodies together.
 """
 
 from __future__ import annotations
