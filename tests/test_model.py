@@ -451,7 +451,10 @@ def test_bodies_share_no_detection_as_all_joint_hypotheses_say() -> None:
         if len(np.unique(used)) == len(used):
             named, copies = (sum(mode >= 0 for mode in some) for some in (chosen[:2], chosen[2:]))
             prior = named * PRESENT_ODDS + copies * math.log(COPY)
-            weights[chosen] = math.exp(prior + sum(one.log_odds[mode] for one, mode in shown))
+            # clutter is what none of them explains, by Jeffreys' prior of its number
+            own = [float(gammaln(8.5 - np.count_nonzero(one.assignments[mode] >= 0))) for one, mode in shown]
+            left = float(gammaln(8.5 - len(used))) + (len(own) - 1) * float(gammaln(8.5)) - sum(own)
+            weights[chosen] = math.exp(prior + left + sum(one.log_odds[mode] for one, mode in shown))
     total = sum(weights.values())
     for k in range(2):
         for mode in range(2):

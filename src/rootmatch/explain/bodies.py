@@ -1,8 +1,8 @@
-"""Several known rigid bodies, matched one after another; no detection is used twice.
+"""Several known rigid bodies of a problem without a model of all observations: matched one after another.
 
-Certain bodies go first. A successful search removes its detections from the later ones, so bodies that show little are
-searched for among few detections: short searches for all bodies come before longer ones for the rest. A body that looks
-like another one, or like its mirror image, takes no detections before the other one has been tried on them.
+Certain bodies go first; no detection is used twice. A successful search removes its detections from the later ones, so
+bodies that show little are searched for among few detections: short searches for all bodies come before longer ones for
+the rest. `rootmatch.explain.image_bodies` and `rootmatch.explain.space_bodies` weigh bodies together.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from rootmatch.explain.body_findings import among_all, joined
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.point_set_decision import lead_over_others
 from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.guided.sampler import pays
 
@@ -38,8 +37,6 @@ SURE = 0.98
 CONFIRMED = 6
 """Number of matches from which a certain body whose search was cut short is called matched if its detections allow no
 other pose. A round value; none on the tuning seeds was wrong."""
-DOUBT = 0.1
-"""Probability of another body at the same detections from which the first is in doubt."""
 BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
 LATE = "max_seconds were over before it was searched for"
@@ -134,9 +131,6 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
             _keep_trusted(body, before)
             body.budget, body.among = budget, int(free.sum())
             body.evaluated += body.match.evaluated + _confirm(task, body, solve)
-            predicted = body.match.prior_holds and body.label in task.prior_poses  # no other body is there
-            if body.match.status is Status.MATCHED and not predicted:
-                _check_rivals(task, body, [other for other in bodies if not other.settled and other is not body])
             if body.match.status is Status.MATCHED and body.probability >= SURE:
                 body.settled = True
                 free[body.detections] = False
@@ -211,15 +205,6 @@ def _confirm(task: MatchingTask, body: _Body, solve: Solve) -> int:
     if again.status is Status.MATCHED and np.array_equal(again.assignment, found.assignment):
         body.match = found.with_facts(sure_of_its_detections=True)
     return again.evaluated
-
-
-def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body]) -> None:
-    """Call a body's labelling of points in space ambiguous where another body explains its targets nearly as well."""
-    assert body.match is not None
-    rivals = [task.body(other.number) for other in others]
-    lead = lead_over_others(task.body(body.number), body.match.assignment, rivals)
-    if lead is not None and lead < math.log(1.0 / DOUBT - 1.0):
-        body.match = _shared(body.match, lead)
 
 
 def _shared(found: Finding, lead: float) -> Finding:

@@ -21,11 +21,12 @@ from rootmatch.explain.judged_motions import judged_motions
 from rootmatch.explain.known_pose import match_known
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import solve_with_estimated_noise
-from rootmatch.explain.point_set_decision import decided_by_model, solution_by_model
+from rootmatch.explain.point_set_decision import decided_by_model, model_of, solution_by_model
 from rootmatch.explain.predicted_pose import UNCONFIRMED, match_predicted
 from rootmatch.explain.proposed_pairs import motions_of_pairs, pays
 from rootmatch.explain.rig_search import match_rig
 from rootmatch.explain.sampling import affordable, sample, swept
+from rootmatch.explain.space_bodies import match_bodies_in_space
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import assessed as judged_by_views
 from rootmatch.explain.two_view_decision import model_of as two_view_model
@@ -71,6 +72,14 @@ def _named(task: MatchingTask) -> Finding:
     return _explained(task, judging=False)
 
 
+def _proposed_in_space(task: MatchingTask) -> Finding:
+    """What the search for one of several bodies in space proposes."""
+    try:
+        return decided_by_model(task, judging=False) or _explained(task)
+    except OutOfTime:
+        return nothing_found(task, None)
+
+
 def _predicted(task: MatchingTask) -> Finding:
     """What was found about predicted poses alone."""
     if task.bodies is None:
@@ -83,6 +92,8 @@ def _found(task: MatchingTask, judging: bool) -> Finding:
     if task.bodies is not None:
         if task.problem.takes_prior and is_modelled(task.body(0)):
             return match_bodies_in_image(task, _named)
+        if model_of(task.body(0)) is not None:
+            return match_bodies_in_space(task, _proposed_in_space)
         return match_bodies(task, _explained)
     of_camera = task.problem.takes_prior  # two point sets are weighed with all that is known, see `MotionPrior`
     if of_camera and task.known is not None:

@@ -20,6 +20,7 @@ from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.posterior import Others, Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
@@ -77,10 +78,14 @@ class Finding:
         Of which it is told, where a model of the image decides.
     model : DetectionModel, optional
         That model.
+    labellings : PointSetPosterior, optional
+        Of which it is told, where a model of two point sets decides.
     parts : dict, optional
         The findings of several bodies by their labels.
     named : sequence of (n,) int64
         All assignments that a bounded search named, where no model has judged them.
+    mirrored : sequence of (n,) int64
+        Of two point sets, those by reflections, which are no answers.
     """
 
     task: MatchingTask
@@ -106,8 +111,10 @@ class Finding:
     pose: Pose | None = None
     posterior: Posterior | None = None
     model: DetectionModel | None = None
+    labellings: PointSetPosterior | None = None
     parts: dict[Label, Finding] | None = None
     named: Sequence[Integers] = ()
+    mirrored: Sequence[Integers] = ()
 
     @cached_property
     def status(self) -> Status:
@@ -159,6 +166,9 @@ class Finding:
         """Total weight of the hyper-edges inside the assignment, and inside each of the others."""
         if self.scores is not None:
             return list(self.scores)
+        if self.parts is not None:
+            known = [part.score for part in self.parts.values() if not math.isnan(part.score)]
+            return [sum(known) if known else math.nan]
         if self.scoreless:
             return [math.nan] * len(self.every)
         return [float(score) for score in scores_of(self.tensor, np.array(self.every))]
@@ -177,9 +187,14 @@ class Finding:
 
     @cached_property
     def margin(self) -> float:
-        """Lead in score over the best different assignment; see `rootmatch.hypergraph.assignment.margin`."""
+        """Lead in score over the best different assignment, of several bodies that of the least sure one.
+
+        See `rootmatch.hypergraph.assignment.margin`.
+        """
         if self.facts.lead is not None:
             return self.facts.lead
+        if self.parts is not None:
+            return min(part.margin for part in self.parts.values())
         return margin(self.every_score[0], self.alternatives, self.assignment)
 
     @cached_property

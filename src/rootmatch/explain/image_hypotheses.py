@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
-from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.detection_odds import candidate_log_odds
+from rootmatch.explain.likeness import likenesses
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.similar_subsets import twins_of_few
@@ -171,11 +171,11 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     for body in bodies:
         more = []
         for other in bodies:
-            sources = other.task.points.source, body.task.points.source
-            twin = None if other is body else twin_points(*sources)
-            if twin is not None and len(other.modes.log_odds):
-                image = body.task.sightings_of(twin)
-                more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, image[None]))
+            if other is body or not len(other.modes.log_odds):
+                continue
+            for image in likenesses(other.task.points.source, body.task.points.source):
+                rows = body.task.sightings_of(image)
+                more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
         modes = body.modes
         if more:
             modes = modes_of(body.model, joined(more), modes, of_several=True, damaged=False)

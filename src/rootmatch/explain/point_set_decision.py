@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
-from rootmatch.explain.finding import Finding, empty_tensor
+from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_decision import lead_by_odds
 from rootmatch.explain.image_hypotheses import DOUBT
@@ -24,7 +24,8 @@ from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.motion_prior import MotionPrior, fused
 from rootmatch.model.point_set_model import PRESENT, PointSetModel
-from rootmatch.model.point_set_posterior import posterior
+from rootmatch.model.point_set_posterior import PointSetPosterior, posterior
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grown, is_small
@@ -69,8 +70,11 @@ def _prior_of(task: MatchingTask) -> MotionPrior | None:
     return MotionPrior(((known, rest), *task.rival_poses), DOUBT, task.prior_freedom)
 
 
-def decided_by_model(task: MatchingTask) -> Finding | None:
-    """The finding of a task with default options; None if the model does not cover the task."""
+def decided_by_model(task: MatchingTask, judging: bool = True) -> Finding | None:
+    """The finding of a task with default options; None if the model does not cover the task.
+
+    Unless ``judging``, what a search proposes is left to whoever weighs it among more: `Finding.named`.
+    """
     options = task.options
     model = model_of(task)
     default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
@@ -78,9 +82,9 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
         return None
     with task.deadline.enforced():
         checkpoint()
-    if (found := _as_predicted(task, model)) is not None:
+    if judging and (found := _as_predicted(task, model)) is not None:
         return found
-    return _searched(task, model, [])
+    return _searched(task, model, [], judging)
 
 
 def of_one_motion(task: MatchingTask, named: Integers) -> Finding:
@@ -90,24 +94,36 @@ def of_one_motion(task: MatchingTask, named: Integers) -> Finding:
     return _searched(task, model, [named])
 
 
-def _searched(task: MatchingTask, model: PointSetModel, named: list[Integers]) -> Finding:
+def _searched(task: MatchingTask, model: PointSetModel, named: list[Integers], judging: bool = True) -> Finding:
     """The finding of what a search finds, and of named labellings: of all triples of small sets, where they are few."""
+    told = assessed if judging else _unjudged
     labellings = _labellings(task, model) if is_small(model.clouds) else None
     if labellings is not None and not labellings.cut:
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.weights)
         sampled = SampledTensor(tensor, labellings.tried)
-        return assessed(task, model, sampled, labellings.proper, labellings.mirrored)
+        return told(task, model, sampled, labellings.proper, labellings.mirrored)
     sampled = sample(task)
     if labellings is None:
-        return assessed(task, model, sampled, proposed(task, model, sampled, named))
+        return told(task, model, sampled, proposed(task, model, sampled, named))
     proposals = proposed(task, model, sampled, [*labellings.proper, *named])
-    return assessed(task, model, sampled, proposals, labellings.mirrored)
+    return told(task, model, sampled, proposals, labellings.mirrored)
+
+
+def _unjudged(
+    task: MatchingTask,
+    model: PointSetModel,
+    sampled: SampledTensor,
+    proposals: Integers,
+    mirrored: Integers | None = None,
+) -> Finding:
+    """The finding of proposed labellings before they are weighed."""
+    _, base = unjudged(task, sampled, None)
+    return replace(base, named=list(proposals), mirrored=[] if mirrored is None else list(mirrored))
 
 
 def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
     """The finding about predicted motions, if every point is where one says: no other motion could explain more."""
-    named = [] if model.prior is None else model.prior.labellings(model.clouds)
-    named = [one for one in named if len(one) >= LEAST and (one >= 0).all()]
+    named = wholly_predicted(model)
     if not named:
         return None
     found = assessed(task, model, SampledTensor(empty_tensor(task), 0), np.array(named))
@@ -115,6 +131,12 @@ def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
     if not (whole and found.prior_holds):
         return None
     return replace(found.with_facts(lead=lead_by_odds(found.probability)), scoreless=True)
+
+
+def wholly_predicted(model: PointSetModel) -> list[Integers]:
+    """Labellings (n,) about predicted motions that have a target for every point."""
+    named = [] if model.prior is None else model.prior.labellings(model.clouds)
+    return [one for one in named if len(one) >= LEAST and (one >= 0).all()]
 
 
 def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding | None:
@@ -148,40 +170,6 @@ def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, n
     return grown(model.clouds, np.array(every), model.mirror, task.allowed)
 
 
-def lead_over_others(task: MatchingTask, assignment: Integers, others: list[MatchingTask]) -> float | None:
-    """Log-odds of a body's labelling against the best one of another body that has half of its targets or more.
-
-    Infinite if no other body explains them, None if the model does not cover the task. All tasks have the same targets.
-    """
-    model = model_of(task)
-    if model is None or (assignment >= 0).sum() < LEAST:
-        return None
-    used = np.sort(assignment[assignment >= 0])
-    best = -math.inf
-    for other in others:
-        rival = model_of(other)
-        if rival is None:
-            continue
-        part = rival.clouds._replace(
-            target=rival.clouds.target[used], target_variance=rival.clouds.target_variance[used]
-        )
-        if not is_small(part):
-            continue
-        allowed = None if rival.allowed is None else rival.allowed[:, used]
-        named = congruent_labellings(part, rival.mirror, allowed).proper
-        named = named[2 * (named >= 0).sum(axis=1) >= len(used)]
-        if len(named):
-            # with targets that the first body leaves: it may lack a point of the other one
-            whole = grown(rival.clouds, np.where(named >= 0, used[named], -1), rival.mirror, rival.allowed)
-            best = max(best, float(rival.log_odds(rival.fit(whole)).max()))
-    return log_odds_of(model, assignment) - best
-
-
-def log_odds_of(model: PointSetModel, assignment: Integers) -> float:
-    """Log-odds of a labelling (n,) against clutter alone."""
-    return float(model.log_odds(model.fit(assignment[None]))[0])
-
-
 def assessed(
     task: MatchingTask,
     model: PointSetModel,
@@ -191,53 +179,78 @@ def assessed(
     soft: Floats | None = None,
 ) -> Finding:
     """The finding of proposed labellings; their scores are computed when they are asked for."""
-    found = posterior(model, proposals, mirrored)
-    n, least = len(model.clouds.source), task.options.least_probability(MIN_PROBABILITY)
-    if not len(found.assignments):
-        return Finding(
-            task=task,
+    _, base = unjudged(task, sampled, None)
+    base = replace(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
+    return told_by(base, posterior(model, proposals, mirrored), model)
+
+
+def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> Finding:
+    """A finding with the assignment, facts and confidence that a posterior gives.
+
+    Parameters
+    ----------
+    base : Finding
+        Of the same task, with what its search may have missed.
+    found : PointSetPosterior
+    model : PointSetModel
+    taken : (n',) bool array, optional
+        Targets of other bodies: the result is a labelling without any of them, or nothing.
+    """
+    task, present, n = base.task, found.present, len(model.clouds.source)
+    least = task.options.least_probability(MIN_PROBABILITY)
+    first = found if taken is None else found.without(taken)
+    is_best = len(first.assignments) == 0 or bool((first.assignments[0] == found.assignments[0]).all())
+    if not len(first.assignments):
+        return replace(
+            base,
+            labellings=found,
             assignment=np.full(n, -1, np.int64),
-            others=[],
-            facts=Facts(present=found.present, probability=found.present, lead=0.0, min_probability=least),
-            tensor=sampled.tensor,
-            scores=[0.0],
+            others=list(found.assignments[: TRUST.alternatives]),
+            facts=Facts(
+                present=present,
+                probability=0.0 if len(found.assignments) else present,
+                contested=len(found.assignments) > 0,
+                lead=0.0,
+                min_probability=least,
+            ),
+            scores=None if len(found.assignments) else [0.0],
             soft=np.zeros(task.shape),
-            evaluated=sampled.evaluated,
-            confidence=np.full(n, 1.0),
+            confidence=np.full(n, 1.0 - present if len(found.assignments) else 1.0),
             log_odds=0.0,
         )
+    base, found = replace(base, labellings=found), first
     assignment, probability = found.assignments[0], float(found.probabilities[0])
     confidence, unmatched = found.confidence()
-    prior_holds, pose = _with_prior(task, model, assignment)
+    fit = model.fit(assignment[None])
+    prior_holds, pose = _with_prior(task, model, fit)
     # a motion that is where it is known to be needs no search
-    missed = 0.0 if prior_holds else sampled.missed
+    missed = 0.0 if prior_holds else base.facts.missed
     others = found.assignments[1:]
-    sure = found.sure(least, LEAST) if missed <= TRUST.missed else None
-    if found.present >= least and sure is not None:
+    sure = found.sure(least, LEAST) if missed <= TRUST.missed and is_best else None
+    if present >= least and sure is not None:
         left_out = (sure[0] < 0) & (assignment >= 0)
         if left_out.any():
             others = found.assignments
-            prior_holds, pose = _with_prior(task, model, sure[0])
+            fit = model.fit(sure[0][None])
+            prior_holds, pose = _with_prior(task, model, fit)
         (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
     different = ((others >= 0) & (others != assignment)).any(axis=1)
-    fit = model.fit(assignment[None])
     fault = Misfit.of(float(fit.chi2[0]), int(fit.dof[0]))
-    return Finding(
-        task=task,
+    return replace(
+        base,
         assignment=assignment,
         others=list(others[different][: TRUST.alternatives]),
         facts=Facts(
-            present=found.present,
-            probability=min(probability, found.present),
+            present=present,
+            probability=min(probability, present),
             contested=sure is None,
+            lead=lead_by_odds(probability) if base.scoreless else None,
             min_probability=least,
             sure_of_the_rest=sure is not None,
             false_alarms=math.inf if does_not_fit(fault) else -math.inf,
             missed=missed,
         ),
-        tensor=sampled.tensor,
-        soft=soft,
-        evaluated=sampled.evaluated,
+        scores=None,
         confidence=confidence,
         log_odds=float(model.log_odds(fit)[0]),
         noise_factor=fault.sigma,
@@ -247,12 +260,12 @@ def assessed(
     )
 
 
-def _with_prior(task: MatchingTask, model: PointSetModel, assignment: Integers) -> tuple[bool | None, Pose | None]:
-    """Whether what is known of the motion holds for an assignment, and then the pose of both; no pose with a scale."""
+def _with_prior(task: MatchingTask, model: PointSetModel, fit: PointSetFit) -> tuple[bool | None, Pose | None]:
+    """Whether what is known of the motion holds for a fit, and then the pose of both; no pose with a scale."""
     if model.prior is None:
         return None, None
-    which = int(model.held(model.fit(assignment[None]))[0])
+    which = int(model.held(fit)[0])
     pose = None
     if which >= 0 and not model.clouds.scaled:
-        (pose,) = task.problem.poses(task.points, assignment[None])
+        (pose,) = task.problem.poses(task.points, fit.assignments)
     return which >= 0, None if pose is None else fused(pose, model.prior.predictions[which][0])

@@ -65,7 +65,9 @@ def advice(
     if finding.reason is not None:
         return f"no trustworthy match: {finding.reason}"
     unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
-    if finding.status is Status.UNTRUSTED:
+    if (of_bodies := _of_bodies(finding)) is not None:
+        text = of_bodies
+    elif finding.status is Status.UNTRUSTED:
         text = _of_untrusted(finding, stopped_early)
     elif finding.status is Status.AMBIGUOUS:
         text = _of_ambiguous(finding, unsure, stopped_early)
@@ -95,6 +97,26 @@ def is_undetermined(poses: Sequence[Pose | None]) -> bool:
             if float(np.linalg.eigvalsh(pose.covariance[:size, :size])[-1]) > UNDETERMINED**2:
                 return True
     return False
+
+
+def _of_bodies(finding: Finding) -> str | None:
+    """Which of several bodies are not trusted; None if all are, or if none is found at all."""
+    parts = finding.parts or {}
+    chance = {
+        label: part.probability
+        for label, part in parts.items()
+        if part.status is Status.UNTRUSTED and part.probability is not None and part.probability >= NOTED
+    }
+    found = [label for label, part in parts.items() if part.status is not Status.UNTRUSTED]
+    if finding.status is Status.MATCHED or not (chance or found):
+        return None
+    unsure = [label for label in found if parts[label].status is Status.AMBIGUOUS]
+    told = [f"body {label} could be chance (probability {p:.3g})" for label, p in chance.items()]
+    told += [f"body {label} is not found" for label in parts if label not in chance and label not in found]
+    told += [f"body {label} is ambiguous" for label in unsure]
+    told += [f"body {label} is matched" for label in found if label not in unsure]
+    start = "no trustworthy match of all bodies" if finding.status is Status.UNTRUSTED else "ambiguous"
+    return f"{start}: {', '.join(told)}; see the advice of each in `bodies`"
 
 
 def _of_untrusted(finding: Finding, stopped_early: bool) -> str:

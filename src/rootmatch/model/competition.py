@@ -1,8 +1,8 @@
 """The joint posterior of bodies that compete for the detections of an image: one pose of each, or none.
 
 Every detection has one owner. A joint hypothesis consists of one mode of each body, or its absence, such that no
-detection is used twice. Its odds against clutter alone are the product of theirs. So no body is trusted on detections
-that another explains as well, and a body is not taken to be absent merely because another takes its detections.
+detection is used twice: see `rootmatch.model.joint`. So no body is trusted on detections that another explains as
+well, and a body is not taken to be absent merely because another takes its detections.
 An image may also show a copy of a body that nobody named: of two places where it fits, either may be the one asked for.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
+from rootmatch.model.joint import marginals
 from rootmatch.model.modes import Modes, none_near, same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
@@ -23,8 +24,6 @@ from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
 
 KEPT = 16
 """Modes of each body that are weighed together. A round value."""
-BEAM = 4096
-"""Most joint hypotheses that are kept from one body to the next, the most probable ones. A round value."""
 
 
 def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) -> list[Posterior]:
@@ -46,28 +45,16 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
     uses = [modes.uses(count)[:KEPT] for modes in every]
     parts = [_with_parts(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))]
     uses = [modes.uses(count) for modes in parts]
-    absent = np.zeros((1, count), np.bool_)
-    uses = [np.concatenate([used, absent]) for used in uses]
-    value = np.append(parts[0].log_mass + PRESENT_ODDS, 0.0)
-    taken, chosen = uses[0], np.arange(len(value))[:, None]
-    others = [(k, np.append(modes.log_mass + PRESENT_ODDS, 0.0)[None]) for k, modes in enumerate(parts)][1:]
-    copies = [_as_copy(*each) for each in zip(models, parts, uses, strict=True)]
-    others += [(k, mass) for k, mass in enumerate(copies) if mass is not None]
-    for k, mass in others:
-        mine = uses[k]
-        free = ~(taken @ mine.T)  # which of the joint hypotheses leave which modes their detections
-        row, mode = free.nonzero()
-        value = value[row] + mass[chosen[row, k] if len(mass) > 1 else 0, mode]
-        if len(value) > BEAM:
-            best = np.argsort(-value, kind="stable")[:BEAM]
-            row, mode, value = row[best], mode[best], value[best]
-        chosen = np.concatenate([chosen[row], mode[:, None]], axis=1)
-        taken = taken[row] | mine[mode]
-    shares = np.exp(value - value.max())
-    shares /= shares.sum()
+    masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
+    copies = [(k, _as_copy(*each)) for k, each in enumerate(zip(models, parts, uses, strict=True))]
+    named = [(k, mass) for k, mass in copies if mass is not None]
+    each_of = marginals(
+        [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_left,
+        given=[*(-1 for _ in parts), *(k for k, _ in named)],
+    )  # fmt: skip
     found = []
-    for k, modes in enumerate(parts):
-        each = (1.0 - WRONG_MODEL) * np.bincount(chosen[:, k], shares, len(modes.log_mass) + 1)
+    for modes, share in zip(parts, each_of, strict=False):  # those of copies follow
+        each = (1.0 - WRONG_MODEL) * share
         order = np.argsort(-each[:-1], kind="stable")
         found.append(Posterior(modes.take(order), np.asarray(each[:-1][order], np.float64), float(each[-1])))
     return found
@@ -78,24 +65,25 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
 
     A copy that nobody named, of which what is known of the body tells nothing; or, where a tracker follows the body in
     several places, what it follows in the others: whether that is a copy or clutter that stays, it is expected there.
-    Rows (M + 1) are of the body's own mode, the last one of its absence; columns (M + 1) the same of the other.
-    ``uses`` (M + 1, n'): the detections of each mode, and of none.
+    (M,), or (M + 1, M) whose rows are of the body's own mode, the last one of its absence, and columns of the other.
+    ``uses`` (M, n'): the detections of each mode.
     """
-    if (uses[:-1] @ uses[:-1].T).all():
+    if (uses @ uses.T).all():
         return None
     mass, prior = modes.log_mass, model.prior
     if not isinstance(prior, Doubted):
-        return np.append(mass + math.log(COPY), 0.0)[None]
+        return np.asarray(mass + math.log(COPY))
     at = model.linearised(modes.rotation, modes.position)
     anywhere = evidence(model, modes.assignments, at, prior.without).log_odds
-    as_copy = np.append(mass - modes.log_odds + anywhere + math.log(COPY), 0.0)
+    as_copy = np.asarray(mass - modes.log_odds + anywhere + math.log(COPY))
     if len(prior.predictions) == 1:
-        return as_copy[None]
-    of = np.append(prior.prediction_of(modes.rotation, modes.position), -1)
-    every = of[:-1, None] == np.arange(len(prior.predictions))
-    share = (same_place(uses[:-1]) @ every) @ np.exp(prior.log_shares)  # of all that is followed in its place
-    expected = np.append(mass - np.log(np.where(of[:-1] >= 0, share, 1.0)) + math.log(COPY), 0.0)
-    return np.where((of >= 0) & (of[:, None] >= 0), expected, as_copy)
+        return as_copy
+    of = prior.prediction_of(modes.rotation, modes.position)
+    every = of[:, None] == np.arange(len(prior.predictions))
+    share = (same_place(uses) @ every) @ np.exp(prior.log_shares)  # of all that is followed in its place
+    expected = mass - np.log(np.where(of >= 0, share, 1.0)) + math.log(COPY)
+    own = np.append(of, -1)
+    return np.where((of >= 0) & (own[:, None] >= 0), expected, as_copy)
 
 
 def _beside(model: DetectionModel, modes: Modes, uses: Bools) -> Bools:

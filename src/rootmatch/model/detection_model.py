@@ -184,6 +184,12 @@ class DetectionModel:
         matches = (label[:, :, None] == np.arange(images)).sum(axis=1)
         return np.asarray(self._log_counts[np.arange(images), matches].sum(axis=1))
 
+    def log_left(self, taken: NDArray[np.bool_]) -> Floats:
+        """Logarithm (K,) of the odds of as many clutter points as detections (K, n') that are taken leave."""
+        images = np.arange(len(self._log_counts))
+        matches = taken.astype(np.float32) @ (self.image_of[:, None] == images).astype(np.float32)
+        return np.asarray(self._log_counts[images, matches.astype(np.int64)].sum(axis=1))
+
     @cached_property
     def rates(self) -> tuple[Floats, Floats]:
         """Nodes (Q,) and logarithms of weights of the integral over the detection rate."""

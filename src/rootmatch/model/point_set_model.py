@@ -32,6 +32,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.clutter import Clutter, clutter_in_space
+from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
@@ -100,6 +101,10 @@ class PointSetModel:
         """Logarithm (K,) of the density of the matched targets if they are clutter."""
         taken = uses_of(assignments, len(self.clouds.target))
         return np.asarray(taken @ self.clutter.log_density - self.clutter.log_first(taken))
+
+    def log_left(self, taken: Bools) -> Floats:
+        """Logarithm (K,) of the odds of as many clutter points as targets (K, n') that are taken leave."""
+        return np.asarray(log_odds_of_counts((taken.shape[1],), taken.shape[1])[0, taken.sum(axis=1)])
 
     def log_prior(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the factor that what is known of the motion puts on the odds; 0 if nothing is."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
@@ -60,6 +61,26 @@ class PointSetPosterior:
     def present(self) -> float:
         """Probability that the object is among the targets."""
         return min(float(self.probabilities.sum()), 1.0 - WRONG_MODEL)
+
+    @property
+    def motion(self) -> float:
+        """Probability of the motion of the first hypothesis, whatever its labels; 0 without any."""
+        return float(self.probabilities[np.isfinite(self._odds)].sum()) if len(self.probabilities) else 0.0
+
+    def used(self, count: int) -> Floats:
+        """Probability (n',) that each of so many targets is of the object."""
+        return np.asarray(self.probabilities @ uses_of(self.assignments, count))
+
+    def without(self, taken: Bools) -> PointSetPosterior:
+        """The same with the best hypothesis that takes none of the targets (n',) that are taken in the first place.
+
+        Without any hypothesis if there is none.
+        """
+        free = np.flatnonzero(~(uses_of(self.assignments, len(taken)) & taken).any(axis=1))
+        if not len(free):
+            return PointSetPosterior(self.assignments[:0], self.probabilities[:0])
+        order = np.concatenate([free[:1], np.delete(np.arange(len(self.probabilities)), free[0])])
+        return PointSetPosterior(self.assignments[order], self.probabilities[order])
 
     def confidence(self) -> tuple[Floats, Floats]:
         """Probability (n,) that each point's match, or its lack of one, is right; and that it has none."""
@@ -113,27 +134,81 @@ class PointSetPosterior:
         return odds
 
 
+class Weighed(NamedTuple):
+    """Labellings of one body, the best one first, weighed against clutter alone.
+
+    Attributes
+    ----------
+    assignments : (K, n) int64
+    log_odds : (K,) float64
+        Of each by itself, without what is known of the motion.
+    log_mass : (K,) float64
+        With it, and with what a self-motion of the source makes equal.
+    mirrored : (n,) int64, optional
+        The best labelling by a reflection, which is no answer.
+    log_mirrored : float
+        Its log-odds, prior included.
+    """
+
+    assignments: Integers
+    log_odds: Floats
+    log_mass: Floats
+    mirrored: Integers | None
+    log_mirrored: float
+
+    def take(self, which: Integers) -> Weighed:
+        """Some of the labellings."""
+        return self._replace(**{name: getattr(self, name)[which] for name in ("assignments", "log_odds", "log_mass")})
+
+
 def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | None = None) -> PointSetPosterior:
     """The posterior of proposed labellings (K, n), their neighbours by one change, and clutter alone.
 
+    See `weighed`; ``mirrored`` as there.
+    """
+    found = weighed(model, proposals, mirrored)
+    if not len(found.assignments):
+        return PointSetPosterior(found.assignments, found.log_mass)
+    absent = math.log(1.0 / model.present - 1.0)
+    top = max(float(found.log_mass[0]), absent)
+    weights = np.exp(found.log_mass - top) * _with_copies(model, found.assignments, found.log_odds)
+    other = math.exp(absent - top) + math.exp(min(found.log_mirrored - top, 700.0))
+    return ordered(found.assignments, weights / (weights.sum() + other))
+
+
+def nothing_weighed(n: int) -> Weighed:
+    """No labelling of n points."""
+    return Weighed(np.empty((0, n), np.int64), np.empty(0), np.empty(0), None, -math.inf)
+
+
+def ordered(assignments: Integers, probabilities: Floats) -> PointSetPosterior:
+    """The posterior of labellings (K, n) with their probabilities (K,)."""
+    order = np.argsort(-probabilities, kind="stable")
+    return PointSetPosterior(assignments[order], probabilities[order])
+
+
+def weighed(
+    model: PointSetModel, proposals: Integers, mirrored: Integers | None = None, *, of_several: bool = False
+) -> Weighed:
+    """Proposed labellings (K, n) and their neighbours by one change, the best ones of them.
+
     Neighbours are weighed by fits of their own. Labellings that a self-motion of the source exchanges become equally
     probable to the degree that the source is exactly symmetric under it. ``mirrored``: labellings (M, n) by
-    reflections, which are not answers.
+    reflections, which are not answers. ``of_several``: whether other bodies may take what the best ones need.
 
     Raises
     ------
     OutOfTime
         If the deadline in force passes: without its neighbours a labelling would look more certain than it is.
     """
-    n = len(model.clouds.source)
     proposals = proposals[(proposals >= 0).sum(axis=1) >= 3]
     if not len(proposals):
-        return PointSetPosterior(np.empty((0, n), np.int64), np.empty(0))
+        return nothing_weighed(len(model.clouds.source))
     checkpoint()
     fit = model.fit(proposals)
     odds = model.log_odds(fit)
-    fit, odds = _best(fit, odds)
-    weighed = {one.tobytes() for one in fit.assignments}
+    fit, odds = _best(fit, odds, of_several)
+    known_ones = {one.tobytes() for one in fit.assignments}
     expanded: set[bytes] = set()
     for _ in range(ROUNDS):
         likely = np.argsort(-odds, kind="stable")[: np.count_nonzero(odds > odds.max() - WORTH)].tolist()
@@ -147,24 +222,19 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
             some = np.argsort(-gains, kind="stable")[:CHANGES]
             better = changes.take(some[gains[some] > 0.0])
             for other in (*changes.take(some).applied_to(one), _changed_at_once(one, better)):
-                if other.tobytes() not in weighed and (other >= 0).sum() >= 3:
-                    weighed.add(other.tobytes())
+                if other.tobytes() not in known_ones and (other >= 0).sum() >= 3:
+                    known_ones.add(other.tobytes())
                     new.append(other)
         if not new:
             break
         more = model.fit(np.array(new))
         fit, odds = fit.joined(more), np.concatenate([odds, model.log_odds(more)])
-    fit, odds = _best(fit, odds)
-    assignments = fit.assignments
-    absent = math.log(1.0 / model.present - 1.0)
-    top = max(float(odds[0]), absent)
+    fit, odds = _best(fit, odds, of_several)
     known = model.log_prior(fit)  # it tells symmetric motions from each other
     most = float((odds - known).max())
-    weights = _exchanged(model, assignments, np.exp(odds - known - most)) * np.exp(known + most - top)
-    weights = weights * _with_copies(model, assignments, odds - known)
-    probabilities = weights / (weights.sum() + math.exp(absent - top) + _mirrored(model, mirrored, assignments, odds))
-    order = np.argsort(-probabilities, kind="stable")
-    return PointSetPosterior(assignments[order], probabilities[order])
+    equal = _exchanged(model, fit.assignments, np.exp(odds - known - most))
+    mass = np.log(np.maximum(equal, 1e-300)) + known + most
+    return Weighed(fit.assignments, odds - known, mass, *_mirrored(model, mirrored, fit.assignments, odds))
 
 
 def _with_copies(model: PointSetModel, assignments: Integers, odds: Floats) -> Floats:
@@ -195,28 +265,37 @@ def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
     return changed
 
 
-def _best(fit: PointSetFit, odds: Floats) -> tuple[PointSetFit, Floats]:
-    """The best hypotheses that are not negligible, and those of a copy, the best one first, and their log-odds."""
+def _best(fit: PointSetFit, odds: Floats, of_several: bool = False) -> tuple[PointSetFit, Floats]:
+    """The best hypotheses that are not negligible, and those of a copy, the best one first, and their log-odds.
+
+    Of several bodies, all that are better than clutter: others may take what a better one needs.
+    """
     order = np.argsort(-odds, kind="stable")
-    apart = apart_from(fit.assignments[order], fit.assignments[order[0]]) & (odds[order] > -math.log(COPY) - COUNTS)
+    least = 0.0 if of_several else -math.log(COPY)
+    apart = apart_from(fit.assignments[order], fit.assignments[order[0]]) & (odds[order] > least - COUNTS)
     near = (odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE) & (np.arange(len(order)) < KEPT)
+    if of_several:
+        near |= (odds[order] > 0.0) & (np.arange(len(order)) < KEPT)
     order = order[near | (apart & (np.cumsum(apart & ~near) <= KEPT))]
     return fit.take(order), odds[order]
 
 
-def _mirrored(model: PointSetModel, mirrored: Integers | None, assignments: Integers, odds: Floats) -> float:
-    """Weight of the best mirror image relative to that of the best hypothesis.
+def _mirrored(
+    model: PointSetModel, mirrored: Integers | None, assignments: Integers, odds: Floats
+) -> tuple[Integers | None, float]:
+    """The best mirror image and its log-odds, prior included.
 
     Points nearly in a plane fit a reflection as well as a rotation; with the same labels, a reflection is no different
     answer.
     """
     if mirrored is None or not len(mirrored):
-        return 0.0
+        return None, -math.inf
     image = replace(model, mirror=True)
     weight = image.log_odds(image.fit(mirrored)) + math.log(MIRRORED)
     for one, value in zip(assignments, odds, strict=True):
         weight[(mirrored == one).all(axis=1) & (weight < value + NEGLIGIBLE)] = -np.inf
-    return math.exp(min(float(weight.max()) - max(float(odds[0]), math.log(1.0 / model.present - 1.0)), 700.0))
+    best = int(np.argmax(weight))
+    return mirrored[best], float(weight[best])
 
 
 def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> Floats:

@@ -38,7 +38,7 @@ from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.followed_places import GonePlaces, chance_of_copy, in_places, log_gone
 from rootmatch.tracking.followed_pose import FollowedPose, Step
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
-from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
+from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 
 MOST = 4
 """Largest number of poses followed at once, each for about a millisecond per frame. A round value."""
@@ -55,8 +55,6 @@ LOOKED_AT = 8
 DOUBTED = 1e-3
 """Initial weight, relative to the best pose, of a pose that looks the same (rotated by a near symmetry of the body, or
 flipped): the frames so far may have decided wrongly. A round value."""
-ALIKE = 1.0 + 2.0 * math.cos(0.2)
-"""Trace of the rotation between two poses above which they are one. A round value."""
 
 
 class Belief:
@@ -164,6 +162,13 @@ class Belief:
         """
         for R, t in motions:
             self._add(self.best.turned(R, t), math.log(DOUBTED))
+
+    def add_place(self, filter_: MotionFilter) -> None:
+        """Also follow a pose elsewhere, as of another body for which this one may have been taken."""
+        pose = filter_.predicted(filter_.time)
+        if len(self.poses) < MOST and not any(one.filter.is_near(pose, filter_.time) for one in self.poses):
+            log_weight = self.poses[0].log_weight + math.log(DOUBTED)
+            self.poses.append(replace(self.poses[0], filter=filter_, log_weight=log_weight))
 
     def add_flipped(self, found: Finding, time: float) -> None:
         """Also follow the other poses of the best one's matches that may fit them equally well.
@@ -291,9 +296,12 @@ class Belief:
 
     def _take_motion(self, found: Finding, time: float) -> None:
         """Take in a match of two point sets: only one that is trusted tells a pose."""
+        followed, self.poses = self.poses, self.poses[:1]
         if found.status is not Status.MATCHED:
             return
-        if found.prior_holds and found.pose is not None and self.poses:
+        if found.prior_holds and found.pose is not None and followed:
+            held = [one for one in followed if one.filter.is_near(found.pose, time)]
+            self.poses = [*held, *followed][:1]
             self.best.update(found.pose, time)
             return
         (pose,) = found.task.problem.poses(found.task.points, found.assignment[None])

@@ -13,15 +13,14 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.body_labels import SAME_SHAPE, BodyLabels, Label, twin_points
-from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import pose_of_mode
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.tracking.belief import ALIKE, Belief
+from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_body import FollowedBody
 from rootmatch.tracking.followed_pose import FollowedPose
-from rootmatch.tracking.motion_filter import MotionFilter
+from rootmatch.tracking.motion_filter import ALIKE, MotionFilter
 
 Groups = Sequence[Sequence[Label]]
 
@@ -85,9 +84,11 @@ def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
         if one.posterior is not None and one.model is not None:
             modes = one.posterior.modes
             every += [(float(p), pose_of_mode(one.model, modes, k)) for k, p in enumerate(one.posterior.probabilities)]
-        elif one.status is not Status.UNTRUSTED:  # in space, where bodies share no target
-            (pose,) = one.task.problem.poses(one.task.points, one.assignment[None])
-            every += [] if pose is None else [(1.0, pose)]
+        elif one.labellings is not None:
+            likely = one.labellings.probabilities >= 1.0 - least
+            chances = one.labellings.probabilities[likely].tolist()
+            poses = one.task.problem.poses(one.task.points, one.labellings.assignments[likely])
+            every += [(p, pose) for p, pose in zip(chances, poses, strict=True) if pose is not None]
     sums: list[tuple[float, Pose]] = []
     for chance, pose in sorted(every, key=lambda one: -one[0]):
         same = [k for k, (_, other) in enumerate(sums) if _is_same_place(pose, other, radius)]

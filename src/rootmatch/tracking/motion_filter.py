@@ -50,6 +50,8 @@ class MotionOptions(Options):
     """Largest factor on them. A round value."""
 
 
+ALIKE = 1.0 + 2.0 * math.cos(0.2)
+"""Trace of the rotation between two poses above which they are one. A round value."""
 DEFAULT_MOTION = MotionOptions()
 MOST_SURPRISE = 10.0
 """Square of a step over the expected one above which it counts as no larger. A round value."""
@@ -112,6 +114,21 @@ class MotionFilter:
         other.R, other.centre = self.R @ R, R.T @ (self.centre - t)
         other._ahead = None
         return other
+
+    def of_body(self, R: Floats, t: Floats, source: Floats) -> MotionFilter:
+        """A filter with the same motion for another body of points (n, 3), which x' = R x + t takes to this one's."""
+        other = self.copy()
+        other.centre, other.radius = source.mean(axis=0), body_radius(source)
+        other.R = self.R @ R
+        other.t = self.t + self.R @ (R @ other.centre + t - self.centre)
+        other._ahead = None
+        return other
+
+    def is_near(self, pose: Pose, time: float) -> bool:
+        """Whether a pose at a time is where the body is expected: no two bodies are so near each other."""
+        R, t, _, _ = self._at(time)
+        off = pose.t + pose.R @ self.centre - t
+        return bool((R * pose.R).sum() > ALIKE) and float(np.linalg.norm(off)) <= self.radius
 
     def predicted(self, time: float) -> Pose:
         """The pose at a later time."""

@@ -29,6 +29,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
+from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, likenesses_of
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
@@ -67,11 +68,6 @@ class Tracker:
     seed, max_seconds, progress, sampler, samples, residual, rho, solver, backend, scheduler, max_hyperedges, \
 max_evaluations
         Of the searches, as for `rootmatch.match`.
-
-    Attributes
-    ----------
-    state : TrackingState
-        LOST, COASTING or TRACKING; with several bodies, the best of their states. `states` has all of them.
 
     Raises
     ------
@@ -144,8 +140,10 @@ max_evaluations
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
         self._identical: Groups = []
+        self._alike: list[Likeness] = []
         if self.labels is not None:
             self._identical = identical_bodies(self.labels, points, normals)
+            self._alike = likenesses_of(self.labels, points, self._identical)
             each = {label: self.labels.points_of(k) for k, label in enumerate(self.labels.names)}
         for label, own in each.items():
             turns = near_symmetries(points[own], None if normals is None else normals[own], TURNS)
@@ -318,6 +316,8 @@ max_evaluations
             self._bodies[label].take(part, when, self._frame, label in searched)
             self._noise.take(part, factor)
         name_places(self._identical, self._bodies, parts, when)
+        if self._frame % self.tracking.search_every == 0:
+            expect_exchanged(self._alike, self._bodies)
         if factor > 1.0:
             parts = {label: replace(part, sequence_factor=factor) for label, part in parts.items()}
         if found.parts is None:

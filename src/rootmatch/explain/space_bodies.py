@@ -1,0 +1,204 @@
+"""Several known rigid bodies among points of a space: searched for one by one, and weighed together.
+
+As `rootmatch.explain.image_bodies` does in an image: targets that are certainly of some body are left out of the
+searches for others, no body takes targets before all others have been tried on them, and the result is the posterior
+over everything that any of the searches proposed.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from itertools import count
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Integers
+from rootmatch.deadline import OutOfTime
+from rootmatch.explain.bodies import CONFIRMED, LATE, ROUNDS, SURE, Solve, budgets_of, searched_among
+from rootmatch.explain.body_findings import joined
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.decide import TRUST
+from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
+from rootmatch.explain.point_set_decision import model_of, told_by, wholly_predicted
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.modes import uses_of
+from rootmatch.model.point_set_bodies import joint_posterior
+from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_posterior import PointSetPosterior, Weighed, nothing_weighed, weighed
+from rootmatch.samplers.base import SampledTensor
+
+
+@dataclass(eq=False)
+class _Body:
+    """One body in the course of the search."""
+
+    number: int
+    task: MatchingTask
+    """Of its points and all targets."""
+    points: Integers
+    model: PointSetModel
+    found: Finding
+    """Of its last search."""
+    weighed: Weighed
+    told: PointSetPosterior
+    free: Bools
+    """Targets among which it may still be found."""
+    named: list[Integers] = field(default_factory=list)
+    """What its searches proposed."""
+    enough: bool = False
+    """Whether all its points are where it was predicted."""
+    settled: bool = False
+    budget: int = 0
+    """Of the last search for it."""
+    cut: bool = False
+    """Whether that ended by its budget."""
+    among: int = -1
+    """Number of free targets at that search; −1 before the first."""
+    evaluated: int = 0
+    """Evaluations of all its searches."""
+
+    def worth_a_search(self, budget: int) -> bool:
+        """Whether another search among the free targets, with this budget, may find more than the last one."""
+        if self.settled:
+            return False
+        fewer = int(self.free.sum()) < self.among
+        left = not len(self.told.assignments) or not (self.told.used(len(self.free)) * self.free).any()
+        return self.among < 0 or (self.cut and (fewer or budget > self.budget)) or (fewer and left)
+
+    def predict(self) -> None:
+        """Add what has a target for each point where the body is predicted, if there is one."""
+        self.named = wholly_predicted(self.model)
+        if self.named:
+            _, base = unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
+            self.found = replace(base, scoreless=True)
+            self.weighed = weighed(self.model, np.array(self.named), of_several=True)
+
+    @property
+    def is_as_predicted(self) -> bool:
+        """Whether all its points are where it was predicted: no other motion could explain more."""
+        first = self.told.assignments[:1]
+        whole = len(first) > 0 and bool((first >= 0).all()) and self.told.motion >= SURE
+        return whole and bool(self.model.held(self.model.fit(first))[0] >= 0)
+
+    def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
+        """Search among the free targets of the task of all bodies, and add what is found."""
+        self.budget, self.among = budget, int(self.free.sum())
+        self.found, self.cut = searched_among(task, self.number, np.flatnonzero(self.free), budget, solve)
+        self.evaluated += self.found.evaluated
+        named = list(self.found.named) or self.found.every
+        self.named = list({one.tobytes(): one for one in [*self.named, *named]}.values())
+        mirrored = np.array(self.found.mirrored) if len(self.found.mirrored) else None
+        self.weighed = weighed(self.model, np.array(self.named), mirrored, of_several=True)
+
+    def confirm(self, task: MatchingTask, solve: Solve) -> None:
+        """Search the targets of a sure body again if its search was cut short before it looked for other motions.
+
+        Other bodies may be elsewhere, but these targets have one owner, so only they are searched.
+        """
+        if self.found.facts.missed <= TRUST.missed or self.told.motion < SURE:
+            return
+        first = self.told.assignments[0]
+        if np.count_nonzero(first >= 0) < CONFIRMED:
+            return
+        again, _ = searched_among(task, self.number, np.sort(first[first >= 0]), self.budget, solve)
+        self.evaluated += again.evaluated
+        if again.facts.missed <= TRUST.missed:
+            self.found = self.found.with_facts(missed=again.facts.missed)
+
+
+def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
+    """The match of a task of two point sets of one space whose source points are of several bodies.
+
+    Parameters
+    ----------
+    task : MatchingTask
+        With labels.
+    solve : callable
+        From the task of one body to what its search proposes.
+    """
+    assert task.bodies is not None
+    bodies = [_body(task, k) for k in range(len(task.bodies.names))]
+    with suppress(OutOfTime):
+        _predict(bodies)
+        _search(task, bodies, solve)
+        for body in bodies:
+            body.confirm(task, solve)
+    if task.deadline.passed():
+        _weigh(bodies)
+    return _finding(task, bodies)
+
+
+def _body(task: MatchingTask, number: int) -> _Body:
+    """A body for which nothing has been found yet."""
+    assert task.bodies is not None
+    own = task.body(number)
+    model = model_of(own)
+    assert model is not None
+    nothing = nothing_weighed(own.shape[0])
+    told = PointSetPosterior(nothing.assignments, nothing.log_mass)
+    free = np.ones(task.shape[1], np.bool_)
+    return _Body(number, own, task.bodies.points_of(number), model, nothing_found(own, None), nothing, told, free)
+
+
+def _predict(bodies: list[_Body]) -> None:
+    """Look about the predicted motions; what is wholly there needs no search."""
+    for body in bodies:
+        body.predict()
+    if any(body.named for body in bodies):
+        _weigh(bodies)
+        for body in bodies:
+            if body.named and body.is_as_predicted:
+                body.enough, body.among = True, len(body.free)
+        _share(bodies)
+
+
+def _search(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
+    """Search for each body until nothing more can be expected."""
+    budgets = budgets_of(task)
+    for turn in count():
+        budget = budgets[min(turn, ROUNDS - 1)]
+        searched = False
+        for body in bodies:
+            if body.worth_a_search(budget):
+                searched = True
+                body.search(task, solve, budget)
+                if all(other.among >= 0 for other in bodies):
+                    _weigh(bodies)
+        if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():
+            break
+
+
+def _weigh(bodies: list[_Body]) -> None:
+    """Weigh all bodies together."""
+    told = joint_posterior([body.model for body in bodies], [body.weighed for body in bodies])
+    for body, one in zip(bodies, told, strict=True):
+        body.told = one
+    _share(bodies)
+
+
+def _share(bodies: list[_Body]) -> None:
+    """Settle the bodies that are sure, and say which targets are left for each."""
+    all_known = all(body.among >= 0 for body in bodies)
+    used = np.zeros((len(bodies), len(bodies[0].free)))
+    for k, body in enumerate(bodies):
+        if body.enough or all_known:
+            body.settled = body.told.motion >= SURE
+            used[k] = body.told.used(used.shape[1])
+    for k, body in enumerate(bodies):
+        body.free = used.sum(axis=0) - used[k] < SURE
+
+
+def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
+    """The finding of all bodies, each without the targets of those more certain."""
+    assert task.bodies is not None
+    taken = np.zeros(task.shape[1], np.bool_)
+    found: dict[int, Finding] = {}
+    for body in sorted(bodies, key=lambda one: -one.told.motion):
+        one = told_by(body.found, body.told, body.model, taken)
+        taken |= uses_of(one.assignment[None], len(taken))[0]
+        reason = LATE if body.among < 0 else None if len(body.told.assignments) else body.found.reason
+        found[body.number] = one if one.reason == reason else replace(one, reason=reason)
+    names = task.bodies.names
+    every: list[tuple[Label, Integers, Finding]] = [(names[k], body.points, found[k]) for k, body in enumerate(bodies)]
+    return joined(task, every, sum(body.evaluated for body in bodies))

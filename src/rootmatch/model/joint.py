@@ -1,0 +1,63 @@
+"""Joint hypotheses of several bodies: one labelling of each, or none, such that no detection is used twice.
+
+The odds of a joint hypothesis against clutter alone are the product of those of its parts, but for the number of
+clutter points: clutter is what none of the bodies explains, so each body gains by what the others explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats
+
+BEAM = 4096
+"""Most joint hypotheses that are kept from one body to the next, the most probable ones. A round value."""
+
+
+def marginals(
+    uses: Sequence[Bools],
+    masses: Sequence[Floats],
+    log_left: Callable[[Bools], Floats],
+    *,
+    given: Sequence[int] | None = None,
+) -> list[Floats]:
+    """The marginal probabilities of each body's hypotheses.
+
+    Parameters
+    ----------
+    uses : sequence of (M, n') bool arrays
+        Which detections each hypothesis of a body takes.
+    masses : sequence of (M,) or (L + 1, M) arrays
+        Log-odds of each, prior included, against its absence, if all other detections are clutter; a row for each
+        hypothesis of a body before it, and that one's absence, if it depends on that.
+    log_left : callable
+        From detections (K, n') that are taken to the logarithm (K,) of the odds of as many clutter points as they
+        leave; part of the log-odds.
+    given : sequence of int, optional
+        The body on which the log-odds of each depend; −1 for none.
+
+    Returns
+    -------
+    list of (M + 1,) arrays
+        Probability of each hypothesis, and of the body's absence as the last.
+    """
+    count = uses[0].shape[1]
+    absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
+    taken, value = np.zeros((1, count), np.float32), np.zeros(1)
+    whole, chosen = value, np.empty((1, 0), np.int64)
+    for used, mass, of in zip(uses, masses, given or [-1] * len(uses), strict=True):
+        mine, own = np.concatenate([used, absent]), np.pad(np.atleast_2d(mass) - log_left(used), ((0, 0), (0, 1)))
+        row, mode = (taken @ mine.T < 0.5).nonzero()  # which joint hypotheses leave which modes their detections
+        value = value[row] + own[chosen[row, of] if of >= 0 and len(own) > 1 else 0, mode]
+        taken = taken[row] + mine[mode]
+        whole = value + log_left(taken > 0.5)
+        chosen = np.concatenate([chosen[row], mode[:, None]], axis=1)
+        if len(value) > BEAM:
+            best = np.argsort(-whole, kind="stable")[:BEAM]
+            value, taken, whole, chosen = value[best], taken[best], whole[best], chosen[best]
+    shares = np.exp(whole - whole.max())
+    shares /= shares.sum()
+    counts = [np.bincount(chosen[:, k], shares, mass.shape[-1] + 1) for k, mass in enumerate(masses)]
+    return [np.asarray(one, np.float64) for one in counts]

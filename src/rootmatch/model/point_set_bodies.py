@@ -1,0 +1,105 @@
+"""The joint posterior of bodies that compete for the targets of a space: one labelling of each, or none.
+
+As `rootmatch.model.competition` has it for an image: every target has one owner, and the space may also show a copy of
+a body that nobody named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.joint import marginals
+from rootmatch.model.modes import uses_of
+from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_posterior import NEGLIGIBLE, PointSetPosterior, Weighed, ordered
+from rootmatch.model.priors import COPY, COUNTS
+
+LEAST = 3
+"""Fewest matches that determine a motion."""
+KEPT = 64
+"""Labellings of each body that are weighed together. A round value."""
+
+
+def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -> list[PointSetPosterior]:
+    """The marginal posteriors of several bodies among the same targets.
+
+    Parameters
+    ----------
+    models : sequence of PointSetModel
+        Of the bodies.
+    every : sequence of Weighed
+        The labellings of each, proposed without regard to the others.
+    """
+    count = len(models[0].clouds.target)
+    copies = [_copies(one, count) for one in every]
+    taken = [uses_of(one.assignments, count) for one in every]
+    wanted = np.array([used.any(axis=0) for used in taken])
+    best = []
+    for k, one in enumerate(every):
+        contested = np.asarray(np.concatenate([np.delete(wanted, k, axis=0), copies[k][0]]).any(axis=0))
+        best.append(one.take(_undominated(taken[k], one.log_mass, contested)))
+    uses = [uses_of(one.assignments, count) for one in best]
+    best = [_with_parts(model, one, k, uses) for k, (model, one) in enumerate(zip(models, best, strict=True))]
+    each = [*(_hypotheses(model, one, count) for model, one in zip(models, best, strict=True)), *copies]
+    each_of = marginals([used for used, _ in each], [mass for _, mass in each], models[0].log_left)
+    return [
+        ordered(one.assignments, share[: len(one.assignments)])
+        for one, share in zip(best, each_of, strict=False)  # those of copies follow
+    ]
+
+
+def _hypotheses(model: PointSetModel, found: Weighed, count: int) -> tuple[Bools, Floats]:
+    """Targets (K, n') and log-odds (K,) of a body's labellings, and of its best mirror image, which is no answer."""
+    used, odds = uses_of(found.assignments, count), math.log(model.present) - math.log1p(-model.present)
+    if found.mirrored is None or not math.isfinite(found.log_mirrored):
+        return used, found.log_mass + odds
+    image = uses_of(found.mirrored[None], count)
+    return np.concatenate([used, image]), np.append(found.log_mass, found.log_mirrored) + odds
+
+
+def _copies(found: Weighed, count: int) -> tuple[Bools, Floats]:
+    """Targets (K, n') and log-odds (K,) of copies that nobody named, where two may be in the scene."""
+    used = uses_of(found.assignments, count)
+    mass = found.log_odds + math.log(COPY)
+    counts = (mass > -COUNTS) & ~(used.astype(np.float32) @ used.T.astype(np.float32) > 0.5).all(axis=1)
+    own = np.flatnonzero(counts)[np.argsort(-mass[counts], kind="stable")]
+    own = own[_undominated(used[own], mass[own], np.asarray(used.any(axis=0)))]
+    return used[own], mass[own]
+
+
+def _undominated(used: Bools, mass: Floats, contested: Bools) -> Integers:
+    """Labellings that may count, at most `KEPT`, the best first; ``contested`` (n',): what anything else may want.
+
+    A labelling does not count if another one is far better and takes nothing contested that it does not take.
+    """
+    order = np.argsort(-mass, kind="stable")
+    wants = (used & contested)[order].astype(np.float32)
+    more = wants @ (1.0 - wants).T > 0.5  # (i, j): whether i takes something that j does not
+    better = mass[order][:, None] > mass[order] + NEGLIGIBLE
+    return order[~(better & ~more).any(axis=0)][:KEPT]
+
+
+def _with_parts(model: PointSetModel, found: Weighed, k: int, uses: Sequence[Bools]) -> Weighed:
+    """The labellings of body k, and what remains of them if others take shared targets; ``uses``: of each body."""
+    others = np.concatenate([uses[k][:0], *uses[:k], *uses[k + 1 :]])
+    known = {one.tobytes() for one in found.assignments}
+    parts = []
+    for wanted, row in np.argwhere(others.astype(np.float32) @ uses[k].T.astype(np.float32) > 0.5).tolist():
+        assignment = found.assignments[row]
+        part = np.where((assignment >= 0) & others[wanted, assignment], -1, assignment)
+        if np.count_nonzero(part >= 0) >= LEAST and part.tobytes() not in known:
+            known.add(part.tobytes())
+            parts.append(part)
+    if not parts:
+        return found
+    fit = model.fit(np.array(parts))
+    mass, prior = model.log_odds(fit), model.log_prior(fit)
+    return found._replace(
+        assignments=np.concatenate([found.assignments, fit.assignments]),
+        log_odds=np.concatenate([found.log_odds, mass - prior]),
+        log_mass=np.concatenate([found.log_mass, mass]),
+    )
