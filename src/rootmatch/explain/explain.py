@@ -102,7 +102,7 @@ def _several_motions(task: MatchingTask) -> Finding:
     """Groups of one motion each: among proposed pairs, which are evidence themselves, or packed and judged."""
     if pays(task):
         return assess(task, *motions_of_pairs(task))
-    return judged_motions(assess(task, *pack_motions(task, sample(task))))
+    return judged_motions(assess(task, *pack_motions(task, sample(task))), _explained)
 
 
 def _one_motion(task: MatchingTask, judging: bool) -> Finding:

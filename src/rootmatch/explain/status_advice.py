@@ -125,6 +125,12 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
     """Why a finding is ambiguous: what the search left out, doubtful points, several poses, or copies."""
     task = finding.task
     to_give, to_tell = _to_give(task), _to_tell(task)
+    if finding.facts.incomplete:
+        motions = len(np.unique(finding.motion_labels[finding.motion_labels >= 0]))
+        return (
+            f"ambiguous: {motions} of {task.options.motions} motions were found, and points of another one may be "
+            f"among what is left; see `confidence`, {_given([*to_give, 'more detections'])}, or ask for fewer motions"
+        )
     if _is_unexcluded(finding):
         missed = "another pose that explains as much"
         if stopped_early:
