@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rig_scenes import frame
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.status_advice import advice
 from rootmatch.samplers.guided.sampler import Guided
 from test_rig_triples import KNOWN, LEDS, POINTS, RIG
@@ -112,6 +113,34 @@ def test_many_points_say_so() -> None:
     match = rm.match(body, seen, rm.Rigid(), noise=(0.0, 0.1))
     assert match.status is rm.Status.UNTRUSTED
     assert "the noise is 10 times as large" in match.advice
+
+
+def test_residuals_of_what_is_not_there_do_not_say_that_the_noise_is_larger() -> None:
+    """Four degrees of freedom of five points among sixteen fit anything 2.4 times as coarsely; twelve points do not."""
+    misfit = Misfit(2.4**2, 2.4, 4)
+    assert misfit.log_odds_if_larger(-6.4) == pytest.approx(-2.8, abs=0.1)
+    source, target = scene(1, 12, 12, 3)
+    found = rm.match(
+        source, target + np.random.default_rng(1).normal(0.0, 1.2, target.shape), rm.P3P(CAMERA), noise=NOISE
+    )
+    assert found.status is rm.Status.UNTRUSTED
+    assert "times as large as given, or else the pose is wrong; give noise=" in found.advice
+    chance = replace(found.finding, log_odds=-6.4, noise_factor=2.4, noise_dof=8)
+    assert "could be chance even if the noise were 2.4 times as large" in advice(chance)
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_odds_with_a_larger_noise_are_those_of_the_model(seed: int) -> None:
+    """Of the same matches, if σ is stated as large."""
+    source, target = scene(seed, 12, 12, 0)
+    coarse = target + np.random.default_rng(seed).normal(0.0, 1.3 * NOISE, target.shape)
+    given = rm.match(source, coarse, rm.P3P(CAMERA), noise=NOISE).finding
+    assert given.log_odds is not None
+    assert given.noise_factor is not None
+    larger = rm.match(source, coarse, rm.P3P(CAMERA), noise=given.noise_factor * NOISE).finding
+    np.testing.assert_array_equal(given.assignment, larger.assignment)
+    misfit = Misfit(given.noise_factor**2, given.noise_factor, given.noise_dof)
+    assert misfit.log_odds_if_larger(given.log_odds) == pytest.approx(larger.log_odds, abs=0.3)
 
 
 @pytest.mark.parametrize("of_image", [False, True])

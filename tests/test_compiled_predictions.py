@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig_image import RigImage
-from rootmatch.model.compiled.updates import choose_pairs, update_with_each
+from rootmatch.model.compiled.updates import choose_pairs, explained_by_each, update_with_each
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.prediction import deviations
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.views import rays_of
 from rootmatch.problems.pose_fit.reference_point import about_point
@@ -30,6 +30,26 @@ def covariance_of(kind: str, rng: np.random.Generator) -> Floats:
     """Of a pose: of full rank, or of rank one and far wider than the noise."""
     rows = rng.normal(size=(6, 6)) * ([[0.05]] * 3 + [[0.02]] * 3)
     return np.asarray(rows @ rows.T if kind != "rank one" else 100.0 * np.outer(rows[:, 0], rows[:, 0]))
+
+
+def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
+    """χ² and determinant (…, n, n') of detections about predictions (…, n, 2) with covariances (…, n, 2, 2).
+
+    All terms are nonnegative: the determinant of a spread of rank one, far wider than the noise, is pure rounding error
+    of either sign.
+    """
+    _, sigma, blur = model.detections_for_gates
+    variance = sigma**2
+    x = model.target[:, 0] - pixels[..., 0, None]
+    y = model.target[:, 1] - pixels[..., 1, None]
+    a, c = np.maximum(spread[..., 0, 0, None], 0.0), np.maximum(spread[..., 1, 1, None], 0.0)
+    b = spread[..., 0, 1, None]
+    if len(blur):
+        a, b, c = a + blur[:, 0, 0], b + blur[:, 0, 1], c + blur[:, 1, 1]
+    determinant = np.maximum(a * c - b * b, 0.0) + variance * (a + c + variance)
+    x2, y2 = x * x, y * y
+    across = np.maximum(c * x2 - 2.0 * b * (x * y) + a * y2, 0.0)
+    return (across + variance * (x2 + y2)) / determinant, determinant
 
 
 @pytest.mark.parametrize("kind", ["plain", "weights", "source noise", "rank one", "blurred"])
@@ -87,6 +107,34 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
             ratio[~(WEIGHTS > -1.0)] = 0.0
         score = np.log(1.0 - chance + chance * ratio.max(axis=1))[shown].sum()
         assert scores[k] == pytest.approx(score, rel=1e-9)
+
+
+@pytest.mark.parametrize("source_noise", [False, True])
+def test_what_poses_explain(source_noise: bool) -> None:
+    """Points by their best detections or detections by their best points, whichever is less: the odds of no more."""
+    model, R, position = scene(PINHOLE, seed=1024, poses=3)
+    rng = np.random.default_rng(1024)
+    at = model.linearised(R, position)
+    step, covariance = rng.normal(0.0, 1e-3, (3, 6)), np.array([covariance_of("plain", rng) for _ in range(3)])
+    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (3, 6, 1, 1)) if source_noise else EXACT[None]
+    chance = rng.uniform(0.1, 0.9, (3, 6))
+    at.pixels[2] = at.pixels[2, :1]  # all points have one image, as of a body far away
+    model.target[:6] = at.pixels[0] + rng.normal(0.0, 3.0, (6, 2))
+    model.target[6] = at.pixels[2, 0]
+    image = *model.detections_for_gates, model.clutter.log_density, model.image_for_kernels[2]
+    scores = np.empty(3)
+    explained_by_each((at.pixels, at.jacobian, of_points, chance), (step, covariance), image, scores)
+    for k in range(3):
+        moved = at.pixels[k] + at.jacobian[k] @ step[k]
+        spread = at.jacobian[k] @ covariance[k] @ at.jacobian[k].swapaxes(1, 2)
+        squared, determinant = deviations(model, moved, spread + (of_points[k] if source_noise else 0.0))
+        ratio = np.exp(-0.5 * squared - model.clutter.log_density) / (2.0 * np.pi * np.sqrt(determinant))
+        of_points_alone = np.log(1.0 - chance[k] + chance[k] * ratio.max(axis=1)).sum()
+        gain = np.log(np.maximum(ratio * (chance[k] / (1.0 - chance[k]))[:, None], 1.0))
+        of_detections = np.log(1.0 - chance[k]).sum() + gain.max(axis=0).sum()
+        assert scores[k] == pytest.approx(min(of_points_alone, of_detections), rel=1e-9)
+        rows, columns = linear_sum_assignment(gain, maximize=True)
+        assert scores[k] >= np.log(1.0 - chance[k]).sum() + gain[rows, columns].sum() - 1e-9
 
 
 @pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])

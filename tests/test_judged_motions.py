@@ -72,3 +72,58 @@ def test_motions_in_an_image_have_a_probability() -> None:
     assert match.status is rm.Status.MATCHED
     assert match.probability is not None
     assert match.probability >= 0.95
+
+
+def arm(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """LEDs (12, 3) of two links of an arm, six each, their image at another angle of the joint, and the truth."""
+    rng = np.random.default_rng([seed, 12])
+    links = [rng.uniform((-0.05, -0.05, 0.0), (0.05, 0.05, 0.4), (6, 3)) for _ in range(2)]
+    links[1] += (0.0, 0.0, 0.45)
+    joint = np.array([0.0, 0.0, 0.42])
+    bent = Rotation.from_rotvec([rng.uniform(0.4, 1.6), 0.0, rng.uniform(-1.0, 1.0)])
+    moved = np.concatenate([links[0], bent.apply(links[1] - joint) + joint])
+    placed = Rotation.random(random_state=rng).apply(moved - (0.0, 0.0, 0.3))
+    placed[:, 2] += 1.5
+    pixels = 1200.0 * placed[:, :2] / placed[:, 2:] + (640.0, 480.0)
+    shown = np.flatnonzero(rng.random(12) < 0.85)
+    clutter = rng.uniform((200.0, 100.0), (1100.0, 850.0), (rng.integers(0, 4), 2))
+    truth = np.full(12, -1)
+    truth[shown] = np.arange(len(shown))
+    return (
+        np.concatenate(links),
+        np.concatenate([pixels[shown] + rng.normal(0.0, 0.3, (len(shown), 2)), clutter]),
+        truth,
+    )
+
+
+def test_a_motion_that_was_asked_for_is_searched_for() -> None:
+    """The packing missed motions of five points: one motion was trusted, and the points left were surely unmatched."""
+    problem, both, partly = rm.P3P(rm.Camera(1200.0, 1200.0, 640.0, 480.0)), 0, 0
+    for seed in range(12):
+        source, target, truth = arm(seed)
+        match = rm.match(source, target, problem, noise=0.3, motions=2)
+        unmatched = match.assignment < 0
+        if match.status is not rm.Status.UNTRUSTED:
+            assert not (match.confidence[unmatched & (truth >= 0)] > 0.9).any()
+        count = match.motion_labels.max() + 1
+        if match:
+            assert count == 2
+            assert (match.assignment == truth)[~unmatched].all()
+            both += 1
+        elif count == 1:
+            assert match.status is rm.Status.AMBIGUOUS
+            assert "1 of 2 motions were found" in match.advice
+            partly += 1
+    assert both >= 7
+    assert partly >= 1
+
+
+def test_a_missing_motion_leaves_nothing_open_if_nothing_is_left() -> None:
+    source, target, _ = arm(0)
+    first = Rotation.from_rotvec((0.3, -0.5, 0.2)).apply(source[:6])
+    first[:, 2] += 1.5
+    target = 1200.0 * first[:, :2] / first[:, 2:] + (640.0, 480.0)
+    match = rm.match(source, target, rm.P3P(rm.Camera(1200.0, 1200.0, 640.0, 480.0)), noise=0.3, motions=2)
+    assert match
+    np.testing.assert_array_equal(match.assignment, [0, 1, 2, 3, 4, 5, -1, -1, -1, -1, -1, -1])
+    assert (match.confidence[6:] > 0.99).all()

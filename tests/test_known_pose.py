@@ -243,3 +243,31 @@ def test_many_points_are_searched_before_their_pairs_are_tried() -> None:
     assert match
     assert match.evaluated > 0
     np.testing.assert_array_equal(match.assignment[:36], np.arange(36))
+
+
+def test_a_rotation_tells_which_part_of_a_flat_model_is_seen() -> None:
+    """Of many points the poses that put all of them on one far detection came first, and the right one was not weighed.
+
+    So a search had to follow, after two seconds; of few points it made no difference.
+    """
+    x, y = np.meshgrid(np.linspace(-50.0, 50.0, 6), np.linspace(-30.0, 30.0, 5))
+    field = np.column_stack([x.ravel(), y.ravel(), np.zeros(30)])
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 41])
+        points = field + np.column_stack([rng.uniform(-4.0, 4.0, (30, 2)), np.zeros(30)])
+        eye, at = np.array([rng.uniform(-5, 5), -70.0, 18.0]), np.array([rng.uniform(5, 45), rng.uniform(-10, 10), 0.0])
+        ahead = (at - eye) / np.linalg.norm(at - eye)
+        right = np.cross(ahead, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(ahead, [0.0, 0.0, 1.0]))
+        R = np.array([right, np.cross(ahead, right), ahead])
+        pixels = CAMERA.project((points - eye) @ R.T)
+        shown = np.flatnonzero((np.abs(pixels - (640, 480)) < (640, 480)).all(axis=1) & (rng.random(30) < 0.8))
+        target = np.vstack(
+            [pixels[shown] + rng.normal(0.0, 0.7, (len(shown), 2)), rng.uniform((0, 0), (1280, 960), (3, 2))]
+        )
+        truth = np.full(30, -1)
+        truth[shown] = np.arange(len(shown))
+        measured = Rotation.from_rotvec(rng.normal(0.0, TURN, 3)).as_matrix() @ R
+        match = rm.match(points, target, rm.P3P(CAMERA), noise=0.7, prior=rm.PosePrior(rotation=(measured, 1.5 * TURN)))
+        assert match
+        assert match.evaluated == 0  # nothing was searched
+        assert (match.assignment[shown] == truth[shown]).mean() >= 0.9

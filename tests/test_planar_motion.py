@@ -149,6 +149,34 @@ def test_match(outliers: int, noise: float, least: float) -> None:
     assert np.mean(accuracy) >= least
 
 
+def test_a_robot_among_few_points_and_clutter() -> None:
+    """Seven to fourteen points that a robot sees twice: by all hyper-edges' score a third had another assignment."""
+    camera, trusted = Camera(600.0, 600.0, 640.0, 480.0), 0
+    tilt = axis_rotation(np.array([1.0, 0.0, 0.0]), 0.15)
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 84])
+        points = np.column_stack([rng.uniform(-5, 5, 14), rng.uniform(-1.5, 1.0, 14), rng.uniform(4, 14, 14)])
+        bearing, far = rng.uniform(-math.pi, math.pi), rng.uniform(0.5, 2.0)
+        images, owners = [], []
+        for turn, place in ((0.0, 0.0), (rng.uniform(-0.5, 0.5), far)):
+            moved = points - place * np.array([math.sin(bearing), 0.0, math.cos(bearing)])
+            pixels = camera.project(moved @ (tilt @ axis_rotation(DOWN, turn)).T)
+            shown = np.flatnonzero((np.abs(pixels - (640, 480)) < (640, 480)).all(axis=1) & (rng.random(14) < 0.93))
+            clutter = rng.uniform((0, 300), (1280, 700), (2, 2))
+            order = rng.permutation(len(shown) + 2)
+            images.append((np.vstack([pixels[shown], clutter]) + rng.normal(0.0, 0.4, (len(order), 2)))[order])
+            owners.append(np.concatenate([shown, [-1 - len(images), -3 - len(images)]])[order])
+        same = owners[0][:, None] == owners[1]
+        truth = np.where(same.any(axis=1), same.argmax(axis=1), -1)
+        problem = PlanarMotion(camera, axis=tilt @ DOWN)
+        found = match(images[0], images[1], problem, noise=0.4)
+        matched = found.assignment >= 0
+        if found:
+            trusted += 1
+            assert (found.assignment[matched] == truth[matched]).all()
+    assert trusted >= 10
+
+
 class TestDegenerate:
     """What the class says about configurations that determine nothing."""
 

@@ -16,9 +16,10 @@ import rootmatch as rm
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, settled, stepped
 from rootmatch.model.pose_density import Gaussian
-from rootmatch.model.prediction import deviations, proposals_about
+from rootmatch.model.prediction import proposals_about
 from rootmatch.problems.pose_fit.pose_prior import with_vertical
 from rootmatch.problems.pose_fit.reference_point import about_point
+from test_compiled_predictions import deviations
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
 SPREAD = np.diag([0.02**2] * 3 + [0.02**2] * 3)

@@ -102,6 +102,8 @@ class Facts:
     """Whether it was ambiguous among more detections, some of which other bodies have taken since."""
     contested: bool = False
     """Whether another body that explains its detections as well, or another followed pose, may be the right one."""
+    incomplete: bool = False
+    """Whether a motion that was asked for was not found, and may be in view."""
     sure_of_the_rest: bool = False
     """Whether its pose is certain and its doubtful matches were left out."""
     sure_of_its_detections: bool = False
@@ -119,7 +121,7 @@ def decide(facts: Facts) -> Status:
         return Status.UNTRUSTED
     if not facts.confirmed or facts.support <= 0.0 or facts.false_alarms > TRUST.false_alarms:
         return Status.AMBIGUOUS if facts.was_ambiguous else Status.UNTRUSTED
-    if facts.contested:
+    if facts.contested or facts.incomplete:
         return Status.AMBIGUOUS
     if facts.sure_of_the_rest or facts.sure_of_its_detections:
         return Status.MATCHED

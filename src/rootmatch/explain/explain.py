@@ -113,7 +113,7 @@ def _several_motions(task: MatchingTask) -> Finding:
     """Groups of one motion each: among proposed pairs, which are evidence themselves, or packed and judged."""
     if pays(task):
         return judged_motions(assess(task, *motions_of_pairs(task)), proposed=True)
-    return judged_motions(assess(task, *pack_motions(task, sample(task))))
+    return judged_motions(assess(task, *pack_motions(task, sample(task))), _explained)
 
 
 def _one_motion(task: MatchingTask, judging: bool) -> Finding:

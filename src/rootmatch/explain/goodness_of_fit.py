@@ -30,6 +30,16 @@ class Misfit(NamedTuple):
         sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
         return cls((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom), sigma, freedom)
 
+    def log_odds_if_larger(self, log_odds: float) -> float:
+        """Log-odds of the pose if σ was stated as many times too small, of those with the σ given.
+
+        With Q = χ² all matches are of that σ: the terms of s² in docs/model.md for Q / f² in the place of Q, with the
+        densities and the volume of the pose that are left of f⁻ᵈ.
+        """
+        chi2, d = self.dof * self.sigma**2, self.dof
+        gained = 0.5 * (NOISE_FREEDOM + d) * math.log((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + d))
+        return log_odds + gained - d * math.log(self.sigma)
+
     @property
     def chance(self) -> float:
         """How often residuals are as large as that where σ is right."""

@@ -1,14 +1,15 @@
 """The judgement of several motions by the model of one: each is weighed with the points and detections others leave.
 
 A packing names groups of one motion each by hyper-edges. Where the problem fits poses the model of one motion then
-decides: what does not fit a motion's pose is unmatched, a motion that is not beyond chance goes, and what it leaves may
-belong to another one. The motions are right together with the product of their probabilities, and the status follows
-from the facts of all of them, each of which has to be trusted.
+decides: what does not fit a motion's pose is unmatched, and a motion that is not beyond chance goes. What it leaves may
+belong to another one, which is searched for. The motions are right together with the product of their probabilities,
+and the status follows from the facts of all of them, each of which has to be trusted.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from rootmatch.explain.decide import Facts, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import is_modelled, told_by
 from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.missing_motions import Rest, with_missing
 from rootmatch.explain.point_set_decision import model_of, of_one_motion
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import candidate_of
@@ -28,18 +30,24 @@ ROUNDS = 3
 """Most rounds in which each motion is judged again where others have left points or detections. A round value."""
 
 
-def judged_motions(found: Finding, *, proposed: bool = False) -> Finding:
+def judged_motions(
+    found: Finding, solve: Callable[[MatchingTask], Finding] | None = None, *, proposed: bool = False
+) -> Finding:
     """The finding of a packing, judged by the model of one motion; the same where the problem has no such model.
 
+    Motions that were asked for and are missing are searched for by ``solve`` among what the others leave, if given.
     ``proposed``: whether its pairs were proposed by what tells nothing of where they lie, see `_body_of`.
     """
+    asked = found.task.options.motions
     alone = replace(found.task, options=replace(found.task.options, motions=1, sampler=None, samples=None))
     if not is_modelled(alone) and model_of(alone) is None:
         return found
     assignment, labels = found.assignment.copy(), found.motion_labels.copy()
     parts: dict[int, Finding] = {}
+    rest: Rest | None = None
     try:
         for _ in range(ROUNDS):
+            rest = None if solve is None else with_missing(alone, solve, assignment, labels, asked)
             before = assignment.copy()
             for label in np.unique(labels[labels >= 0]).tolist():
                 checkpoint()
@@ -48,7 +56,7 @@ def judged_motions(found: Finding, *, proposed: bool = False) -> Finding:
                 break
     except OutOfTime:
         return found.with_facts(confirmed=False)
-    return _together(found, assignment, labels, parts)
+    return _together(found, assignment, labels, parts, rest)
 
 
 def _judged(alone: MatchingTask, assignment: Integers, labels: Integers, label: int, *, proposed: bool) -> Finding:
@@ -114,10 +122,12 @@ def _left_to(
     return alone.subset(points, pixels), points, pixels, np.where(assignment[points] >= 0, place, -1)
 
 
-def _together(found: Finding, assignment: Integers, labels: Integers, parts: dict[int, Finding]) -> Finding:
+def _together(
+    found: Finding, assignment: Integers, labels: Integers, parts: dict[int, Finding], rest: Rest | None
+) -> Finding:
     """The finding of all motions that are left, the largest first.
 
-    The confidence in an unmatched point is that of the motion that is least certain of it.
+    The confidence in an unmatched point is that of the motion that is least certain of it, found or not.
     """
     sizes = np.bincount(labels[labels >= 0])
     left = [label for label in np.argsort(-sizes, kind="stable").tolist() if sizes[label]]
@@ -125,13 +135,18 @@ def _together(found: Finding, assignment: Integers, labels: Integers, parts: dic
     for number, label in enumerate(left):
         confidence = np.fmin(confidence, np.asarray(parts[label].confidence))
         numbers[labels == label] = number
-    facts = [parts[label].facts for label in left]
+    facts, incomplete = [parts[label].facts for label in left], False
+    if rest is not None:
+        unmatched = np.full(len(labels), math.nan)
+        unmatched[rest.points] = rest.unmatched
+        confidence = np.where(assignment < 0, np.fmin(confidence, unmatched), confidence)
+        incomplete = rest.is_asked_for and rest.is_empty < found.facts.min_probability
     nothing = Facts(present=0.0, probability=0.0, lead=0.0)
     return replace(
         found,
         assignment=assignment,
         labels=numbers,
-        facts=replace(_of_all(facts), lead=found.facts.lead) if facts else nothing,
+        facts=replace(_of_all(facts), lead=found.facts.lead, incomplete=incomplete) if facts else nothing,
         scores=[inside_groups(found.tensor, assignment, numbers), *found.every_score[1:]],
         confidence=confidence,
         log_odds=sum(parts[label].log_odds or 0.0 for label in left),

@@ -17,11 +17,10 @@ from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import stepped
 from rootmatch.model.pose_density import Known
-from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, deviations, settle
+from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, explained, settle
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
@@ -200,16 +199,7 @@ def _score(
     covariance = np.linalg.inv(precision / unit + 1e-12 * np.eye(6)) / unit
     slope = of_prior.slope + (off[:, None] @ jacobian)[:, 0]
     step = (covariance @ slope[..., None])[..., 0]
-    pixels = at.pixels + (at.jacobian @ step[:, None, :, None])[..., 0]
-    spread = at.jacobian @ covariance[:, None] @ at.jacobian.swapaxes(2, 3)
-    of_points = model.of_points(at)
-    squared, determinant = deviations(model, pixels, spread if of_points is None else spread + of_points)
-    log_density = -0.5 * (squared + np.log(determinant)) - LOG_2PI - model.clutter.log_density
-    density = np.exp(np.minimum(log_density, 700.0))
-    if model.allowed is not None:
-        density = np.where(model.allowed, density, 0.0)
     tilt = np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
     chance = (model.rate or DEFAULT_PREDICTION.usual_rate) * model.visibility(at, tilt)
-    ratio = 1.0 - chance + chance * density.max(axis=2)
-    score = np.log(np.maximum(ratio, 1e-300)).sum(axis=1)
+    score = explained(model, at, chance, step, covariance)
     return score, rotation_from_vector(step[:, :3]) @ rotation, position + step[:, 3:], covariance

@@ -44,7 +44,8 @@ def _likenesses(first_bytes: bytes, second_bytes: bytes) -> tuple[Integers, ...]
     first, second = (np.frombuffer(body).reshape(-1, 3) for body in (first_bytes, second_bytes))
     # a distance agrees within GATE of the deviations of both of its ends
     variance = 0.5 * (SAME_SHAPE * float(distances(first).max()) / GATE) ** 2
-    clouds = PointClouds(first, second, np.full(len(first), variance), np.full(len(second), variance), False, False)
+    noise = np.full(len(first), variance), np.full(len(second), variance)
+    clouds = PointClouds(first, second, *noise, scaled=False, mirror=False)
     least = max(LEAST, SHARE * min(len(first), len(second)))
     found = congruent_labellings(clouds, False)
     best = [*found.proper[:1], *found.mirrored[:1]]

@@ -138,7 +138,8 @@ def _body(task: MatchingTask, number: int) -> _Body:
     nothing = nothing_weighed(own.shape[0])
     told = PointSetPosterior(nothing.assignments, nothing.log_mass)
     free = np.ones(task.shape[1], np.bool_)
-    return _Body(number, own, task.bodies.points_of(number), model, nothing_found(own, None), nothing, told, free)
+    points, found = task.bodies.points_of(number), nothing_found(own, None)
+    return _Body(number, own, points, model, found, weighed=nothing, told=told, free=free)
 
 
 def _predict(bodies: list[_Body]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import apart_from
+from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.problems.base import Problem
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.pose import Pose
@@ -125,9 +127,14 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
     problem, noise = task.problem, task.noise
     if factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named and _is_noise_larger(finding):
         told = f"noise={factor * noise:.2g}" if isinstance(noise, int | float) else "a larger noise="
+        if _is_pose_with_larger_noise(finding):
+            return (
+                f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given, "
+                f'or else the pose is wrong; give {told}, or noise="auto", and check {problem.to_check}'
+            )
         return (
-            f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given; "
-            f'give {told}, or noise="auto", and check {problem.to_check}'
+            "no trustworthy match: no pose fits, and what was found could be chance even if the noise were "
+            f"{factor:.1f} times as large, as it leaves; check {problem.to_check}, or give {told} if it may be so large"
         )
     doubted = facts.present is not None and facts.present < facts.min_probability
     if doubted and facts.probability is not None and facts.probability >= NOTED:
@@ -147,6 +154,12 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
     """Why a finding is ambiguous: what the search left out, doubtful points, several poses, or copies."""
     task = finding.task
     to_give, to_tell = _to_give(task), _to_tell(task)
+    if finding.facts.incomplete:
+        motions = len(np.unique(finding.motion_labels[finding.motion_labels >= 0]))
+        return (
+            f"ambiguous: {motions} of {task.options.motions} motions were found, and points of another one may be "
+            f"among what is left; see `confidence`, {_given([*to_give, 'more detections'])}, or ask for fewer motions"
+        )
     if _is_unexcluded(finding):
         missed = "another pose that explains as much"
         if stopped_early:
@@ -212,6 +225,16 @@ def _is_noise_larger(finding: Finding) -> bool:
     """Whether residuals as large as a finding's are rare where σ is right: those of few matches are not."""
     factor, dof = finding.noise_factor, finding.noise_dof
     return factor is not None and Misfit(factor**2, factor, dof).chance < TRUST.noise_chance
+
+
+def _is_pose_with_larger_noise(finding: Finding) -> bool:
+    """Whether a finding would be beyond chance if its pose is right and σ is what its residuals say."""
+    factor, log_odds = finding.noise_factor, finding.log_odds
+    if factor is None or log_odds is None:
+        return True
+    odds = PRESENT_ODDS + Misfit(factor**2, factor, finding.noise_dof).log_odds_if_larger(log_odds)
+    least = finding.facts.min_probability
+    return odds >= math.log(least) - math.log1p(-least)
 
 
 def _is_unexcluded(finding: Finding) -> bool:

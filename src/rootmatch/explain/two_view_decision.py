@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
@@ -22,6 +23,7 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.clutter import clutter_areas, clutter_of
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.posterior import right_together, surest
+from rootmatch.model.priors import COPY
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 from rootmatch.samplers.base import SampledTensor
@@ -72,21 +74,47 @@ def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, so
     every = np.array(named, np.int64).reshape(-1, task.shape[0])
     try:
         told = posterior(model, every, task.options.seed)
+        copy = log_odds_of_copy(model, told, every, task.options.seed) if sampled.repeated else -math.inf
     except OutOfTime:
         return base
-    return told_by(base, told, sampled.missed, sampled.repeated)
+    return told_by(base, told, sampled.missed, copy)
 
 
-def told_by(base: Finding, told: TwoViewPosterior, missed: float, repeated: bool) -> Finding:
+def log_odds_of_copy(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> float:
+    """Log-odds, against clutter, that the images show the same points in a pose with none of the matches reported.
+
+    Of what a search named (K, n). It compares poses fitted to the points, and without the volume of all others even a
+    pose of four points by accident looks as if it were there.
+    """
+    first = reported(told)
+    own = np.flatnonzero(first >= 0)
+    elsewhere = named[shared(named, first) <= OTHER]
+    if not len(own) or not len(elsewhere):
+        return -math.inf
+    weights = np.zeros(model.shape) if model.log_weights is None else model.log_weights.copy()
+    weights[own, first[own]] = -np.inf
+    rest = np.where(elsewhere == first, -1, elsewhere)
+    return posterior(replace(model, log_weights=weights), rest, seed).log_evidence
+
+
+def reported(told: TwoViewPosterior) -> Integers:
+    """The assignment (n,) that a posterior with proposals tells."""
+    if not len(told.proposals):
+        return np.full(told.model.shape[0], -1, np.int64)
+    return told.proposals[0] if told.shares[0] >= AGREED else told.likeliest_pairs
+
+
+def told_by(base: Finding, told: TwoViewPosterior, missed: float, copy: float) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior tells them.
 
-    Where what is matched is ``repeated``, a period away or half a turn, either may be the right one, however much
-    better one fits: as `rootmatch.model.competition` has it for bodies.
+    Where what is matched has a copy, a period away or half a turn, of log-odds ``copy``, either may be the right one,
+    however much better one fits: as `rootmatch.model.competition` has it for bodies.
     """
     least = base.task.options.least_probability(MIN_PROBABILITY)
     facts = Facts(present=told.present, contested=True, min_probability=least, missed=missed)
+    first = reported(told)
     if not len(told.proposals):
-        nothing = np.full(base.task.shape[0], -1, np.int64)
+        nothing = first
         return replace(
             base,
             assignment=nothing,
@@ -95,8 +123,8 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, repeated: bool
             scores=[0.0],
             confidence=told.confidence_in(nothing),
         )
-    first = told.proposals[0] if told.shares[0] >= AGREED else told.likeliest_pairs
-    share = 0.5 if repeated else 1.0
+    # both are there with the weight κ of a copy, or either one alone: (1 + κ B) / (1 + 2 κ B)
+    share = 1.0 / (1.0 + 1.0 / (1.0 + math.exp(min(-copy - math.log(COPY), 700.0))))
     probability = share * told.probability_of(first)
     confidence = told.confidence_in(first) * np.where(first >= 0, share, 1.0)
     fault = Misfit.of(*told.chi2_of(first))
@@ -118,7 +146,7 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, repeated: bool
         first, confidence = sure, np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
     different = ((told.proposals >= 0) & (told.proposals != first)).any(axis=1)
     others = [(other, share * told.probability_of(other)) for other in told.proposals[different][: TRUST.alternatives]]
-    if repeated:
+    if copy > -math.inf:
         named = np.array([base.assignment, *base.others])
         elsewhere = list(named[shared(named, first) <= OTHER])
         others += [(other, (1.0 - share) * told.present / len(elsewhere)) for other in elsewhere]

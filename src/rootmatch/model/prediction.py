@@ -19,7 +19,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.looking import TORN, look
-from rootmatch.model.compiled.updates import choose_pairs, update_with_each
+from rootmatch.model.compiled.updates import choose_pairs, explained_by_each, update_with_each
 from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, evidence, stepped, unweighed
 from rootmatch.model.linearised import Linearised, unfilled
@@ -285,24 +285,24 @@ def _updates(
     return steps, covariances, scores
 
 
-def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
-    """χ² and determinant (…, n, n') of detections about predictions (…, n, 2) with covariances (…, n, 2, 2).
+def explained(model: DetectionModel, at: Linearised, chance: Floats, step: Floats, covariance: Floats) -> Floats:
+    """Log-odds (K,) of what poses explain, to first order, each point with its likeliest detection.
 
-    All terms are nonnegative: the determinant of a spread of rank one, far wider than the noise, is pure rounding error
-    of either sign.
+    Parameters
+    ----------
+    model : DetectionModel
+    at : Linearised
+        At K poses.
+    chance : (K, n) array
+        Probability that each point is detected.
+    step, covariance : (K, 6) and (K, 6, 6) arrays
+        Of the distributions of the poses, from there.
     """
-    _, sigma, blur = model.detections_for_gates
-    variance = sigma**2
-    x = model.target[:, 0] - pixels[..., 0, None]
-    y = model.target[:, 1] - pixels[..., 1, None]
-    a, c = np.maximum(spread[..., 0, 0, None], 0.0), np.maximum(spread[..., 1, 1, None], 0.0)
-    b = spread[..., 0, 1, None]
-    if len(blur):
-        a, b, c = a + blur[:, 0, 0], b + blur[:, 0, 1], c + blur[:, 1, 1]
-    determinant = np.maximum(a * c - b * b, 0.0) + variance * (a + c + variance)
-    x2, y2 = x * x, y * y
-    across = np.maximum(c * x2 - 2.0 * b * (x * y) + a * y2, 0.0)
-    return (across + variance * (x2 + y2)) / determinant, determinant
+    of_points = model.of_points(at)
+    points = at.pixels, at.jacobian, EXACT[None] if of_points is None else np.array(of_points), chance
+    scores = np.empty(len(step))
+    explained_by_each(points, (step, covariance), _image_of(model), scores)
+    return scores
 
 
 def _tilt(covariance: Floats) -> float:

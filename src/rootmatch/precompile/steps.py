@@ -19,6 +19,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.matcher import Matcher
 from rootmatch.precompile.scenes import Sample, sample, simulated
 from rootmatch.problems import PROBLEMS
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.solvers import SOLVERS
 from rootmatch.tracking.tracker import Tracker
@@ -97,7 +98,8 @@ def prebuilt_steps() -> dict[str, Step]:
     """Steps for the kernels of a wheel: all of `first_steps`, every problem and solver, and the paper's preset."""
     steps = first_steps()
     steps |= {f"match {name}": partial(matched, sample(name)) for name in PROBLEMS if name not in PAPER}
-    steps["sweep of up2pf"] = partial(matched, sample("up2pf"), sampler="exhaustive")  # which is searched otherwise
+    for name in ("up2pf", "3p1", "planar"):  # which are searched otherwise
+        steps[f"sweep of {name}"] = partial(matched, sample(name), sampler="exhaustive")
     steps |= {f"solver {name}, order {order}": partial(solved, name, order) for name in SOLVERS for order in (4, 3)}
     for name in PAPER:
         steps[f"paper {name}"] = partial(matched, simulated(name, 8, 0), preset="paper", samples=2000)
@@ -113,6 +115,7 @@ def prebuilt_steps() -> dict[str, Step]:
     steps["p3p of a dense image"] = partial(matched, simulated("p3p", 120, 5), noise=10.0)
     steps["noise of p3p"] = partial(matched, sample("p3p"), noise="auto")
     steps["candidates of p3p"] = partial(matched, sample("p3p"), candidates=everything)
+    steps["p3p of a known rotation"] = partial(matched, sample("p3p"), prior=PosePrior(rotation=(np.eye(3), 1.0)))
     steps["motions of up2p counted"] = partial(matched, simulated("up2p", 10, 2, motions=2), motions="auto")
     return steps
 

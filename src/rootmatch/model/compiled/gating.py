@@ -28,7 +28,11 @@ def spread_by_pose(jacobian, covariance, i):  # type: ignore[no-untyped-def]
 
 @part
 def deviation(a, b, c, variance, x, y):  # type: ignore[no-untyped-def]
-    """χ² and determinant of a detection (x, y) off a prediction of the covariance (a, b; b, c); see `deviations`."""
+    """χ² and determinant of a detection (x, y) off a prediction of the covariance (a, b; b, c).
+
+    All terms are nonnegative: the determinant of a spread of rank one, far wider than the noise, is pure rounding error
+    of either sign.
+    """
     determinant = max(a * c - b * b, 0.0) + variance * (a + c + variance)
     across = max(c * x * x - 2.0 * b * x * y + a * y * y, 0.0)
     return (across + variance * (x * x + y * y)) / determinant, determinant

@@ -29,6 +29,39 @@ def seen_by(jacobian, of_points, about, i):  # type: ignore[no-untyped-def]
     return u, v, a, b, c
 
 
+@part
+def explained(points, about, image, shown, gains):  # type: ignore[no-untyped-def]
+    """Log-odds of the points that are ``shown``, each with its likeliest detection: see `update_with_each`.
+
+    ``gains`` (n',) become the most that a point gains by each detection.
+    """
+    pixels, jacobian, of_points, chance = points
+    target, sigma, blur, log_clutter, log_weights = image
+    score = 0.0
+    for j in range(gains.shape[0]):
+        gains[j] = 0.0
+    for i in range(pixels.shape[0]):
+        if not shown[i]:
+            continue
+        u, v, a, b, c = seen_by(jacobian, of_points, about, i)
+        a, c = max(a, 0.0), max(c, 0.0)
+        odds = math.log(max(chance[i], 1e-300)) - math.log(1.0 - chance[i])
+        best, log_determinant, last = -math.inf, 0.0, -1.0
+        for j in range(target.shape[0]):
+            if log_weights.shape[0] > 0 and not log_weights[i, j] > -math.inf:
+                continue
+            variance = sigma[j] * sigma[j]
+            x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
+            squared, determinant = deviation(*spread_about(a, b, c, image, j), variance, x, y)
+            # most images have one σ, and a logarithm takes longer than all the rest
+            if variance != last or blur.shape[0] > 0:
+                log_determinant, last = math.log(determinant), variance
+            value = -0.5 * (squared + log_determinant) - LOG_2PI - log_clutter[j]
+            best, gains[j] = max(best, value), max(gains[j], value + odds)
+        score += math.log(1.0 - chance[i] + chance[i] * math.exp(min(best, HIGHEST)))
+    return score
+
+
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def choose_pairs(points, about, image, candidates, limits, out):  # type: ignore[no-untyped-def]
     """Candidates of the points that tell most and cost least, as pairs.
@@ -105,11 +138,11 @@ def update_with_each(points, about, image, candidates, pairs, out):  # type: ign
         Steps (P, 6), covariances (P, 6, 6) and scores (P,), filled.
     """
     points, about, image, candidates, pairs, out = borrowed((points, about, image, candidates, pairs, out))
-    pixels, jacobian, of_points, chance = points
+    pixels, jacobian, of_points, _ = points
     step, covariance = about
-    target, sigma, blur, log_clutter, log_weights = image
+    target, sigma, _, _, _ = image
     steps, covariances, scores = out
-    gain = np.empty((6, 2))
+    gain, gains = np.empty((6, 2)), np.empty(target.shape[0])
     shown = np.zeros(pixels.shape[0], np.bool_)
     for i in range(shown.shape[0]):
         for j in range(target.shape[0]):
@@ -134,21 +167,36 @@ def update_with_each(points, about, image, candidates, pairs, out):  # type: ign
             e, f = (c * e - b * f) / determinant, (a * f - b * e) / determinant
             for q in range(6):
                 covariances[k, p, q] = covariance[p, q] - e * gain[q, 0] - f * gain[q, 1]
-        scores[k] = 0.0
-        for i in range(pixels.shape[0]):
-            if not shown[i]:
-                continue
-            u, v, a, b, c = seen_by(jacobian, of_points, (steps[k], covariances[k]), i)
-            a, c = max(a, 0.0), max(c, 0.0)
-            best, log_determinant, last = -math.inf, 0.0, -1.0
-            for j in range(target.shape[0]):
-                if log_weights.shape[0] > 0 and not log_weights[i, j] > -math.inf:
-                    continue
-                variance = sigma[j] * sigma[j]
-                x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
-                squared, determinant = deviation(*spread_about(a, b, c, image, j), variance, x, y)
-                # most images have one σ, and a logarithm takes longer than all the rest
-                if variance != last or blur.shape[0] > 0:
-                    log_determinant, last = math.log(determinant), variance
-                best = max(best, -0.5 * (squared + log_determinant) - LOG_2PI - log_clutter[j])
-            scores[k] += math.log(1.0 - chance[i] + chance[i] * math.exp(min(best, HIGHEST)))
+        scores[k] = explained(points, (steps[k], covariances[k]), image, shown, gains)
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def explained_by_each(points, about, image, scores):  # type: ignore[no-untyped-def]
+    """How much each of some predictions explains, to first order.
+
+    Whichever is less, of the points or of the detections: of a body far away all points may have one detection.
+
+    Parameters
+    ----------
+    points : tuple
+        As in `choose_pairs`, for each of K poses.
+    about : tuple
+        Steps (K, 6) from these, and covariances (K, 6, 6).
+    image : tuple
+        As there.
+    scores : (K,) array
+        Filled: log-odds.
+    """
+    points, about, image, scores = borrowed((points, about, image, scores))
+    pixels, jacobian, of_points, chance = points
+    steps, covariances = about
+    shown, gains = np.ones(pixels.shape[1], np.bool_), np.empty(image[0].shape[0])
+    for k in range(scores.shape[0]):
+        own = pixels[k], jacobian[k], of_points[min(k, of_points.shape[0] - 1)], chance[k]
+        scores[k] = explained(own, (steps[k], covariances[k]), image, shown, gains)
+        by_detections = 0.0
+        for i in range(chance.shape[1]):
+            by_detections += math.log(1.0 - chance[k, i])
+        for j in range(gains.shape[0]):
+            by_detections += gains[j]
+        scores[k] = min(scores[k], by_detections)

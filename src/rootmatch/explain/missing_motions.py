@@ -1,0 +1,123 @@
+"""Motions that were asked for and not found: a search among what the others leave, and what a point may belong to.
+
+A packing of hyper-edges may miss a motion of few points. So the model of one motion searches what is left, as for one
+more body. If it finds nothing either, the motion may still be there and show no more points than any pose has: its
+points would have images that nobody can tell from clutter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.decide import Status
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.priors import PRESENT_ODDS
+
+BUDGET = 8_000_000
+"""Evaluations of the search: half a second. A round value, as of `rootmatch.explain.known_pose`."""
+
+
+class Rest(NamedTuple):
+    """What the motions found leave to one more."""
+
+    points: Integers
+    detections: Integers
+    told: Finding | None
+    """Of one motion among them; None of fewer than a search takes."""
+    few: Floats
+    """Odds (K,), against no motion, of one that shows 0, 1, … K − 1 of the points, as few as any pose has.
+
+    None unless one more is asked for, which only what is seen tells then."""
+    missing: int
+    """How many more motions are asked for; each may be there or not, whatever the others are."""
+
+    @property
+    def is_asked_for(self) -> bool:
+        """Whether there is one more motion, as far as the caller knows."""
+        return len(self.few) > 0
+
+    @property
+    def odds(self) -> float:
+        """Odds, against no motion, of one that shows more points than that."""
+        present = 0.0 if self.told is None else self.told.facts.present or 0.0
+        return present / max(1.0 - present, 1e-12)
+
+    @property
+    def is_empty(self) -> float:
+        """Probability that no point has an image."""
+        return float((1.0 + self.few[:1].sum()) / (1.0 + self.few.sum() + self.odds)) ** self.missing
+
+    @property
+    def unmatched(self) -> Floats:
+        """Probability (n,) that each of the points has no image."""
+        own = np.ones(len(self.points))
+        if self.told is not None and self.told.confidence is not None:
+            own = np.where(self.told.assignment >= 0, 1.0 - self.told.confidence, self.told.confidence)
+        hidden = 1.0 - np.arange(len(self.few)) / max(len(self.points), 1)
+        above = (1.0 + self.odds) * own + (self.few * hidden).sum()
+        return np.asarray((above / (1.0 + self.odds + self.few.sum())) ** self.missing)
+
+
+def with_missing(
+    alone: MatchingTask,
+    solve: Callable[[MatchingTask], Finding],
+    assignment: Integers,
+    labels: Integers,
+    asked: int | Literal["auto"],
+) -> Rest | None:
+    """What is left where no more motions are found, or None of as many as were asked for.
+
+    Those that the model of one motion finds are added to the assignment and its labels.
+
+    Parameters
+    ----------
+    alone : MatchingTask
+        Of one motion among all points.
+    solve : callable
+        The route of a task of one motion.
+    assignment, labels : (n,) int64 arrays
+    asked : int or "auto"
+    """
+    while asked == "auto" or len(np.unique(labels[labels >= 0])) < asked:
+        missing = 0 if asked == "auto" else asked - len(np.unique(labels[labels >= 0]))
+        rest = _searched(alone, solve, assignment, missing)
+        told = rest.told
+        if told is None or told.status is Status.UNTRUSTED or not (told.assignment >= 0).any():
+            return rest
+        matched = told.assignment >= 0
+        assignment[rest.points[matched]] = rest.detections[told.assignment[matched]]
+        labels[rest.points[matched]] = labels.max() + 1
+    return None
+
+
+def _searched(
+    alone: MatchingTask, solve: Callable[[MatchingTask], Finding], assignment: Integers, missing: int
+) -> Rest:
+    """What the model of one motion finds among the points and detections that an assignment leaves."""
+    points = np.flatnonzero(assignment < 0)
+    detections = np.setdiff1d(np.arange(alone.shape[1]), assignment[assignment >= 0])
+    few = np.zeros(0)
+    if missing:
+        few = math.exp(PRESENT_ODDS) * _shown(len(points), alone.options.detection_rate)
+        few = few[: min(alone.minimal, len(detections)) + 1]
+    if min(len(points), len(detections)) < alone.problem.order:
+        return Rest(points, detections, None, few, max(missing, 1))
+    part = replace(alone.subset(points, detections), budget=BUDGET)
+    told = solve(replace(part, options=replace(part.options, solver=None)))
+    return Rest(points, detections, told, few, max(missing, 1))
+
+
+def _shown(count: int, rate: float | None) -> Floats:
+    """Probability (count + 1,) that so many of some points are detected: any number alike, unless the rate is known."""
+    if rate is None:
+        return np.full(count + 1, 1.0 / (count + 1))
+    from scipy.stats import binom  # slow to import, rarely needed
+
+    return np.asarray(binom.pmf(np.arange(count + 1), count, rate))
