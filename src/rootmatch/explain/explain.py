@@ -113,7 +113,9 @@ def _several_motions(task: MatchingTask) -> Finding:
     """Groups of one motion each: among proposed pairs, which are evidence themselves, or packed and judged."""
     if pays(task):
         return judged_motions(assess(task, *motions_of_pairs(task)), proposed=True)
-    return judged_motions(assess(task, *pack_motions(task, sample(task))), _explained)
+    # a caller's sampler is not gone beyond
+    solve = _explained if task.options.chosen_sampler == "auto" else None
+    return judged_motions(assess(task, *pack_motions(task, sample(task))), solve)
 
 
 def _one_motion(task: MatchingTask, judging: bool) -> Finding:
