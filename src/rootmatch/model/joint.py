@@ -43,12 +43,15 @@ def marginals(
     list of (M + 1,) arrays
         Probability of each hypothesis, and of the body's absence as the last.
     """
+    if len(uses) == 1:
+        return [_shares(np.append(masses[0], 0.0))]
     count = uses[0].shape[1]
     absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
     taken, value = np.zeros((1, count), np.float32), np.zeros(1)
     whole, chosen = value, np.empty((1, 0), np.int64)
     for used, mass, of in zip(uses, masses, given or [-1] * len(uses), strict=True):
-        mine, own = np.concatenate([used, absent]), np.pad(np.atleast_2d(mass) - log_left(used), ((0, 0), (0, 1)))
+        own = np.atleast_2d(mass) - log_left(used)
+        mine, own = np.concatenate([used, absent]), np.concatenate([own, np.zeros((len(own), 1))], axis=1)
         row, mode = (taken @ mine.T < 0.5).nonzero()  # which joint hypotheses leave which modes their detections
         value = value[row] + own[chosen[row, of] if of >= 0 and len(own) > 1 else 0, mode]
         taken = taken[row] + mine[mode]
@@ -57,7 +60,12 @@ def marginals(
         if len(value) > BEAM:
             best = np.argsort(-whole, kind="stable")[:BEAM]
             value, taken, whole, chosen = value[best], taken[best], whole[best], chosen[best]
-    shares = np.exp(whole - whole.max())
-    shares /= shares.sum()
+    shares = _shares(whole)
     counts = [np.bincount(chosen[:, k], shares, mass.shape[-1] + 1) for k, mass in enumerate(masses)]
     return [np.asarray(one, np.float64) for one in counts]
+
+
+def _shares(log_odds: Floats) -> Floats:
+    """Probabilities of hypotheses by their log-odds."""
+    shares = np.exp(log_odds - log_odds.max())
+    return np.asarray(shares / shares.sum())

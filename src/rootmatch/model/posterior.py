@@ -174,9 +174,12 @@ def right_together(confidence: Floats, min_probability: float) -> Floats:
 
     Of so many that a thousandth of them is more than may be wrong by ``min_probability``, all but that, rounded up.
     """
+    expected = np.cumsum(1.0 - confidence)
+    if WRONG * len(confidence) <= 1.0 - min_probability:
+        return np.asarray(1.0 - expected)
     from scipy.special import pdtr  # slow to import
 
-    expected, allowed = np.cumsum(1.0 - confidence), WRONG * np.arange(1, len(confidence) + 1)
+    allowed = WRONG * np.arange(1, len(confidence) + 1)
     few = pdtr(np.ceil(allowed), expected)  # a sum of independent events is spread less than a Poisson distribution
     return np.asarray(np.where(allowed > 1.0 - min_probability, few, 1.0 - expected))
 

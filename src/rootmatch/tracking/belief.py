@@ -223,7 +223,8 @@ class Belief:
         each = _log(told.probabilities[: len(origin)])
         weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown) + more
         first = int((origin >= 0).argmax())
-        new = ~np.isin(place, [place[first], *(one.place for one in self.poses)])
+        known_places = {int(place[first]), *(one.place for one in self.poses)}
+        new = np.array([one not in known_places for one in place.tolist()])
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         nothing = float(_log(np.array(told.clutter)))
         present, go_on = found.facts.present, []

@@ -13,7 +13,8 @@ from rootmatch.jit.decorators import FASTMATH, driver
 
 def body_radius(source: Floats) -> float:
     """Root mean square distance of a body's points (n, 3) from their centre."""
-    return math.sqrt(float(((source - source.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    centred = source - source.sum(axis=0) / len(source)
+    return math.sqrt(float(np.vdot(centred, centred)) / len(source))
 
 
 def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats) -> tuple[Floats, Floats]:
