@@ -226,9 +226,9 @@ class _Group(NamedTuple):
 def _classes(sets: PreparedSets, allowed: Bools) -> list[Integers]:
     """Numbers of the sets by the detections that their last points may have; all together if those differ by point."""
     every = np.arange(len(sets.points))
-    if not allowed.size:
+    if not allowed.size or ((of_last := allowed[sets.points[:, -1]]) == of_last[:1]).all():
         return [every]
-    rows, label = np.unique(allowed[sets.points[:, -1]], axis=0, return_inverse=True)
+    rows, label = np.unique(of_last, axis=0, return_inverse=True)
     return [np.flatnonzero(label.ravel() == k) for k in range(len(rows))] if len(rows) <= CLASSES else [every]
 
 
