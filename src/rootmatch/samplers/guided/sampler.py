@@ -78,11 +78,11 @@ class Guided(GuidedOptions):
         if task.at_focal_lengths is not None and searches_focal_lengths(task):
             return focal_tensor(task, task.at_focal_lengths, self)
         Capability.GUIDED.require(has_hypotheses(type(task.tables)), task.problem)
-        search = self._searched(task, task)
+        by_triples = triples_for(task)
+        search = self._searched(task, by_triples or task)
         assignments = search.assignments() if search.single else None
-        by_triples = triples_for(task, search)
-        if by_triples is not None and assignments is not None:
-            evaluated, search = search.evaluated, self._searched(task, by_triples)
+        if by_triples is not None and assignments is not None and not search.is_beyond_chance():
+            evaluated, search = search.evaluated, self._searched(task, task)
             search.evaluated += evaluated
             assignments = np.concatenate([search.assignments(), assignments])
         if task.progress is not None:

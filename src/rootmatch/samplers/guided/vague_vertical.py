@@ -11,27 +11,19 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.samplers.base import SamplingTask
-from rootmatch.samplers.guided.search import Search
 
 VAGUE = 1.5
-"""Noise of a vertical times the width of an object in the image, over the noise of a detection, from which triples are
-searched as well. With 1.2 half of all right pairs of a railway's masts are beyond chance, with 3.7 a tenth, and with 12
-none (masts 50 m apart, seeds from 1000). A round value."""
+"""Noise of a vertical times the width of the detections, over the noise of one, from which triples are searched first,
+and pairs only if nothing is beyond chance. With 1.2 half of all right pairs of a railway's masts are, with 3.7 a tenth,
+and with 12 none (masts 50 m apart, seeds from 1000). A round value."""
 
 
-def triples_for(task: SamplingTask, search: Search) -> SamplingTask | None:
-    """The task for a search by triples, if one by pairs may have missed an object as wide as what it found.
-
-    Where that is not beyond chance, as wide as all detections.
-    """
-    if task.without_vertical is None or not search.single:
+def triples_for(task: SamplingTask) -> SamplingTask | None:
+    """The task for a search by triples, if one by pairs may miss an object as wide as all detections; else None."""
+    if task.without_vertical is None or task.motions != 1:
         return None
-    tables, own = search.tables, np.arange(search.n_target)
-    if search.is_beyond_chance():
-        best = search._clustered()[2].best[0]
-        own = best[best >= 0]
-    rays = tables.rays[:, own]
+    rays = task.tables.rays
     width2 = float(((rays - rays.mean(axis=1, keepdims=True)) ** 2).sum(axis=0).mean())
-    if float(tables.tilt_variance[0]) * width2 <= VAGUE**2 * float(np.median(tables.variance[own])):
+    if float(task.tables.tilt_variance[0]) * width2 <= VAGUE**2 * float(np.median(task.tables.variance)):
         return None
     return replace(task, tables=task.without_vertical(), order=task.order + 1)
