@@ -12,10 +12,10 @@ import numpy as np
 
 from rootmatch.samplers.base import SamplingTask
 
-VAGUE = 1.5
+VAGUE = 0.5
 """Noise of a vertical times the width of the detections, over the noise of one, from which triples are searched first,
-and pairs only if nothing is beyond chance. With 1.2 half of all right pairs of a railway's masts are, with 3.7 a tenth,
-and with 12 none (masts 50 m apart, seeds from 1000). A round value."""
+and pairs only if nothing is beyond chance. With .6 half of all right pairs of a railway's masts are, with 1.7 a tenth,
+and with 5.8 none (masts 50 m apart, seeds from 1000). A round value."""
 
 
 def triples_for(task: SamplingTask) -> SamplingTask | None:
