@@ -8,10 +8,11 @@ the rest. `rootmatch.explain.image_bodies` and `rootmatch.explain.space_bodies` 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
+from typing import Protocol
 
 import numpy as np
 
@@ -143,6 +144,33 @@ def budgets_of(task: MatchingTask) -> list[int]:
     """Evaluations of the searches for a body, round after round."""
     first = FIRST_BUDGET if task.points.normals is not None else FIRST_BUDGET_WITHOUT_NORMALS
     return [int(first * BUDGET_GROWTH**k) for k in range(ROUNDS)]
+
+
+class Searchable(Protocol):
+    """A body that is weighed together with others, and may be searched for again."""
+
+    def worth_a_search(self, budget: int) -> bool:
+        """Whether a search with this budget may find more than the last one."""
+        ...
+
+    def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
+        """Search for it and keep what is found."""
+        ...
+
+
+def search_in_turn(task: MatchingTask, bodies: Sequence[Searchable], solve: Solve, weigh: Callable[[], None]) -> None:
+    """Search for each body until nothing more can be expected; ``weigh``: all of them together, after each search."""
+    budgets = budgets_of(task)
+    for turn in count():
+        budget = budgets[min(turn, ROUNDS - 1)]
+        searched = False
+        for body in bodies:
+            if body.worth_a_search(budget):
+                searched = True
+                body.search(task, solve, budget)
+                weigh()
+        if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():
+            break
 
 
 def searched_among(

@@ -11,14 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import count
 from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import LATE, ROUNDS, SURE, Solve, budgets_of, searched_among
+from rootmatch.explain.bodies import LATE, SURE, Solve, budgets_of, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import Label, twin_points
 from rootmatch.explain.finding import Finding, nothing_found
@@ -152,7 +151,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
     with suppress(OutOfTime):
         _predict(task, bodies)
         if choice is None:
-            _search(task, bodies, solve)
+            search_in_turn(task, bodies, solve, lambda: _weigh(bodies))
         else:
             predicted = _finding(task, bodies)
             if (part := choice(predicted)) is None or bodies[part.body].settled:
@@ -200,21 +199,6 @@ def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
         for body in bodies:
             body.predict()
         _weigh(bodies)
-
-
-def _search(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
-    """Search for each body until nothing more can be expected."""
-    budgets = budgets_of(task)
-    for turn in count():
-        budget = budgets[min(turn, ROUNDS - 1)]
-        searched = False
-        for body in bodies:
-            if body.worth_a_search(budget):
-                searched = True
-                body.search(task, solve, budget)
-                _weigh(bodies)
-        if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():
-            break
 
 
 def _weigh(bodies: list[_Body]) -> None:

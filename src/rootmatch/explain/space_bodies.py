@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import count
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import CONFIRMED, LATE, ROUNDS, SURE, Solve, budgets_of, searched_among
+from rootmatch.explain.bodies import CONFIRMED, LATE, SURE, Solve, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST
@@ -121,7 +120,7 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
     with suppress(OutOfTime):
         _predict(bodies)
-        _search(task, bodies, solve)
+        search_in_turn(task, bodies, solve, lambda: _weigh_all(bodies))
         for body in bodies:
             body.confirm(task, solve)
     if task.deadline.passed():
@@ -154,20 +153,10 @@ def _predict(bodies: list[_Body]) -> None:
         _share(bodies)
 
 
-def _search(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
-    """Search for each body until nothing more can be expected."""
-    budgets = budgets_of(task)
-    for turn in count():
-        budget = budgets[min(turn, ROUNDS - 1)]
-        searched = False
-        for body in bodies:
-            if body.worth_a_search(budget):
-                searched = True
-                body.search(task, solve, budget)
-                if all(other.among >= 0 for other in bodies):
-                    _weigh(bodies)
-        if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():
-            break
+def _weigh_all(bodies: list[_Body]) -> None:
+    """Weigh all bodies together, once each of them was searched for."""
+    if all(body.among >= 0 for body in bodies):
+        _weigh(bodies)
 
 
 def _weigh(bodies: list[_Body]) -> None:
