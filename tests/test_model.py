@@ -485,3 +485,15 @@ def test_a_flat_noise_prior_is_an_option() -> None:
     one, _, _ = best(model, R, position, assignment)
     other, _, _ = best(exact, R, position, assignment)
     assert one.log_odds[0] == pytest.approx(other.log_odds[0], abs=2.0)
+
+
+def test_what_others_leave_of_a_mode_tells_its_own_points() -> None:
+    model, R, position, assignment = made(1004, 8, normals=False)
+    taken = np.where(np.arange(8) < 3, assignment, -1)  # another body may have three of its detections
+    own = modes_of(model, Proposals(assignment[None], R[None], position[None]))
+    told = joint_posterior([model, model], [own, own.take(slice(1))._replace(assignments=taken[None])])[0].modes
+    parts = (told.assignments >= 0).sum(axis=1) == 5
+    assert parts.any()
+    found = evidence(model, told.assignments, model.linearised(told.rotation, told.position))
+    np.testing.assert_allclose(told.detected[parts], found.detected[parts], atol=1e-9)
+    assert (np.abs(told.detected[parts] - told.detected[0]) > 0.5).all()

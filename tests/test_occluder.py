@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 import rootmatch as rm
-from rootmatch.model.compiled.evidence import log_of_hidden, log_of_rates
-from rootmatch.model.compiled.occluder import DIRECTIONS, EDGE, LOG_FREE, OCCLUDED, WINDOW
+from rootmatch.model.compiled.evidence import log_of_rates
+from rootmatch.model.compiled.occluder import DIRECTIONS, EDGE, LOG_FREE, OCCLUDED, WINDOW, hide
 from rootmatch.model.detection_model import RATE_NODES, RATE_PRIOR, beta_quadrature
 
 Floats = NDArray[np.float64]
@@ -56,11 +56,11 @@ def over_circles(owned: NDArray[np.bool_], visible: Floats, pixels: Floats) -> f
 
 def kernel(owned: NDArray[np.bool_], visible: Floats, pixels: Floats, kind: int) -> tuple[float, Floats]:
     """What the model takes for an edge or a window, and which points are in sight then."""
-    missing, in_sight = np.where(owned, 0.0, visible), np.empty(len(owned))
-    odds = log_of_hidden(kind, np.where(owned, 0, -1), pixels, missing, 1, np.empty(DIRECTIONS), in_sight)
+    missing, in_sight, odds = np.where(owned, 0.0, visible), np.empty((2, len(owned))), np.empty(2)
+    hide(np.where(owned, 0, -1), pixels, missing, 1, np.empty(DIRECTIONS), in_sight, odds)
     seen, count = np.log(visible[owned]).sum(), int(owned.sum())
     prior = math.log(0.5 * OCCLUDED) - LOG_FREE
-    return odds - prior + log_of_rates(seen, missing * in_sight, count, *RATES), in_sight
+    return odds[kind] - prior + log_of_rates(seen, missing * in_sight[kind], count, *RATES), in_sight[kind]
 
 
 @pytest.mark.parametrize(("count", "kind"), [(8, EDGE), (20, EDGE), (60, EDGE), (12, WINDOW), (24, WINDOW)])
@@ -96,6 +96,18 @@ def test_what_is_hidden_lies_beyond_all_matches(kind: int) -> None:
         assert (value > -math.inf) == bool(expected)
         if expected:
             np.testing.assert_array_equal(in_sight, [float(one) for one in expected])
+
+
+def test_a_window_in_one_image_hides_nothing_in_another() -> None:
+    line = np.column_stack([10.0 * np.arange(8.0), np.zeros(8)])
+    used = np.array([one == "1" for one in "00011000" + "11000000"])  # about the middle, and at one end
+    in_sight, odds = np.empty((2, 16)), np.empty(2)
+    hide(np.where(used, 0, -1), np.tile(line, (2, 1)), np.where(used, 0.0, 1.0), 2, np.empty(8), in_sight, odds)
+    np.testing.assert_array_equal(in_sight[WINDOW], [float(one) for one in "00011000" + "11111111"])
+    np.testing.assert_array_equal(in_sight[EDGE], [float(one) for one in "11111000" + "11000000"])
+    prior = math.log(0.5 * OCCLUDED) - LOG_FREE
+    assert odds[WINDOW] == pytest.approx(prior - math.log(8.0**3 / 6.0))
+    assert odds[EDGE] == pytest.approx(2.0 * (prior - math.log(8.0 * 8.0)))
 
 
 def runway(off: float) -> tuple[Floats, Floats, NDArray[np.int64], rm.UP2P]:

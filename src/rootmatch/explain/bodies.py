@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Protocol
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.guided.sampler import pays
 
 Solve = Callable[[MatchingTask], Finding]
+Body = TypeVar("Body")
 FIRST_BUDGET, FIRST_BUDGET_WITHOUT_NORMALS = 200_000, 600_000
 """Evaluations of the first search for each body, and if normals do not tell which points are visible together: enough
 for most bodies that show much. On tuning seeds (benchmarks/bodies.py) the first finds as many as 400,000 or 3,000,000
@@ -119,25 +120,19 @@ def match_bodies(task: MatchingTask, solve: Solve) -> Finding:
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
     """Match each of the bodies."""
     free = np.ones(task.shape[1], np.bool_)
-    budgets = budgets_of(task)
-    for turn in count():
-        budget = budgets[min(turn, ROUNDS - 1)]
-        searched = False
-        for body in bodies:
-            if not body.worth_a_search(free, budget):
-                continue
-            searched = True
-            before = body.match
-            body.match, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
-            _keep_trusted(body, before)
-            body.budget, body.among = budget, int(free.sum())
-            body.evaluated += body.match.evaluated + _confirm(task, body, solve)
-            if body.match.status is Status.MATCHED and body.probability >= SURE:
-                body.settled = True
-                free[body.detections] = False
-        if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():
-            break
-    _make_exclusive(task, bodies, free, solve, budgets[-1])
+
+    def search(body: _Body, budget: int) -> None:
+        before = body.match
+        body.match, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
+        _keep_trusted(body, before)
+        body.budget, body.among = budget, int(free.sum())
+        body.evaluated += body.match.evaluated + _confirm(task, body, solve)
+        if body.match.status is Status.MATCHED and body.probability >= SURE:
+            body.settled = True
+            free[body.detections] = False
+
+    search_in_turn(task, bodies, lambda body, budget: body.worth_a_search(free, budget), search)
+    _make_exclusive(task, bodies, free, solve, budgets_of(task)[-1])
 
 
 def budgets_of(task: MatchingTask) -> list[int]:
@@ -146,29 +141,18 @@ def budgets_of(task: MatchingTask) -> list[int]:
     return [int(first * BUDGET_GROWTH**k) for k in range(ROUNDS)]
 
 
-class Searchable(Protocol):
-    """A body that is weighed together with others, and may be searched for again."""
-
-    def worth_a_search(self, budget: int) -> bool:
-        """Whether a search with this budget may find more than the last one."""
-        ...
-
-    def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
-        """Search for it and keep what is found."""
-        ...
-
-
-def search_in_turn(task: MatchingTask, bodies: Sequence[Searchable], solve: Solve, weigh: Callable[[], None]) -> None:
-    """Search for each body until nothing more can be expected; ``weigh``: all of them together, after each search."""
+def search_in_turn(
+    task: MatchingTask, bodies: Sequence[Body], worth: Callable[[Body, int], bool], search: Callable[[Body, int], None]
+) -> None:
+    """Search for each body with growing budgets, wherever that is ``worth`` it, until nothing more can be expected."""
     budgets = budgets_of(task)
     for turn in count():
         budget = budgets[min(turn, ROUNDS - 1)]
         searched = False
         for body in bodies:
-            if body.worth_a_search(budget):
+            if worth(body, budget):
                 searched = True
-                body.search(task, solve, budget)
-                weigh()
+                search(body, budget)
         if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():
             break
 

@@ -148,10 +148,15 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
         body.alike = [other.number for other in others if _is_alike(body.task, other.task)]
         # a tracker's earlier frames have tried all of them
         body.rivals = [other.number for other in others] if choice is None else body.alike
+
+    def search(body: _Body, budget: int) -> None:
+        body.search(task, solve, budget)
+        _weigh(bodies)
+
     with suppress(OutOfTime):
         _predict(task, bodies)
         if choice is None:
-            search_in_turn(task, bodies, solve, lambda: _weigh(bodies))
+            search_in_turn(task, bodies, _Body.worth_a_search, search)
         else:
             predicted = _finding(task, bodies)
             if (part := choice(predicted)) is None or bodies[part.body].settled:

@@ -118,9 +118,15 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
     """
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
+
+    def search(body: _Body, budget: int) -> None:
+        body.search(task, solve, budget)
+        if all(other.among >= 0 for other in bodies):
+            _weigh(bodies)
+
     with suppress(OutOfTime):
         _predict(bodies)
-        search_in_turn(task, bodies, solve, lambda: _weigh_all(bodies))
+        search_in_turn(task, bodies, _Body.worth_a_search, search)
         for body in bodies:
             body.confirm(task, solve)
     if task.deadline.passed():
@@ -151,12 +157,6 @@ def _predict(bodies: list[_Body]) -> None:
             if body.named and body.is_as_predicted:
                 body.enough, body.among = True, len(body.free)
         _share(bodies)
-
-
-def _weigh_all(bodies: list[_Body]) -> None:
-    """Weigh all bodies together, once each of them was searched for."""
-    if all(body.among >= 0 for body in bodies):
-        _weigh(bodies)
 
 
 def _weigh(bodies: list[_Body]) -> None:

@@ -130,6 +130,7 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bool
         log_mass=found.log_odds + part_of.log_mass - part_of.log_odds,
         freedom=found.freedom,
         visible=found.visible,
+        detected=found.detected,
         local=np.where(given, 1.0, part_of.local),
         unmatched=np.where(given, 1.0, part_of.unmatched),
         near=none_near(*assignments.shape),

@@ -121,21 +121,6 @@ def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
 
 
 @part
-def log_of_hidden(kind, assignment, pixels, missing, images, reaches, in_sight):  # type: ignore[no-untyped-def]
-    """Logarithm of the odds of the edges, or of the windows, in several images that hide most of what is missing.
-
-    −∞ if there are none; ``in_sight`` (n,): 0 for the points that they hide, else 1; otherwise as `hide`.
-    """
-    in_sight[:] = 1.0
-    each, total = pixels.shape[0] // images, -math.inf
-    for one in range(images):
-        odds = hide(kind, assignment, pixels, missing, (one * each, (one + 1) * each), reaches, in_sight)
-        if odds > -math.inf:
-            total = odds if total == -math.inf else total + odds
-    return total
-
-
-@part
 def scratch_for(n, images, n_target):  # type: ignore[no-untyped-def]
     """What `weigh_one` writes into, for so many points, images and detections."""
     square, hidden = (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), (np.empty(2), np.empty(DIRECTIONS))
@@ -153,7 +138,7 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
     log_odds, steps, covariances, squared_out, freedom_out, visible, decrements, detected = out
     (whole, measured, factor), vectors, points, counts, taken, (odds, reaches) = scratch
     scale, slope, row = vectors[0], vectors[1], vectors[2]
-    missing, shown, left = points[0], points[1], points[2]
+    missing, shown, left, in_sight = points[0], points[1], points[2], points[3:]
     n, images = assignments.shape[1], log_counts.shape[0]
     total, matches, possible = 0.0, 0, True
     squared = squares[term]
@@ -227,16 +212,14 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
                 missing[i] = shown[i]
                 lost += shown[i]
         value = log_of_rates(owned, missing, matches, nodes, log_nodes)
+        if edge == 0:
+            odds[EDGE] = odds[WINDOW] = -math.inf
+            if lost > LEAST_HIDDEN:
+                hide(assignments[k], pixels[pose], missing, images, reaches, in_sight, odds)
         for kind in (EDGE, WINDOW):
-            if edge == 0:
-                odds[kind] = -math.inf
-                if lost > LEAST_HIDDEN:
-                    odds[kind] = log_of_hidden(
-                        kind, assignments[k], pixels[pose], missing, images, reaches, points[3 + kind]
-                    )
             if odds[kind] > -math.inf:
                 for i in range(n):
-                    left[i] = missing[i] * points[3 + kind, i]
+                    left[i] = missing[i] * in_sight[kind, i]
                 hidden = odds[kind] + log_of_rates(owned, left, matches, nodes, log_nodes)
                 value = max(value, hidden) + math.log1p(math.exp(-abs(value - hidden)))
         if edge == 0 or value > highest:

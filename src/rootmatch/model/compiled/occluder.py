@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from rootmatch.jit.decorators import part
 
 OCCLUDED = 0.1
@@ -25,49 +27,55 @@ LOG_ODDS = math.log(0.5 * OCCLUDED) - math.log1p(-OCCLUDED)
 LOG_FREE = math.log1p(-OCCLUDED)
 
 
-@part
-def log_of_places(kind, points):  # type: ignore[no-untyped-def]
-    """Logarithm of the number of ways in which an edge, or a window, may part so many visible points.
-
-    A line in one of the directions has one for each point, a circle one for each three of them.
-    """
-    return math.log(DIRECTIONS * points) if kind == EDGE else math.log(points * points * points / 6.0)
+TURNS = tuple(2.0 * math.pi * turn / DIRECTIONS for turn in range(DIRECTIONS))
+ACROSS, DOWN = np.array([math.cos(turn) for turn in TURNS]), np.array([math.sin(turn) for turn in TURNS])
 
 
 @part
-def hide(kind, assignment, pixels, missing, image, reaches, in_sight):  # type: ignore[no-untyped-def]
-    """The edge or the window in one image that leaves all matches in sight and hides most of what is missing.
+def hide(assignment, pixels, missing, images, reaches, in_sight, odds):  # type: ignore[no-untyped-def]
+    """The edges and the windows, one in each image, that leave all matches in sight and hide most of what is missing.
 
-    ``assignment`` (n,), ``pixels`` (n, 2) and ``missing`` (n,), the visibility of the points without a detection;
-    ``image``: the first row of an image, and that after its last. ``in_sight`` (n,) gets 0 for what is hidden.
-    Returns the logarithm of its odds, −∞ if none is worth it. ``reaches`` (8,): scratch.
+    ``assignment`` (n,), ``pixels`` (n, 2) and ``missing`` (n,), the visibility of the points without a detection, of
+    so many ``images``, one after the other. ``reaches`` (8,): scratch.
+
+    ``odds`` (2,): logarithm of the odds of all edges and of all windows, −∞ if none is worth it; ``in_sight`` (2, n): 0
+    for the points that they hide, else 1.
     """
-    first, end = image
-    most, way, hidden, points = LEAST_HIDDEN, -1, 0.0, 0.0
-    for turn in range(DIRECTIONS):
-        angle = 2.0 * math.pi * turn / DIRECTIONS
-        across, down, reach, beyond = math.cos(angle), math.sin(angle), -math.inf, 0.0
+    each = pixels.shape[0] // images
+    odds[EDGE] = odds[WINDOW] = -math.inf
+    in_sight[:] = 1.0
+    for image in range(images):
+        first, end = image * each, (image + 1) * each
+        most, way, outside, points = LEAST_HIDDEN, -1, 0.0, 0.0
+        for turn in range(DIRECTIONS):
+            across, down, reach, beyond = ACROSS[turn], DOWN[turn], -math.inf, 0.0
+            for i in range(first, end):
+                if assignment[i] >= 0:
+                    reach = max(reach, across * pixels[i, 0] + down * pixels[i, 1])
+            reaches[turn] = reach
+            for i in range(first, end):
+                if missing[i] > 0.0 and across * pixels[i, 0] + down * pixels[i, 1] > reach:
+                    beyond += missing[i]
+            if beyond > most:
+                most, way = beyond, turn
+        if way < 0:
+            continue
         for i in range(first, end):
-            if assignment[i] >= 0:
-                reach = max(reach, across * pixels[i, 0] + down * pixels[i, 1])
-        reaches[turn] = reach
-        for i in range(first, end):
-            if missing[i] > 0.0 and across * pixels[i, 0] + down * pixels[i, 1] > reach:
-                beyond += missing[i]
-        if beyond > most:
-            most, way = beyond, turn
-    if way < 0:
-        return -math.inf
-    for i in range(first, end):
-        points += missing[i] if assignment[i] < 0 else 1.0
-        if missing[i] > 0.0:
-            for turn in range(DIRECTIONS):
-                if kind == WINDOW or turn == way:
-                    angle = 2.0 * math.pi * turn / DIRECTIONS
-                    if math.cos(angle) * pixels[i, 0] + math.sin(angle) * pixels[i, 1] > reaches[turn]:
-                        hidden += missing[i]
-                        in_sight[i] = 0.0
+            points += missing[i] if assignment[i] < 0 else 1.0
+            if missing[i] > 0.0:
+                if ACROSS[way] * pixels[i, 0] + DOWN[way] * pixels[i, 1] > reaches[way]:
+                    in_sight[EDGE, i] = 0.0
+                for turn in range(DIRECTIONS):
+                    if ACROSS[turn] * pixels[i, 0] + DOWN[turn] * pixels[i, 1] > reaches[turn]:
+                        in_sight[WINDOW, i] = 0.0
+                        outside += missing[i]
                         break
-    if kind == WINDOW and hidden <= most:
-        return -math.inf  # what one edge hides already
-    return LOG_ODDS - log_of_places(kind, points)
+        # a line in one of the directions parts the points in one way for each, a circle in one for each three of them
+        before = odds[EDGE] if odds[EDGE] > -math.inf else 0.0
+        odds[EDGE] = before + LOG_ODDS - math.log(DIRECTIONS * points)
+        if outside > most:
+            before = odds[WINDOW] if odds[WINDOW] > -math.inf else 0.0
+            odds[WINDOW] = before + LOG_ODDS - math.log(points * points * points / 6.0)
+        else:  # what one edge hides already
+            for i in range(first, end):
+                in_sight[WINDOW, i] = 1.0
