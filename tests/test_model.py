@@ -496,4 +496,4 @@ def test_what_others_leave_of_a_mode_tells_its_own_points() -> None:
     assert parts.any()
     found = evidence(model, told.assignments, model.linearised(told.rotation, told.position))
     np.testing.assert_allclose(told.detected[parts], found.detected[parts], atol=1e-9)
-    assert (np.abs(told.detected[parts] - told.detected[0]) > 0.5).all()
+    assert (np.abs(told.detected[parts] - own.detected[0]) > 0.5).all()
