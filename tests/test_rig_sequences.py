@@ -316,6 +316,22 @@ def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely_a_camera_a_frame
     assert pauses[-1] == 10
 
 
+
+
+
+def test_a_search_that_a_tracker_asks_for_meets_all_but_other_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise a wrong pose that shares detections with the right one keeps them for good."""
+    scene = frame(3, 0, RIG, hands=2)
+    free = []
+    monkeypatch.setattr(image_bodies._Body, "search", lambda body, *_: free.append(body.free))
+    matcher = rm.Matcher(POINTS, rm.P3P(RIG), bodies=NAMES, **KNOWN | {"normals": NORMALS})
+    prior = {label: predicted(scene, 3, SPREAD / 5.0, body) for body, label in enumerate(LABELS)}
+    found = matcher.explained(scene.rows, prior=prior, searching=lambda _: image_bodies.SearchPart(0, 1))
+    np.testing.assert_array_equal(found.assignment.reshape(scene.truth.shape), scene.truth)
+    of_right = scene.truth[:, LEDS:][scene.truth[:, LEDS:] >= 0]
+    np.testing.assert_array_equal(np.flatnonzero(~free[0]), np.sort(of_right))
+
+
 def test_two_bodies_share_no_detection() -> None:
     scene = frame(2, 0, RIG, hands=2)
     known = KNOWN | {"normals": NORMALS}

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Integers
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import LATE, SURE, Solve, budgets_of, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
@@ -67,6 +67,8 @@ class _Body:
     told: Posterior
     free: Bools
     """Detections among which it may still be found."""
+    used: Floats
+    """Probability that each detection is its own; 0 before its rivals have been tried on them."""
     alike: list[int] = field(default_factory=list)
     """Numbers of the bodies of the same or the mirrored shape."""
     rivals: list[int] = field(default_factory=list)
@@ -159,9 +161,11 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             search_in_turn(task, bodies, _Body.worth_a_search, search)
         else:
             predicted = _finding(task, bodies)
-            if (part := choice(predicted)) is None or bodies[part.body].settled:
+            if (part := choice(predicted)) is None:
                 return predicted
             body, before = bodies[part.body], bodies[part.body].candidate
+            # what its prediction explains is searched as well: it may explain less than a pose elsewhere
+            body.free = np.sum([one.used for one in bodies], axis=0) - body.used < SURE
             body.search(replace(task, search_camera=part.camera), solve, budgets_of(task)[0])
             if body.candidate is not before:
                 _weigh(bodies)
@@ -189,8 +193,9 @@ def _body(task: MatchingTask, number: int) -> _Body:
     assert task.bodies is not None
     own = task.body(number)
     nothing = nothing_found(own, None)
-    rows, free = task.sightings_of(task.bodies.points_of(number)), np.ones(task.shape[1], np.bool_)
-    return _Body(number, own, rows, nothing, Candidate.of(own, []), told=unknown(own.rows), free=free)
+    rows, count = task.sightings_of(task.bodies.points_of(number)), task.shape[1]
+    free, used = np.ones(count, np.bool_), np.zeros(count)
+    return _Body(number, own, rows, nothing, Candidate.of(own, []), unknown(own.rows), free, used)
 
 
 def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
@@ -215,12 +220,12 @@ def _weigh(bodies: list[_Body]) -> None:
         )
         # a known rotation proposes every pose that agrees with it
         body.enough |= body.task.known is not None and body.predicted is not None and body.pose >= SURE
-    used = np.zeros((len(bodies), bodies[0].task.shape[1]))
-    for k, body in enumerate(bodies):
-        if all(bodies[number].is_known for number in (k, *body.rivals)):
-            body.settled = body.pose >= SURE
-            used[k] = body.told.used(used.shape[1])
-    for k, body in enumerate(bodies):
+    for body in bodies:
+        if all(bodies[number].is_known for number in (body.number, *body.rivals)):
+            body.settled, body.used = body.pose >= SURE, body.told.used(len(body.free))
+        else:
+            body.used = np.zeros(len(body.free))
+    total = np.sum([body.used for body in bodies], axis=0)
+    for body in bodies:
         # bodies of one shape share the places that any of them was found in; each needs one more of them
-        others = used.sum(axis=0) if body.alike else used.sum(axis=0) - used[k]
-        body.free = others < SURE
+        body.free = (total if body.alike else total - body.used) < SURE

@@ -144,8 +144,10 @@ class FollowedBody:
 
     def wants_search_of_several(self, found: Finding, frame: int, gap: float = 0.0) -> bool:
         """Whether a search for the body is due among those for several bodies."""
-        due = found.status is not Status.UNTRUSTED or self.is_due(frame)
-        return due and self.wants_search(found, frame, gap)
+        if found.status is Status.UNTRUSTED:
+            return self.is_due(frame) and self.wants_search(found, frame, gap)
+        known = self.settled and _is_enough(found, of_several=True)
+        return not known and self.wants_search(found, frame, gap)
 
     def ends_search(self, frame: int) -> bool:
         """Whether a search for the body came to its last image in this frame."""
