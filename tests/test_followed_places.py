@@ -15,7 +15,17 @@ import rootmatch as rm
 from rootmatch.model.modes import same_place
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.priors import COPY
-from rootmatch.tracking.followed_places import GonePlaces, chance_of_copy, log_gone, log_weight, places_of
+from rootmatch.tracking.followed_places import (
+    IN_VIEW,
+    GonePlaces,
+    chance_absent,
+    chance_of_copy,
+    log_back,
+    log_gone,
+    log_weight,
+    places_of,
+)
+from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.motion_filter import MotionFilter
 
 Floats = NDArray[np.float64]
@@ -190,3 +200,28 @@ def test_a_turned_filter_expects_the_same() -> None:
             terms = Gaussian(told.R, told.t, told.covariance).terms(turn[None], shift[None])
             densities.append(float(terms.log_density[0] - 0.5 * terms.squared[0]))
         assert densities[0] == pytest.approx(densities[1], abs=0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 4, 8])
+def test_the_body_that_is_back_is_weighed_against_what_was_found_in_its_absence(seed: int) -> None:
+    """The body is hidden, a copy of it comes into view, then the body is back: the copy was taken for it meanwhile."""
+    each = flight(seed, 110, (Shown(20, 75), range(60, 1000)))
+    points, _ = next(each)
+    tracker, wrong = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3), []
+    for k, (target, owner) in enumerate(each):
+        match = tracker.update(target, time=k / 60.0)
+        if match and (owner[match.assignment[match.assignment >= 0]] == 1).any():
+            wrong.append(k)
+    assert wrong, "nothing tells the copy from the body while it is alone"
+    assert max(wrong) < 75 + tracker.tracking.search_every
+
+
+def test_how_long_a_body_may_be_hidden_decides_where_it_is() -> None:
+    """A body that was hidden a moment ago comes back; one that is followed for seconds was there all the time."""
+    assert chance_absent(1.0, 0.0) == pytest.approx(1.0)
+    assert chance_absent(1.0, 60.0) == pytest.approx(1.0 - IN_VIEW)
+    filter_ = MotionFilter(np.eye(3), rm.Pose(np.eye(3), (0, 0, 1), np.eye(6)), 0.0)
+    followed = FollowedPose(filter_, since=2.0, log_absent=1.0)
+    later = [log_back(followed, time) for time in (2.0, 3.0, 7.0)]
+    assert later[0] == 1.0
+    np.testing.assert_allclose(np.diff(later), [-IN_VIEW, -4.0 * IN_VIEW])

@@ -46,6 +46,8 @@ class SearchPart(NamedTuple):
     body: int
     camera: int | None = None
     """Of a rig; None for one image. A single body is searched for in all."""
+    rest: bool = False
+    """Whether among those detections only that its prediction leaves."""
 
 
 Choice = Callable[[Finding], SearchPart | None]
@@ -164,8 +166,8 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             if (part := choice(predicted)) is None:
                 return predicted
             body, before = bodies[part.body], bodies[part.body].candidate
-            # what its prediction explains is searched as well: it may explain less than a pose elsewhere
-            body.free = np.sum([one.used for one in bodies], axis=0) - body.used < SURE
+            if not part.rest:  # what the prediction explains may be explained better by a pose elsewhere
+                body.free = np.sum([one.used for one in bodies], axis=0) - body.used < SURE
             body.search(replace(task, search_camera=part.camera), solve, budgets_of(task)[0])
             if body.candidate is not before:
                 _weigh(bodies)

@@ -6,9 +6,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 from rootmatch.deadline import OutOfTime
+from rootmatch.explain.bodies import SURE
+from rootmatch.explain.body_findings import among_all
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_bodies import Choice
+from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import NAMED, PREDICTION, Candidate, is_enough, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
@@ -30,7 +34,7 @@ def match_predicted(
     solve : callable, optional
         From a task without a prediction to its match; nothing is searched if it is not given.
     choice : callable, optional
-        Says whether to search; by default, where the prediction leaves a doubt.
+        Says what to search; by default all, where the prediction leaves a doubt.
     """
     searchable = solve is not None and task.shape[1] >= task.problem.order
     body = Candidate.of(task, [])
@@ -44,7 +48,8 @@ def match_predicted(
             found = replace(found, reason=None) if found.prior_holds else found
             if found.prior_holds and (choice is None or not searchable):
                 return found
-    if solve is None or (choice is not None and choice(found) is None):
+    part = SearchPart(0) if choice is None else choice(found)
+    if solve is None or part is None:
         return found
     if not searchable:
         return nothing_found(
@@ -52,7 +57,14 @@ def match_predicted(
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
-    searched = solve(replace(task, prior_pose=None, rival_poses=()))
+    columns = np.arange(task.shape[1])
+    if part.rest and found.posterior is not None:
+        columns = np.flatnonzero(found.posterior.used(task.shape[1]) < SURE)
+    if len(columns) < task.problem.order:
+        return found
+    of_rest = task.subset(np.arange(task.shape[0]), columns) if part.rest else task
+    searched = solve(replace(of_rest, prior_pose=None, rival_poses=()))
+    searched = among_all(searched, task, columns) if part.rest else searched
     with suppress(OutOfTime):
         named = searched.named if choice is None else searched.named[:NAMED]
         body = body.proposed(named or searched.every, predicted)

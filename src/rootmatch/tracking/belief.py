@@ -35,7 +35,17 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
-from rootmatch.tracking.followed_places import GonePlaces, chance_of_copy, in_places, log_gone
+from rootmatch.tracking.followed_places import (
+    IN_VIEW,
+    GonePlaces,
+    chance_absent,
+    chance_of_copy,
+    in_places,
+    log_back,
+    log_gone,
+    met_beside,
+    odds_alone,
+)
 from rootmatch.tracking.followed_pose import FollowedPose, Step
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
@@ -76,6 +86,10 @@ class Belief:
         self.unfollowed = 0.0
         """Probability of poses that a frame left possible and that are not followed, as there were too many."""
         self.gone = GonePlaces()
+        self.most = 0
+        """Largest number of matches with which a single place was weighed for itself alone."""
+        self.absent = 1.0 - IN_VIEW
+        """Probability that the body was not in view in that frame, while none is followed."""
 
     def __bool__(self) -> bool:
         return bool(self.poses)
@@ -141,19 +155,20 @@ class Belief:
         self.poses = [one for one, keep in zip(self.poses, kept, strict=True) if keep]
         self.gone.add(before, self.places)
 
-    def lose(self) -> None:
-        """Give up all: what is found next may be what was in any of the places."""
+    def lose(self, absent: float = 1.0) -> None:
+        """Give up all: what is found next may be what was in any of the places, or else, if the body is ``absent``."""
         self._keep([False] * len(self.poses))
-        self.unfollowed = 0.0
+        self.unfollowed, self.absent, self.most = 0.0, absent, 0
 
     def forget(self) -> None:
         """Give up all, and know nothing of the body any more."""
         self.poses, self.unfollowed, self.gone = [], 0.0, GonePlaces()
+        self.time, self.absent, self.most = -math.inf, 1.0 - IN_VIEW, 0
 
-    def keep_best(self) -> None:
-        """Give up all hypotheses but the most probable one."""
-        del self.poses[1:]
-        self.gone = GonePlaces()
+    def keep_best(self, time: float) -> None:
+        """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
+        self.poses = [replace(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
+        self.gone, self.absent, self.time = GonePlaces(), DOUBT, time
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
         """Also follow the best pose after motions (R, t) that nearly map the body onto itself.
@@ -220,12 +235,19 @@ class Belief:
             origin = model.prior.prediction_of(modes.rotation, modes.position)
         shown = modes.detected.copy()
         place, alone, more = in_places(model, modes, origin, self.poses, shown)
+        count = int(np.count_nonzero(modes.assignments[0] >= 0))
+        if count > self.most and len(set(place.tolist())) == 1:
+            self.most, alone[:] = count, max(alone[0], odds_alone(model, modes.take(slice(1)))[0])
         each = _log(told.probabilities[: len(origin)])
         weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown) + more
         first = int((origin >= 0).argmax())
         known_places = {int(place[first]), *(one.place for one in self.poses)}
         new = np.array([one not in known_places for one in place.tolist()])
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
+        if new.any() and origin[first] >= 0:
+            weight[new] = weight[first] + log_back(self.poses[origin[first]], time) + met_beside(
+                model, modes, each, alone, first
+            )[new]
         nothing = float(_log(np.array(told.clutter)))
         present, go_on = found.facts.present, []
         is_shown = present is not None and present >= found.facts.min_probability
@@ -252,11 +274,13 @@ class Belief:
         least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
-        every = [self._after(step, found, model, modes, time) for step in likely]
+        absent = self._log_absent(time, any(step.origin >= 0 for step in go_on))
+        every = [self._after(step, found, model, modes, time, absent) for step in likely]
         self._move_alike(every, [step.mode for step in likely], model, modes)
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
-        cut = [k for k in (step.mode for step in go_on if step not in likely) if k is not None]
-        left = float(told.probabilities[cut].sum() + told.probabilities[len(origin) :].sum())
+        total = np.array([step.total for step in [*likely, *(step for step in after if step not in likely)]])
+        share = np.exp(total - total.max(initial=-math.inf))
+        left = float(share[len(likely) :].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
         if origin[0] < 0 and found.facts.missed > EXISTS and self._is_met(found, modes.assignments[0]):
             left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
@@ -309,14 +333,24 @@ class Belief:
         if pose is not None:
             self.poses = [FollowedPose(MotionFilter(self.source, pose, time, self.motion))]
 
-    def _after(self, step: Step, found: Finding, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
+    def _log_absent(self, time: float, seen: bool) -> float:
+        """Log-odds that the body is not in view where a new place is found; ``seen``: if it is where it is followed."""
+        if seen:
+            return log_back(self.poses[0], time)
+        before, last = (1.0, self.best.time) if self.poses else (self.absent, self.time)
+        absent = chance_absent(before, time - last)
+        return math.log(absent) - math.log1p(-absent)
+
+    def _after(self, step: Step, found: Finding, model: DetectionModel, modes: Modes, time: float, absent: float) -> FollowedPose:
         """The hypothesis that a step leads to."""
         if step.mode is None:
             return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose, log_other = averaged_pose(model, modes, step.mode), FLOOR
         if step.origin < 0:
             filter_ = MotionFilter(self.source, pose, time, self.motion)
+            since, log_absent = time, absent
         else:
+            since, log_absent = self.poses[step.origin].since, self.poses[step.origin].log_absent
             filter_ = self.poses[step.origin].filter.copy()
             filter_.update(pose, time, step.chance)
             if step.mode == found.mode and (factor := found.noise_factor) is not None:
@@ -324,7 +358,10 @@ class Belief:
             else:
                 misfit = misfit_of(model, modes, step.mode)
             log_other = after_frame(self.poses[step.origin].log_other, misfit, TEMPER, len(model.images) > 1)
-        return FollowedPose(filter_, step.log_weight, step.shown, log_other, place=step.place, alone=step.alone)
+        return FollowedPose(
+            filter_, step.log_weight, step.shown, log_other, place=step.place, alone=step.alone, since=since,
+            log_absent=log_absent,
+        )  # fmt: skip
 
 
 def _log(chance: Floats) -> Floats:

@@ -84,18 +84,22 @@ class FollowedBody:
         self.waiting: list[int | None] = []
         """Images that a search under way has not come to: cameras of a rig, None for a single one."""
         self.detections = self.searched = self.served = self.confirmed = self.failures = self.agreements = 0
+        self.left = 0
+        """Detections that were left unexplained in the frame of the last search."""
+        self.rest = False
+        """Whether the next search is among what is left: more than at the last search, so that something appeared."""
         self.absent: tuple[float, float] | None = None
         """Probability that it is in view after all by the last search for it, and its time; None if it was found."""
         self.forget()
 
     def forget(self) -> None:
         """Know nothing of the body any more."""
-        self.belief.forget()
         self._lose()
+        self.belief.forget()
 
-    def _lose(self) -> None:
-        """Declare the body lost."""
-        self.belief.lose()
+    def _lose(self, absent: float = 1.0) -> None:
+        """Declare the body lost; ``absent``: probability that it is not in view."""
+        self.belief.lose(absent)
         self.settled, self.matched = False, -math.inf
         self.missed = self.agreements = 0
 
@@ -130,12 +134,15 @@ class FollowedBody:
 
         ``gap``: seconds since the frame before.
         """
+        self.rest = False
         if not self.belief:
             return found.status is not Status.MATCHED  # what the caller knows may have found it
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return (self.missed >= self.options.patience or gap > BRIEF) and shown
-        return frame - self.searched >= self._interval and not _is_enough(found)
+        self.rest = _left(found) - self.left > found.task.minimal
+        interval = self.options.search_every if self.rest else self._interval
+        return frame - self.searched >= interval and not _is_enough(found)
 
     @property
     def _interval(self) -> int:
@@ -159,7 +166,7 @@ class FollowedBody:
         ``searched``: whether this frame was searched.
         """
         if searched:
-            self.searched = frame
+            self.searched, self.left = frame, _left(found)
             self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
             self.agreements = self.agreements + 1 if found.status is Status.MATCHED and found.prior_holds else 0
         if found.status is not Status.MATCHED:
@@ -200,11 +207,16 @@ class FollowedBody:
         self.missed, self.detections = 0, found.task.shape[1]
         least = found.facts.min_probability
         if self.belief and 1.0 - self.belief.unfollowed < least and frame - self.searched >= self.options.search_every:
-            self._lose()  # what is not followed can only be found anew
+            self._lose(absent=0.0)  # what is not followed can only be found anew
             return
         if frame % self.options.search_every == 0 and self.belief and not in_space:
             self.belief.add_flipped(found, time)
             self.belief.add_turned(self.symmetries)
+
+
+def _left(found: Finding) -> int:
+    """Number of detections that a finding does not explain."""
+    return found.task.shape[1] - int((found.assignment >= 0).sum())
 
 
 def _is_met(found: Finding) -> bool:

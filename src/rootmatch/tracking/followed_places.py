@@ -10,6 +10,10 @@ With O, the odds of what was seen in a place at best, without a prediction, agai
 Frames repeat this evidence rather than add to it, so a place has the largest of them. Beyond 1 / κ all are alike.
 A place that is no longer seen keeps its share: the body may have left the view, as well as a copy. Clutter also goes
 for no reason.
+
+A place that is met while another one is followed has the body if that was not in view when the other one was found and
+has not come back before. A body leaves the view and comes back at a rate: for how long something is followed alone
+tells that it is the body, and a body that was hidden a moment ago may be so still.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from rootmatch.model.evidence import evidence
 from rootmatch.model.modes import Modes, same_place
 from rootmatch.model.point_set_model import PRESENT
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.priors import COPY
+from rootmatch.model.priors import COPY, PRESENT_ODDS
 from rootmatch.tracking.followed_pose import FollowedPose
 
 RETURN = 1.0
@@ -34,6 +38,9 @@ markers, three of them in view among four strays, 7 of 186 trusted matches of on
 in six flights with it none of 1,080."""
 CLUTTER_GOES = 0.5
 """Probability that clutter which was taken for a body is not there in the next frame. A round value."""
+
+IN_VIEW = 1.0 / (1.0 + math.exp(-PRESENT_ODDS))
+"""Probability that a body is in view if nothing is known of that."""
 
 
 class GonePlaces:
@@ -79,7 +86,7 @@ def in_places(
     shown : (M,) float64 array
     """
     known = [one.place for one in followed]
-    alone, more = np.full(len(origin), -math.inf), np.zeros(len(origin))
+    alone, more = np.full(len(origin), max((one.alone for one in followed), default=-math.inf)), np.zeros(len(origin))
     if len(origin) == 1 and len({*known}) <= 1 and (origin[0] >= 0 or not known):
         return np.array(known[:1] or [0]), alone, more
     place = places_of(modes.uses(model.shape[1]), origin, known)
@@ -142,6 +149,29 @@ def log_weight(alone: float) -> float:
 def chance_of_copy(alone: float) -> float:
     """Probability that what is in a place is a copy rather than clutter, if it is not the body."""
     return COPY * math.exp(log_weight(alone))
+
+
+def chance_absent(before: float, seconds: float) -> float:
+    """Probability that a body is not in view, some seconds after it was not with another probability."""
+    return 1.0 - IN_VIEW + (before - 1.0 + IN_VIEW) * math.exp(-seconds / RETURN)
+
+
+def log_back(followed: FollowedPose, now: float) -> float:
+    """Log-odds that the body was not in view when a place was found that is followed, and comes back only now."""
+    return followed.log_absent - IN_VIEW / RETURN * (now - followed.since)
+
+
+def met_beside(model: DetectionModel, modes: Modes, each: Floats, alone: Floats, first: int) -> Floats:
+    """Log-weights (M,) of modes in other places relative to the followed one, whose first mode is given.
+
+    By what each shows for itself, and by how much less probable it is than that as other bodies explain it as well.
+    ``each`` (M,): logarithms of the probabilities of the modes in the frame; ``alone`` (M,): as of `in_places`.
+    """
+    own = np.array([log_weight(one) for one in alone.tolist()])
+    as_copy = np.logaddexp(0.0, math.log(COPY) + odds_alone(model, modes))
+    lone = modes.log_mass - as_copy
+    shared = each - each[first] - (lone - lone[first])
+    return np.asarray(own - own[first] + np.minimum(shared, 0.0))
 
 
 def log_gone(alone: float, seconds: float) -> float:

@@ -18,6 +18,7 @@ class FollowedPose:
     weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
     pose of something else. ``place``: number of the place that it has with all hypotheses about the same detections;
     ``alone``: the largest log-odds of that place without a prediction, since there were several places.
+    ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then, and this is not it.
     """
 
     filter: MotionFilter
@@ -26,6 +27,8 @@ class FollowedPose:
     log_other: float = FLOOR
     place: int = 0
     alone: float = -math.inf
+    since: float = -math.inf
+    log_absent: float = -math.inf
 
     @property
     def total(self) -> float:

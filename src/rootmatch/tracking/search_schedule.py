@@ -29,7 +29,7 @@ def next_part(
         return None
     number = min(waiting, key=lambda k: each[k].served)
     each[number].served = frame
-    return SearchPart(number, each[number].waiting.pop(0))
+    return SearchPart(number, each[number].waiting.pop(0), each[number].rest)
 
 
 def images_of(found: Finding) -> list[int | None]:

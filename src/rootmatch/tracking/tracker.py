@@ -263,7 +263,7 @@ max_evaluations
         for label, body in self._bodies.items():
             told = given.get(label)
             if isinstance(told, Pose):
-                body.belief.keep_best()
+                body.belief.keep_best(when)
                 poses[label] = told
             elif body.belief:
                 pose, others = body.belief.predicted(when)
@@ -305,7 +305,7 @@ max_evaluations
                 if not self._bodies[None].wants_search(near, self._frame, gap):
                     return None
                 searched.add(None)
-                return SearchPart(0)
+                return SearchPart(0, rest=self._bodies[None].rest)
 
             found = explained(choice)
         parts = {
