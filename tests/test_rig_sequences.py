@@ -316,9 +316,6 @@ def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely_a_camera_a_frame
     assert pauses[-1] == 10
 
 
-
-
-
 def test_a_search_that_a_tracker_asks_for_meets_all_but_other_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise a wrong pose that shares detections with the right one keeps them for good."""
     scene = frame(3, 0, RIG, hands=2)

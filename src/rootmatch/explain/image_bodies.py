@@ -197,7 +197,7 @@ def _body(task: MatchingTask, number: int) -> _Body:
     nothing = nothing_found(own, None)
     rows, count = task.sightings_of(task.bodies.points_of(number)), task.shape[1]
     free, used = np.ones(count, np.bool_), np.zeros(count)
-    return _Body(number, own, rows, nothing, Candidate.of(own, []), unknown(own.rows), free, used)
+    return _Body(number, own, rows, nothing, Candidate.of(own, []), told=unknown(own.rows), free=free, used=used)
 
 
 def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:

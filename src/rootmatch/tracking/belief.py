@@ -23,18 +23,15 @@ from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.rig_triples import most_triples
 from rootmatch.explain.task import Rivals
-from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import settled_about, stepped
 from rootmatch.model.modes import Modes
 from rootmatch.model.parallel_poses import between
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
+from rootmatch.tracking.flipped_poses import flipped_poses
 from rootmatch.tracking.followed_places import (
     IN_VIEW,
     GonePlaces,
@@ -190,26 +187,10 @@ class Belief:
 
         Four points in an image, or any number in a plane, may have two poses, and a prediction stays with one of them.
         """
-        told, model = found.posterior, found.model
-        if told is None or model is None or not len(told.probabilities) or self.best.time != time:
-            return
-        prior = model.prior.without if isinstance(model.prior, Doubted) else model.prior
-        modes = told.modes.take(slice(1))
-        first = Proposals(modes.assignments, modes.rotation, modes.position)
-        few = joined([first, poses_of_few(model, modes.assignments), reversed_in_depth(model, first)])
-        of_few, at = settled_about(model, *few, prior)
-        rotation, position = stepped(of_few, at)
-        if not math.isfinite(of_few.log_odds[0]):
-            return
-        lead = np.full(len(of_few.log_odds), -math.inf)
-        possible = np.isfinite(of_few.log_odds)
-        lead[possible] = TEMPER * (of_few.log_odds - of_few.detected)[possible]
-        lead -= lead[0]
-        for k in np.argsort(-lead, kind="stable").tolist():
-            if math.log(DOUBTED) + lead[k] > -NEGLIGIBLE:
-                at_origin = about_point(rotation[k], position[k], of_few.covariance[k], -model.centre)
-                pose = Pose.unchecked(rotation[k], *at_origin)
-                self._add(MotionFilter(self.source, pose, time, self.motion), math.log(DOUBTED) + float(lead[k]))
+        if self.best.time == time:
+            for pose, lead in flipped_poses(found):
+                if math.log(DOUBTED) + TEMPER * lead > -NEGLIGIBLE:
+                    self._add(MotionFilter(self.source, pose, time, self.motion), math.log(DOUBTED) + TEMPER * lead)
 
     def _add(self, filter_: MotionFilter, log_share: float) -> None:
         """Follow another pose, unless one like it is followed, or as many as are followed at once."""
@@ -245,11 +226,9 @@ class Belief:
         new = np.array([one not in known_places for one in place.tolist()])
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         if new.any() and origin[first] >= 0:
-            weight[new] = weight[first] + log_back(self.poses[origin[first]], time) + met_beside(
-                model, modes, each, alone, first
-            )[new]
-        nothing = float(_log(np.array(told.clutter)))
-        present, go_on = found.facts.present, []
+            met = met_beside(model, modes, each, alone, first)
+            weight[new] = weight[first] + log_back(self.poses[origin[first]], time) + met[new]
+        nothing, present, go_on = float(_log(np.array(told.clutter))), found.facts.present, []
         is_shown = present is not None and present >= found.facts.min_probability
         for k, of in enumerate(origin.tolist()):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
@@ -275,12 +254,12 @@ class Belief:
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
         absent = self._log_absent(time, any(step.origin >= 0 for step in go_on))
-        every = [self._after(step, found, model, modes, time, absent) for step in likely]
+        every = [self._after(step, found, modes, time, absent) for step in likely]
         self._move_alike(every, [step.mode for step in likely], model, modes)
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
-        total = np.array([step.total for step in [*likely, *(step for step in after if step not in likely)]])
-        share = np.exp(total - total.max(initial=-math.inf))
-        left = float(share[len(likely) :].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
+        share = np.exp([step.total - after[0].total for step in after])
+        kept = np.array([step in likely for step in after], np.bool_)
+        left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
         if origin[0] < 0 and found.facts.missed > EXISTS and self._is_met(found, modes.assignments[0]):
             left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
@@ -341,8 +320,10 @@ class Belief:
         absent = chance_absent(before, time - last)
         return math.log(absent) - math.log1p(-absent)
 
-    def _after(self, step: Step, found: Finding, model: DetectionModel, modes: Modes, time: float, absent: float) -> FollowedPose:
-        """The hypothesis that a step leads to."""
+    def _after(self, step: Step, found: Finding, modes: Modes, time: float, absent: float) -> FollowedPose:
+        """The hypothesis that a step leads to; ``absent``: `FollowedPose.log_absent` of a new one."""
+        model = found.model
+        assert model is not None
         if step.mode is None:
             return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose, log_other = averaged_pose(model, modes, step.mode), FLOOR

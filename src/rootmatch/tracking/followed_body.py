@@ -15,6 +15,7 @@ from rootmatch.explain.rig_triples import most_triples
 from rootmatch.model.point_set_model import PRESENT
 from rootmatch.options import Options, option
 from rootmatch.tracking.belief import Belief
+from rootmatch.tracking.dark_points import DarkPoints
 from rootmatch.tracking.followed_places import RETURN
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
 
@@ -80,7 +81,7 @@ class FollowedBody:
         self, source: Floats, options: TrackingOptions, symmetries: Sequence[tuple[Floats, Floats]] = ()
     ) -> None:
         self.options, self.symmetries = options, symmetries
-        self.belief = Belief(source, options.motion)
+        self.belief, self.dark = Belief(source, options.motion), DarkPoints()
         self.waiting: list[int | None] = []
         """Images that a search under way has not come to: cameras of a rig, None for a single one."""
         self.detections = self.searched = self.served = self.confirmed = self.failures = self.agreements = 0
@@ -100,6 +101,7 @@ class FollowedBody:
     def _lose(self, absent: float = 1.0) -> None:
         """Declare the body lost; ``absent``: probability that it is not in view."""
         self.belief.lose(absent)
+        self.dark = DarkPoints()
         self.settled, self.matched = False, -math.inf
         self.missed = self.agreements = 0
 
@@ -160,7 +162,7 @@ class FollowedBody:
         """Whether a search for the body came to its last image in this frame."""
         return self.served == frame and not self.waiting
 
-    def checked(self, found: Finding, frame: int, searched: bool) -> Finding:
+    def checked(self, found: Finding, time: float, frame: int, searched: bool) -> Finding:
         """What was found in a frame: ambiguous if a pose elsewhere could explain more, and no late search excluded it.
 
         ``searched``: whether this frame was searched.
@@ -169,6 +171,8 @@ class FollowedBody:
             self.searched, self.left = frame, _left(found)
             self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
             self.agreements = self.agreements + 1 if found.status is Status.MATCHED and found.prior_holds else 0
+        if found.status is Status.MATCHED and self.belief and found.prior_holds:
+            found = self.dark.weighed(found, time)
         if found.status is not Status.MATCHED:
             return found
         if searched or _is_enough(found, of_several=True):
@@ -186,6 +190,8 @@ class FollowedBody:
 
         From time to time, poses that look the same are followed beside the best one.
         """
+        if self.belief:
+            self.dark.take(found, time)
         self.belief.take(found, time)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:

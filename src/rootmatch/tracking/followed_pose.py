@@ -18,7 +18,7 @@ class FollowedPose:
     weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
     pose of something else. ``place``: number of the place that it has with all hypotheses about the same detections;
     ``alone``: the largest log-odds of that place without a prediction, since there were several places.
-    ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then, and this is not it.
+    ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then.
     """
 
     filter: MotionFilter

@@ -309,7 +309,7 @@ max_evaluations
 
             found = explained(choice)
         parts = {
-            label: self._bodies[label].checked(part, self._frame, label in searched)
+            label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
         }
         for label, part in parts.items():

@@ -1,0 +1,71 @@
+"""Points that a tracker has not seen for a while although they face the camera: they are covered, or off.
+
+An image alone says of each point anew whether it is shown. In a sequence a point that was dark a moment ago mostly is
+so still, while clutter comes near it in every frame with the same probability. So the odds of its match are multiplied
+by the probability that it is lit, a chain of two states that forgets within `LASTS` seconds. Points are taken to be
+independent; several that come back together, as from behind a hand, are doubted more than they should be, for a frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rootmatch.arrays import Floats
+from rootmatch.explain.finding import Finding
+from rootmatch.model.detection_model import USUAL_RATE
+
+LASTS = 0.25
+"""Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
+LIT = 0.8
+"""Probability that a point is lit of which nothing is known. A round value."""
+FACING = 1e-3
+"""Visibility of a point below which nothing is learned of it. A round value."""
+
+
+class DarkPoints:
+    """How probably each point of a body is lit; nothing is known at first."""
+
+    def __init__(self) -> None:
+        self.lit: Floats | None = None
+        """Probability (n,) at `time`, of each sighting of a rig."""
+        self.time = -math.inf
+
+    def at(self, time: float) -> Floats | None:
+        """Probability (n,) that each point is lit at a time, before the frame is seen; None if nothing is known."""
+        if self.lit is None:
+            return None
+        return LIT + (self.lit - LIT) * math.exp(-(time - self.time) / LASTS)
+
+    def weighed(self, found: Finding, time: float) -> Finding:
+        """A finding whose matches of points that may be dark are less probable by that."""
+        lit, matched = self.at(time), found.assignment >= 0
+        sure, chance = found.confidence, found.probability
+        if lit is None or sure is None or chance is None or not matched.any() or len(lit) != len(matched):
+            return found
+        whole = max(float(sure[matched].max()), 1e-300)
+        local = np.minimum(sure[matched] / whole, 1.0)
+        told = local * lit[matched] / (local * lit[matched] + 1.0 - local)
+        confidence = sure.copy()
+        confidence[matched] = whole * told
+        chance *= float(np.prod(told / np.maximum(local, 1e-300)))
+        found = replace(found, confidence=confidence)
+        if chance >= found.facts.min_probability:
+            return found.with_facts(probability=chance)
+        return found.with_facts(probability=chance, contested=True, sure_of_the_rest=False)
+
+    def take(self, found: Finding, time: float) -> None:
+        """Learn from a frame, if the body is more probably in it than not."""
+        told, sure = found.posterior, found.confidence
+        if told is None or sure is None or not len(told.probabilities) or told.clutter > 0.5:
+            return
+        before = self.at(time)
+        before = np.full(len(sure), LIT) if before is None or len(before) != len(sure) else before
+        matched = found.assignment >= 0
+        rate = (found.task.options.detection_rate or USUAL_RATE) * np.asarray(told.modes.visible[0])
+        missed = before * (1.0 - rate) / np.maximum(1.0 - rate * before, 1e-300)
+        chance = np.where(matched, sure, 1.0 - sure)  # that it was detected
+        self.lit = np.where(rate < FACING, before, chance + (1.0 - chance) * missed)
+        self.time = time

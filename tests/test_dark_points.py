@@ -1,0 +1,76 @@
+"""Points that are hidden for a while: clutter that comes near one of them is not taken for it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.tracking.dark_points import LIT, DarkPoints
+
+CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
+RATE = 60.0
+
+
+def flight(seed: int, shown: int, frames: int = 60, gone: int = 25) -> tuple[int, int]:
+    """Trusted frames, and those of them with a wrong match, of a body behind an occluder that leaves so many points."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.15, 0.15, (8, 3))
+    first, turn = Rotation.random(random_state=seed), rng.normal(0.0, 0.8, 3)
+    phase, speed = rng.uniform(0.0, 6.0, 3), rng.normal(0.0, 0.2, 3)
+    tracker = rm.Tracker(points, rm.P3P(CAMERA), noise=0.25, tracking=rm.TrackingOptions(interval=1.0 / RATE))
+    trusted = wrong = 0
+    for k in range(frames):
+        angle = turn * np.sin(2.0 * k / RATE + phase)
+        place = np.array([0.0, 0.0, 1.2]) + speed * np.sin(2.0 * k / RATE + phase)
+        pixels = CAMERA.project(points @ (Rotation.from_rotvec(angle) * first).as_matrix().T + place)
+        seen = np.flatnonzero((rng.random(8) < 0.95) & (np.arange(8) < (shown if k >= gone else 8)))
+        target = np.concatenate([pixels[seen], rng.uniform((0.0, 0.0), (640.0, 480.0), (4, 2))])
+        match = tracker.update(target + rng.normal(0.0, 0.25, target.shape))
+        if match and k >= gone:
+            trusted += 1
+            told = match.assignment[match.assignment >= 0]
+            wrong += not np.array_equal(seen[np.minimum(told, len(seen) - 1)], np.flatnonzero(match.assignment >= 0))
+    return trusted, wrong
+
+
+def test_clutter_near_a_hidden_point_is_not_taken_for_it() -> None:
+    """Two points stay in view, too few for a pose: each further match is clutter."""
+    counts = np.sum([flight(seed, 2) for seed in range(12)], axis=0)
+    assert counts[0] <= 1
+
+
+def test_three_points_that_stay_in_view_are_trusted() -> None:
+    trusted, wrong = np.sum([flight(seed, 3) for seed in range(4)], axis=0)
+    assert trusted > 60
+    assert wrong == 0
+
+
+def finding(assignment: list[int], confidence: list[float], probability: float = 0.99) -> Any:
+    """What `DarkPoints` looks at."""
+    told = SimpleNamespace(probabilities=np.ones(1), clutter=0.001, modes=SimpleNamespace(visible=np.ones((1, 3))))
+    options = SimpleNamespace(detection_rate=0.9)
+    return SimpleNamespace(
+        assignment=np.array(assignment), confidence=np.array(confidence), posterior=told, probability=probability,
+        task=SimpleNamespace(options=options),
+    )  # fmt: skip
+
+
+def test_what_is_missed_again_and_again_is_dark() -> None:
+    dark = DarkPoints()
+    assert dark.at(0.0) is None
+    lit: list[NDArray[np.float64]] = []
+    for k in range(8):
+        dark.take(finding([0, 1, -1 if k else 2], [0.999, 0.999, 0.999]), k / RATE)
+        lit.append(dark.at((k + 1) / RATE))
+    assert (np.array(lit)[:, :2] > 0.95).all()
+    alone = np.array(lit)[:, 2]
+    assert (np.diff(alone[:5]) < 0.0).all()
+    assert alone[1] > 0.8, "one frame without it tells little"
+    assert alone[-1] < 0.1
+    assert dark.at(60.0)[2] == pytest.approx(LIT)
