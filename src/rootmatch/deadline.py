@@ -128,9 +128,7 @@ def in_force() -> Deadline:
 def checkpoint(seconds: float = 0.0) -> None:
     """End work that cannot be handed on in part, if the deadline in force passes within so many seconds.
 
-    Raises
-    ------
-    OutOfTime
+    Raises `OutOfTime`.
     """
     deadline = _in_force.get()
     if deadline.is_set and deadline.left() <= seconds:
@@ -141,11 +139,7 @@ def checkpoint(seconds: float = 0.0) -> None:
 class Pace:
     """Sizes of the next blocks of work such that each ends in time, from how long the last one took.
 
-    Parameters
-    ----------
-    deadline : Deadline
-    first : int
-        Units of work in the first block, of which nothing is known yet.
+    ``first``: units of work in the first block, of which nothing is known yet.
     """
 
     def __init__(self, deadline: Deadline, first: int = 1) -> None:

@@ -57,11 +57,8 @@ def evaluate_kernel(tables, kind, source_index, target_index, residual):  # type
 def panel_kernel(tables, kind, bases, arrangements, first_stem, panels):  # type: ignore[no-untyped-def]
     """Kernel for the shared part of slabs whose minimal sets differ only in the last image, one per thread.
 
-    Parameters
-    ----------
-    first_stem : int
-        Rank of the first slab of the first stem over slabs a stem, n' − d + 2.
-    panels : (stems, PANEL_ROWS, n') array
+    ``first_stem``: rank of the first slab of the first stem over slabs a stem, n' − d + 2. ``panels`` (stems,
+    PANEL_ROWS, n').
     """
     d = bases.shape[1] + 1
     slabs = panels.shape[2] - d + 2

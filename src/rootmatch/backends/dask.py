@@ -44,10 +44,7 @@ _one_at_a_time = Lock()
 def connected(scheduler: str) -> Any:
     """Client of a Dask scheduler that has workers; a context manager.
 
-    Raises
-    ------
-    InputError
-        If Dask is not installed, the scheduler does not answer or it has no workers.
+    Raises `InputError` if Dask is not installed, the scheduler does not answer or it has no workers.
     """
     try:
         # Untyped, and not installed everywhere.
@@ -105,12 +102,8 @@ def _read(work: bytes) -> tuple[Any, ...]:
 class Cluster:
     """The workers of a Dask scheduler as a backend.
 
-    Parameters
-    ----------
-    scheduler : str
-        Address, ``tcp://host:port``; its workers need this package in this version.
-    prepare : callable
-        Makes the tables, as `Problem.prepare`: each worker calls it once, and then knows the problem's kernels.
+    ``scheduler``: address, ``tcp://host:port``; its workers need this package in this version. ``prepare``: makes the
+    tables, as `Problem.prepare`: each worker calls it once, and then knows the problem's kernels.
     """
 
     def __init__(self, scheduler: str, prepare: Callable[[], Any]) -> None:

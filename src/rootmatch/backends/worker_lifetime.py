@@ -21,10 +21,7 @@ def pool(processes: int, environment: dict[str, str] | None = None) -> Iterator[
     They know of their parent before they are given anything, and leave Ctrl-C to it. Variables of the ``environment``
     are set in theirs.
 
-    Raises
-    ------
-    concurrent.futures.process.BrokenProcessPool
-        From a future's ``result()``, if a worker was killed.
+    Raises `concurrent.futures.process.BrokenProcessPool` from a future's ``result()``, if a worker was killed.
     """
     from joblib.externals.loky import ProcessPoolExecutor
 

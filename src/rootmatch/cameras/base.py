@@ -29,10 +29,7 @@ class CameraModel(ABC):
     def bearings(self, pixels: ArrayLike) -> Floats:
         """Unit rays (…, 3) in the camera frame of detections (…, 2).
 
-        Raises
-        ------
-        InputError
-            For a detection that no direction projects to.
+        Raises `InputError` for a detection that no direction projects to.
         """
 
     @abstractmethod

@@ -23,10 +23,7 @@ IN_BOTH_IMAGES = (
 def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
     """The direction (3,) of a vector as a unit vector.
 
-    Raises
-    ------
-    InputError
-        If it does not have three finite numbers, or its length is 0.
+    Raises `InputError` if it does not have three finite numbers, or its length is 0.
     """
     try:
         direction = np.asarray(vector, dtype=float)

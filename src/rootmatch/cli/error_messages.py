@@ -13,10 +13,7 @@ from rootmatch.errors import InputError
 def option_names_in_errors(subjects: Mapping[str, str]) -> Iterator[None]:
     """Rewrite the `InputError` of a block.
 
-    Parameters
-    ----------
-    subjects : mapping
-        The user's name, a file or an option, of the argument that an error begins with (``"source: …"``).
+    ``subjects``: the user's name, a file or an option, of the argument that an error begins with (``"source: …"``).
     """
     try:
         yield

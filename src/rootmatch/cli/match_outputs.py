@@ -46,11 +46,8 @@ class Outputs:
     def check(self, problem: str, inputs: list[Path], as_json: bool) -> None:
         """Refuse before any work what could not be written.
 
-        Raises
-        ------
-        InputError
-            For a file that is an input or named twice, in a folder that does not exist, of an unknown format; for poses
-            of a problem that fits none.
+        Raises `InputError` for a file that is an input or named twice, in a folder that does not exist, of an unknown
+        format; for poses of a problem that fits none.
         """
         from rootmatch.io import check_output, check_output_folder, pose_format
         from rootmatch.problems import problem_class

@@ -19,12 +19,8 @@ Show = Callable[[int, int], None]
 def progress_bar(what: str, wanted: bool | None) -> Iterator[Show | None]:
     """Yield a callback for (done, total), or None if no progress is shown.
 
-    Parameters
-    ----------
-    what : str
-        Label of the bar.
-    wanted : bool, optional
-        Show it always or never; by default in a terminal only, once the work has taken `DELAY` seconds.
+    ``what``: label of the bar. ``wanted``: show it always or never; by default in a terminal only, once the work has
+    taken `DELAY` seconds.
     """
     in_terminal = sys.stderr.isatty()
     if wanted is False or (wanted is None and not in_terminal):

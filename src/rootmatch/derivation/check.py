@@ -58,10 +58,7 @@ class Judge:
     def shared_count(self) -> int:
         """How many of the first correspondences the variable belongs to; 0 where it belongs to all.
 
-        Raises
-        ------
-        RootmatchError
-            If the polynomial does not vanish at the truth, or two minimal sets do not share it.
+        Raises `RootmatchError` if the polynomial does not vanish at the truth, or two minimal sets do not share it.
         """
         if not self.vanishes(self.first):
             raise RootmatchError(

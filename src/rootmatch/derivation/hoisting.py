@@ -123,9 +123,7 @@ class _Splitter:
     def split(self, expression: Expr) -> Split:
         """Powers of the symbols to coefficients.
 
-        Raises
-        ------
-        _NotPolynomialError
+        Raises `_NotPolynomialError`.
         """
         if expression in self.known:
             return self.known[expression]

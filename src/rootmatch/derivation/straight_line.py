@@ -22,10 +22,7 @@ FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log")
 class Program:
     """Named expressions, each in inputs and earlier names.
 
-    Parameters
-    ----------
-    entries : mapping of symbol to expression, optional
-        To begin with.
+    ``entries``: to begin with.
     """
 
     def __init__(self, entries: Mapping[Expr, Expr] | None = None) -> None:

@@ -89,10 +89,7 @@ class Affinity:
 def affinity(residual: Residual | str = "joint", rho: float | None = None, gate: float | None = None) -> Affinity:
     """Affinity with the defaults of its kind of residual: ρ = 1 and `GATE` in units of the noise, else ρ = 0.01.
 
-    Raises
-    ------
-    InputError
-        If ρ or the gate is not positive.
+    Raises `InputError` if ρ or the gate is not positive.
     """
     chosen = residual if isinstance(residual, Residual) else Residual(residual)
     in_noise = chosen.kind in NOISE_KINDS

@@ -57,10 +57,7 @@ def check_output(path: Path, name: str, others: Iterable[Path] = ()) -> None:
 def sent_through(path: Path) -> bool:
     """Whether content is sent to what stands at a path, as to a device, instead of a new file being moved there.
 
-    Raises
-    ------
-    InputError
-        If nothing can be written there: a folder, a socket, a disk, something that is read-only.
+    Raises `InputError` if nothing can be written there: a folder, a socket, a disk, something that is read-only.
     """
     if _descriptor(path) is not None:
         return True

@@ -128,10 +128,7 @@ def _labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, ver
 def read_truth(path: Path, source: PointSet, target: PointSet) -> Integers:
     """Read the true assignment from a CSV file with columns ``source,target`` (ids, or zero-based row numbers).
 
-    Returns
-    -------
-    (n,) array
-        Index into the target, −1 for source points that the file does not name or whose target is empty.
+    Returns (n,): index into the target, −1 for source points that the file does not name or whose target is empty.
     """
     truth = np.full(len(source.points), -1, dtype=np.int64)
     rows = read_table(path, ("source", "target"), MATCHES)
@@ -146,10 +143,7 @@ def read_truth(path: Path, source: PointSet, target: PointSet) -> Integers:
 def read_candidates(path: Path, source: PointSet, target: PointSet) -> Bools | Floats:
     """Read the possible correspondences, one per row: columns ``source,target`` and optionally ``weight``.
 
-    Returns
-    -------
-    (n, n') array
-        Bool without weights; with them the weights, 0 for correspondences that the file does not name.
+    Returns (n, n'): bool without weights; with them the weights, 0 for correspondences that the file does not name.
     """
     rows = read_table(path, ("source", "target"), ("source", "target", "weight"))
     refuse_repeats(path, [(row, (cells["source"], cells["target"])) for row, cells in rows], "correspondence")

@@ -67,11 +67,7 @@ def pose_record(pose: Pose) -> dict[str, Any]:
 def read_prior(path: Path, labelled: bool) -> Pose | dict[str, Pose]:
     """A predicted pose of a JSON file: an object with ``R``, ``t`` and ``covariance``, or a list of one as written.
 
-    Parameters
-    ----------
-    path : path
-    labelled : bool
-        Whether there are several bodies: then an object from labels to such objects.
+    ``labelled``: whether there are several bodies: then an object from labels to such objects.
     """
     expected = "give an object with R, t and covariance"
     content = load_json(path, read_small_text(path), expected)

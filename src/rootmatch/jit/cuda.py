@@ -25,10 +25,7 @@ _known: set[Any] = set()
 def make_known() -> None:
     """Tell numba-cuda which kernel serves which types.
 
-    Raises
-    ------
-    InputError
-        Where numba-cuda cannot be told: a kernel has to be chosen by type, so nothing runs on the card.
+    Raises `InputError` where numba-cuda cannot be told: a kernel has to be chosen by type, so nothing runs on the card.
     """
     if SIMULATED:
         return

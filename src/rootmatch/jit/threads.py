@@ -123,10 +123,7 @@ class Ranges:
 def in_pieces(work: Callable[[int, int], None], count: int) -> None:
     """Call ``work(first, last)`` in this thread for ranges that make up 0 … count, each of which takes about `LONGEST`.
 
-    Raises
-    ------
-    OutOfTime
-        If the deadline in force passes before all tasks are begun.
+    Raises `OutOfTime` if the deadline in force passes before all tasks are begun.
     """
     if count == 1:
         checkpoint()

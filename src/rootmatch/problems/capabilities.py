@@ -53,16 +53,8 @@ class Capability(Enum):
     def require(self, declared: object, problem: str) -> None:
         """Raise the one error unless the capability is declared.
 
-        Parameters
-        ----------
-        declared : object
-            What the problem declares; false where it lacks the capability.
-        problem : str
-            Name of the problem.
-
-        Raises
-        ------
-        InputError
+        ``declared``: what the problem declares; false where it lacks the capability. ``problem``: name of the problem.
+        Raises `InputError`.
         """
         if not declared:
             argument, lacking, instead = self.value

@@ -116,10 +116,7 @@ def as_covariances(noise: ArrayLike, shape: tuple[int, int], name: str) -> Float
 def detection_covariances(noise: ArrayLike, count: int) -> Floats | None:
     """Covariances (n', 2, 2) of so many detections, px²; None if one σ for both axes is given.
 
-    Raises
-    ------
-    InputError
-        If they are no covariances, or one says that a coordinate is exact.
+    Raises `InputError` if they are no covariances, or one says that a coordinate is exact.
     """
     if isinstance(noise, int | float) or np.ndim(noise) < 2:
         return None

@@ -31,12 +31,8 @@ def comparisons(degree: int) -> dict[type, Any]:
 def edge_of_pairs(residual: Any, minimal: int) -> Any:
     """Edge kernel: the greatest residual of the pairs that ``kind.pairs`` names.
 
-    Parameters
-    ----------
-    residual : kernel ``(tables, i, j, order)`` → float
-        Of one pair, the correspondences of the hyper-edge taken in an order of `pair_orders`.
-    minimal : int
-        Correspondences of a minimal set.
+    ``residual``: of one pair, the correspondences of the hyper-edge taken in an order of `pair_orders`. ``minimal``:
+    correspondences of a minimal set.
     """
     orders = pair_orders(minimal)
     pairs = len(orders)
@@ -73,11 +69,7 @@ def slab_of_edges(edge: Any) -> Any:
 def slab_of_rows(row: Any, edge: Any) -> Any:
     """Slab kernel: of the first pair alone row by row, of others by the edge kernel.
 
-    Parameters
-    ----------
-    row : kernel ``(tables, i, j, last, line)``
-        Residuals of the first pair, of the minimal set with source point ``last`` and every target point.
-    edge : kernel
+    ``row``: residuals of the first pair, of the minimal set with source point ``last`` and every target point.
     """
     several = slab_of_edges(edge)
 

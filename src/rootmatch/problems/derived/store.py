@@ -55,10 +55,7 @@ class Generated:
 def vetted(text: str, where: str = "generated") -> Generated:
     """Compile a generated module after its syntax tree has been checked against what is allowed.
 
-    Raises
-    ------
-    RootmatchError
-        If anything else occurs; nothing has been executed then.
+    Raises `RootmatchError` if anything else occurs; nothing has been executed then.
     """
     try:
         tree = ast.parse(text, where)

@@ -69,12 +69,7 @@ def focal_tensor(task: SamplingTask, tables: Callable[[], list[Any]], options: G
 
 
 class Together:
-    """Several searches as one: the first of them gets copies of what all have tested and found.
-
-    Parameters
-    ----------
-    searches : list of Search
-    """
+    """Several searches as one: the first of them gets copies of what all have tested and found."""
 
     def __init__(self, searches: list[Search]) -> None:
         self.first = first = copy(searches[0])

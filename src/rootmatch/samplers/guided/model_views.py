@@ -28,11 +28,7 @@ DISTANCES = (20.0, 5.0, 2.9, 2.0)
 class ModelViews:
     """Triples of points in the order in which they are tried, prepared wave by wave, and what they miss.
 
-    Parameters
-    ----------
-    positions, normals : (n, 3) arrays
-    view_cosine : (n,) array, optional
-        Cosines of the view angles, where they are given.
+    ``positions``, ``normals`` (n, 3). ``view_cosine`` (n,): cosines of the view angles, where they are given.
     """
 
     def __init__(self, positions: Floats, normals: Floats, view_cosine: Floats | None = None) -> None:

@@ -196,12 +196,8 @@ def missed_at_random(matched: int, n: int, size: int, sets: float) -> float:
 class TriedSets:
     """Which minimal sets a search has tried, and the probability of having missed a pose.
 
-    Parameters
-    ----------
-    views : callable
-        From a number of detected points to which (V, n) may be detected together; `detected_views` or `views_of_parts`.
-    lost : float
-        Probability that a set leads to nothing though all of it is detected.
+    ``views``: from a number of detected points to which (V, n) may be detected together; `detected_views` or
+    `views_of_parts`. ``lost``: probability that a set leads to nothing though all of it is detected.
     """
 
     def __init__(self, views: Callable[[int], Bools], lost: float = FAILURE) -> None:

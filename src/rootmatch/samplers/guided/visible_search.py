@@ -142,10 +142,7 @@ class VisibleSearch(Search):
     ) -> None:
         """Test the sets ``first … last − 1``, and verify the survivors of the highest ratio.
 
-        Raises
-        ------
-        OutOfTime
-            If the deadline in force passes before a set can end.
+        Raises `OutOfTime` if the deadline in force passes before a set can end.
         """
         triples = math.perm(len(images), self.minimal)
         checkpoint(SECONDS_PER_TRIPLE * triples)

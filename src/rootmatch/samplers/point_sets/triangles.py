@@ -67,12 +67,8 @@ class Triangles:
     ) -> Alike:
         """All triangles alike to triples (T, 3) of points with distances ``near`` and variances; see `Alike`.
 
-        Parameters
-        ----------
-        allowed : (m, n) bool array, optional
-            Which of the other points may be which of these.
-        rng : Generator
-            Selects pairs where they are too many.
+        ``allowed`` (m, n): which of the other points may be which of these. ``rng``: selects pairs where they are too
+        many.
         """
         side, low, count = self._first_sides(triples, near, variance)
         turned = np.take_along_axis(triples, TURNED[side], axis=1)

@@ -14,10 +14,7 @@ def in_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) 
 
     None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
 
-    Raises
-    ------
-    OutOfTime
-        If the deadline in force passes before all is begun.
+    Raises `OutOfTime` if the deadline in force passes before all is begun.
     """
     deadline, size = in_force(), 1
     for begin, end in ranges.tolist():

@@ -67,11 +67,7 @@ class SubsetIndex(NamedTuple):
 def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> SubsetIndex:
     """Index of the (d−1)-subsets of a tensor's hyper-edges.
 
-    Parameters
-    ----------
-    tensor : AffinityTensor
-    bucket_bits : int, optional
-        2^bucket_bits buckets; by default such that a bucket holds one to two entries, or a table of pairs.
+    ``bucket_bits``: 2^bucket_bits buckets; by default such that a bucket holds one to two entries, or a table of pairs.
     """
     count = tensor.size * tensor.order
     if count >= 2**32 or tensor.size >= 2**31:
