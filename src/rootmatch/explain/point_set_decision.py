@@ -266,7 +266,7 @@ def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pos
     if model.prior is None or which < 0 or model.clouds.scaled:
         return None
     points, fit, known = task.points, judged.fit, model.prior.predictions[which][0]
-    if points.source_covariance is None and points.target_covariance is None:
+    if not points.has_covariances:
         return fused(Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0]), known)
     (pose,) = task.problem.poses(points, fit.assignments)
     return None if pose is None else fused(pose, known)
