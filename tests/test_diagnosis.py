@@ -139,7 +139,9 @@ def test_a_model_in_millimetres_before_a_rig_in_metres(seed: int) -> None:
     rig = rm.Rig([(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, turn, np.array([-0.3, 0.0, 0.0]))])
     points = rng.uniform(-0.3, 0.3, (12, 3))
     seen = points @ Rotation.random(random_state=seed).as_matrix().T + (0.05, -0.08, 1.0)
-    pixels = np.vstack([CAMERA.project(seen @ np.transpose(R) + t) for _, R, t in rig.views]) + rng.normal(0, 0.3, (24, 2))
+    pixels = np.vstack([CAMERA.project(seen @ np.transpose(R) + t) for _, R, t in rig.views]) + rng.normal(
+        0, 0.3, (24, 2)
+    )
     given = (pixels, np.repeat([0, 1], 12)), rm.P3P(rig)
     assert rm.match(points, *given, noise=0.3)
     match = rm.match(1000.0 * points, *given, noise=0.3)
@@ -172,14 +174,18 @@ def test_what_is_wrong_about_a_prior(kind: str) -> None:
 
 
 def test_half_a_pixel_is_named_once_and_only_if_no_other_shift_fits_as_well() -> None:
-    given = scene(3, noise=0.02)
-    points = given["source"]
-    seen = CAMERA.project(points @ Rotation.random(random_state=3).as_matrix().T + (0.3, -0.25, 0.7))
-    given["target"] = seen + np.random.default_rng(3).normal(0, 0.02, seen.shape)
-    given["noise"] = 0.003  # for which neither of the shifts makes up
-    match = rm.match(**given)
-    assert not match
-    assert "half a pixel" not in str(match.diagnose(SECONDS))
+    R, half = Rotation.random(random_state=3).as_matrix(), "the principal point is off by half a pixel"
+    given = scene(3)
+    seen = CAMERA.project(given["source"] @ R.T + (0.3, -0.25, 0.7))
+    noise = np.random.default_rng(3).normal(0, 0.02, seen.shape)
+    found = rm.match(**given | {"target": seen + 0.5 + noise, "noise": 0.02}).diagnose(SECONDS)
+    assert [one.mistake for one in found.fits].count(half) == 1
+    assert found.fits[0].mistake == half
+    # five points and a wrong prior: without it they match, wherever the principal point is
+    few = given | {"source": given["source"][:5], "target": seen[:5] + 10.0 * noise[:5]}
+    match = rm.match(**few, prior=rm.PosePrior(rotation=(R.T, 0.02)))
+    assert "the prior is the inverse of the pose" in [one.mistake for one in match.diagnose(SECONDS).fits]
+    assert half not in [one.mistake for one in match.diagnose(SECONDS).fits]
 
 
 def test_nothing_is_named_where_nothing_is_to_be_found() -> None:

@@ -23,8 +23,8 @@ FEWEST_FREEDOM = 6
 """Degrees of freedom of a match that tell a factor on σ, those of four points in space: three stray points look like
 noise as easily."""
 LEAD = 5.0
-"""Log-odds over changes that mean nothing from which a small change of the camera is a mistake: a pose takes most of
-it in, and noise prefers one direction or another. A round value."""
+"""Log-odds over what is trusted as given, and over changes that mean nothing, from which a change corrects a mistake:
+noise prefers one or another. A round value."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,12 @@ class Diagnosis:
 
     @property
     def fits(self) -> tuple[Trial, ...]:
-        """Mistakes that would explain the points: their match is trusted and more probable than the input as given."""
+        """Mistakes that would explain the points: their match is trusted and more probable than the input as given.
+
+        By far, if that is trusted itself.
+        """
         before = -math.inf if self.given.log_odds is None else self.given.log_odds
+        before += LEAD if self.given.status is Status.MATCHED else 0.0
         trusted = [one for one in self.trials if one.status is Status.MATCHED and one.borne_out]
         return tuple(one for one in trusted if one.log_odds is None or one.log_odds > max(before, 0.0))
 

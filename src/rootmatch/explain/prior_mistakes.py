@@ -34,7 +34,7 @@ def of_priors(task: MatchingTask) -> Iterator[Mistake]:
         name = f"the position of the prior is in {wrong}, the points are in {right}"
         yield from _changed(task, name, "use one unit for points and prior", partial(_scaled, factor))
     remedy = "check its frame and its σ, or leave prior= out"
-    yield Mistake("what is known of the pose is wrong", remedy, task.without_priors)
+    yield Mistake("what is known of the pose is wrong", remedy, task.without_priors, if_nothing_fits=True)
 
 
 def _changed(task: MatchingTask, name: str, remedy: str, change: Callable[[Prior], Prior | None]) -> Iterator[Mistake]:
