@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 
 import rootmatch as rm
 from rootmatch.cli import app
-from rootmatch.explain.diagnosis import _mistakes
+from rootmatch.explain.usual_mistakes import usual_mistakes
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
 BROWN = rm.Camera.from_opencv(CAMERA.matrix, [-0.3, 0.1, 0.0, 0.0])
@@ -95,23 +96,96 @@ def test_inward_normals() -> None:
     assert "the normals point inwards" in [one.mistake for one in found.fits]
 
 
-def test_point_sets_that_are_mirrored_or_scaled() -> None:
+HANDED = "one of the sets is left-handed"
+METRES = r"the sets have different units: the source is (1000|999\.\d) times the target \(metres and millimetres\?\)"
+
+
+@pytest.mark.parametrize(
+    ("change", "noise", "mistake"),
+    [
+        ((-1.0, 1.0, 1.0), 0.2, HANDED),
+        (1e-3, (0.2, 0.0002), METRES),
+        (1e-3, (0.0, 0.0002), METRES),
+        (1e-3, 0.2, METRES),
+        (1e-3, (0.0, 0.2), METRES),
+        (1e-3, 0.0002, METRES),
+        (1.0 / 25.4, (0.0, 0.2), r".*: the source is 25\.\d+ times the target \(inches and millimetres\?\)"),
+        (1.02, (0.0, 0.2), r"a scale of 1\.0\d+ fits"),
+        ((-1e-3, 1e-3, 1e-3), (0.0, 0.2), f"{HANDED}, and {METRES}"),
+        ((-1.02, 1.02, 1.02), (0.0, 0.2), rf"{HANDED}, and a scale of 1\.0\d+ fits"),
+    ],
+)
+def test_point_sets_that_are_mirrored_or_scaled(change: Any, noise: Any, mistake: str) -> None:
     rng = np.random.default_rng(3)
     plan = rng.uniform(-80, 80, (8, 3))
     seen = plan @ Rotation.random(random_state=3).as_matrix().T + 300.0 + rng.normal(0, 0.2, (8, 3))
-    for target, noise, mistake in (
-        (seen * (-1, 1, 1), 0.2, "one of the sets is left-handed"),
-        (seen / 1000.0, (0.2, 0.0002), "the sets have different units"),
-        (seen / 1000.0, (0.0, 0.0002), "the sets have different units"),
-        (seen / 1000.0, 0.2, "the sets have different units"),
-        (seen / 1000.0, 0.0002, "the sets have different units"),
+    match = rm.match(plan, seen * change, rm.Rigid(), noise=noise)
+    assert not match
+    assert re.match(f"no trustworthy match: {mistake}; ", match.advice)
+    assert ("LPS and RAS differ in two axes" in match.advice) is (HANDED in mistake)
+    found = match.diagnose(SECONDS)
+    assert re.fullmatch(mistake, found.fits[0].mistake), str(found)
+    assert not [one for one in found.fits[1:] if not one.mistake.startswith("the noise is")], str(found)
+
+
+def test_lps_and_ras_differ_by_a_rotation() -> None:
+    plan = np.random.default_rng(3).uniform(-80, 80, (8, 3))
+    assert rm.match(plan, plan * (-1, -1, 1) + 300.0, rm.Rigid(), noise=(0.0, 0.2))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_model_in_millimetres_before_a_rig_in_metres(seed: int) -> None:
+    rng, turn = np.random.default_rng(seed), Rotation.from_rotvec([0.0, 0.1, 0.0]).as_matrix()
+    rig = rm.Rig([(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, turn, np.array([-0.3, 0.0, 0.0]))])
+    points = rng.uniform(-0.3, 0.3, (12, 3))
+    seen = points @ Rotation.random(random_state=seed).as_matrix().T + (0.05, -0.08, 1.0)
+    pixels = np.vstack([CAMERA.project(seen @ np.transpose(R) + t) for _, R, t in rig.views]) + rng.normal(
+        0, 0.3, (24, 2)
+    )
+    given = (pixels, np.repeat([0, 1], 12)), rm.P3P(rig)
+    assert rm.match(points, *given, noise=0.3)
+    match = rm.match(1000.0 * points, *given, noise=0.3)
+    assert not match
+    assert match.status is not rm.Status.AMBIGUOUS or "check that points and rig are in one unit" in match.advice
+    (first,) = match.diagnose(SECONDS).fits
+    assert (first.mistake, first.matched) == ("the model is in millimetres, the rig in metres", 12)
+
+
+@pytest.mark.parametrize("kind", ["pose", "parts"])
+def test_what_is_wrong_about_a_prior(kind: str) -> None:
+    """Four points, which only what is known of their pose tells from clutter."""
+    rng, R, t = np.random.default_rng(7), Rotation.random(random_state=7).as_matrix(), np.array([0.05, -0.08, 1.0])
+    points = rng.uniform(-0.3, 0.3, (4, 3))
+    clutter = rng.uniform((400, 250), (900, 750), (4, 2))
+    target = np.vstack([CAMERA.project(points @ R.T + t), clutter]) + rng.normal(0, 0.3, (8, 2))
+    right = rm.Pose(R, t, np.diag([0.02**2] * 6))
+    millimetres = rm.Pose(R, 1000.0 * t, np.diag([0.02**2] * 3 + [20.0**2] * 3))
+    for pose, mistake in (
+        (right, None),
+        (right.inverse(), "the prior is the inverse of the pose"),
+        (millimetres, "the position of the prior is in millimetres, the points are in metres"),
     ):
-        match = rm.match(plan, target, rm.Rigid(), noise=noise)
-        assert not match
-        assert match.advice.startswith(f"no trustworthy match: {mistake}; ")
-        found = match.diagnose(SECONDS)
-        assert found.fits, str(found)
-        assert found.fits[0].mistake == mistake
+        assert pose.covariance is not None
+        own = pose.covariance[:3, :3], pose.covariance[3:, 3:]
+        parts = rm.PosePrior(rotation=(pose.R, own[0]), position=(pose.t, own[1]))
+        match = rm.match(points, target, rm.P3P(CAMERA), noise=0.3, prior=pose if kind == "pose" else parts)
+        assert bool(match) is (mistake is None)
+        assert [one.mistake for one in match.diagnose(SECONDS).fits] == ([] if mistake is None else [mistake])
+
+
+def test_half_a_pixel_is_named_once_and_only_if_no_other_shift_fits_as_well() -> None:
+    R, half = Rotation.random(random_state=3).as_matrix(), "the principal point is off by half a pixel"
+    given = scene(3)
+    seen = CAMERA.project(given["source"] @ R.T + (0.3, -0.25, 0.7))
+    noise = np.random.default_rng(3).normal(0, 0.02, seen.shape)
+    found = rm.match(**given | {"target": seen + 0.5 + noise, "noise": 0.02}).diagnose(SECONDS)
+    assert [one.mistake for one in found.fits].count(half) == 1
+    assert found.fits[0].mistake == half
+    # five points and a wrong prior: without it they match, wherever the principal point is
+    few = given | {"source": given["source"][:5], "target": seen[:5] + 10.0 * noise[:5]}
+    match = rm.match(**few, prior=rm.PosePrior(rotation=(R.T, 0.02)))
+    assert "the prior is the inverse of the pose" in [one.mistake for one in match.diagnose(SECONDS).fits]
+    assert half not in [one.mistake for one in match.diagnose(SECONDS).fits]
 
 
 def test_nothing_is_named_where_nothing_is_to_be_found() -> None:
@@ -131,7 +205,7 @@ def test_what_there_is_no_time_for_is_counted() -> None:
 
 
 def names(match: rm.Match) -> set[str]:
-    return {mistake for mistake, _, _ in _mistakes(match.task)}
+    return {mistake.name for mistake in usual_mistakes(match.task)}
 
 
 def test_mistakes_are_those_that_a_problem_allows() -> None:
@@ -154,7 +228,7 @@ def test_mistakes_are_those_that_a_problem_allows() -> None:
     both = rm.match(given["source"], (given["target"], np.zeros(12, int)), rm.P3P(rig), noise=0.3)
     assert names(both) >= {"poses of the cameras map to the rig", "the detections were undistorted already"}
     for match in (plain, upright, pair, rays, both):
-        for mistake, remedy, change in _mistakes(match.task):
+        for mistake, remedy, change, *_ in usual_mistakes(match.task):
             changed = change()
             assert changed.shape == match.task.shape, mistake
             assert remedy
@@ -164,11 +238,13 @@ def test_mistakes_are_those_that_a_problem_allows() -> None:
 
 def test_axes_are_mirrored_about_the_principal_point() -> None:
     match = rm.match(**scene(5))
-    change = next(change for mistake, _, change in _mistakes(match.task) if mistake.startswith("y is"))
+    change = next(one.change for one in usual_mistakes(match.task) if one.name.startswith("y is"))
     np.testing.assert_allclose(change().points.target, match.target * (1, -1) + (0, 960))
-    shifted = [c().problem.camera for m, _, c in _mistakes(match.task) if "half a pixel" in m]  # type: ignore[attr-defined]
+    halves = [one for one in usual_mistakes(match.task) if "half a pixel" in one.name]
+    shifted = [one.change().problem.camera for one in halves]  # type: ignore[attr-defined]
     assert [camera.cx for camera in shifted] == [640.5, 639.5]
     assert math.isclose(shifted[0].fx, CAMERA.fx)
+    assert [len(one.rivals) for one in halves] == [3, 3]
 
 
 def test_on_the_command_line(tmp_path: Path) -> None:

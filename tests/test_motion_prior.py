@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
 
 import rootmatch as rm
+from rootmatch.model import point_set_model
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.problems.points import PointClouds
@@ -152,3 +153,24 @@ def test_a_tracker_follows_tools_that_hide() -> None:
     assert held == [None] + [True] * 11
     tracker.update(np.empty((0, 3)))
     assert tracker.state is rm.TrackingState.COASTING
+
+
+def test_what_is_where_it_was_predicted_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted = []
+    fit = point_set_model.fitted_point_sets
+    monkeypatch.setattr(point_set_model, "fitted_point_sets", lambda *given: fitted.append(given) or fit(*given))
+    bodies, pose = np.repeat(["a", "b"], 5), rm.Pose(np.eye(3), np.zeros(3), np.diag(DEVIATION**2))
+    source = np.vstack([TOOL, 1.5 * TOOL + (300.0, 0.0, 0.0)])
+    match = rm.match(source, source, rm.Rigid(), noise=(0.0, SIGMA), bodies=bodies, prior={"a": pose, "b": pose})
+    assert match.status is rm.Status.MATCHED
+    assert len(fitted) == 2
+
+
+@pytest.mark.parametrize("gap", [1.0, 100.0])
+def test_predicted_targets_are_those_that_fit_best_together(gap: float) -> None:
+    """Points closer than the prediction is certain: two targets may be either, and each is taken once."""
+    source = TOOL * (1.0, gap / 100.0, 1.0)
+    clouds = PointClouds(source, source[::-1] + 0.2, *(np.full(5, SIGMA**2),) * 2, scaled=False, mirror=False)
+    pose = rm.Pose(np.eye(3), np.zeros(3), np.diag([1e-6] * 3 + [1.0] * 3))
+    (assignment,) = MotionPrior(((pose, 1.0),), 0.1).labellings(clouds)
+    np.testing.assert_array_equal(assignment, [4, 3, 2, 1, 0])

@@ -129,8 +129,8 @@ def test_what_is_counted_is_what_is_integrated() -> None:
     n, n_target = 6, len(target)
     for m in (3, 5):
         assignment = np.where(np.arange(n) < m, np.arange(n), -1)[None]
-        fit = model.fit(assignment)
-        counted = float((model.log_odds(fit) - model.log_density(fit))[0]) + model.log_volume
+        judged = model.judged(assignment)
+        counted = float((judged.log_odds - model.log_density(judged.fit))[0]) + model.log_volume
         rate = quad(lambda d, m=m: d**m * (1.0 - d) ** (n - m), 0.0, 1.0)[0]
         clutter = [quad(lambda x, c=c: x ** (c - 0.5) * np.exp(-x), 0.0, np.inf)[0] for c in (n_target - m, n_target)]
         # λ is integrated; each of the matched targets has its share f of it
@@ -188,10 +188,7 @@ def test_a_reflection_counts_where_it_is_allowed() -> None:
     source, target, _ = scene(np.random.default_rng(3).uniform(-20.0, 20.0, (6, 3)), 0)
     clouds = clouds_of(source, target * [-1.0, 1.0, 1.0], 0.4)
     everything = np.array(list(itertools.permutations(range(6))))
-    odds = {
-        mirror: PointSetModel(clouds, mirror).log_odds(PointSetModel(clouds, mirror).fit(everything))
-        for mirror in (False, True)
-    }
+    odds = {mirror: PointSetModel(clouds, mirror).judged(everything).log_odds for mirror in (False, True)}
     assert odds[True].max() > 20.0
     assert odds[False].max() < -20.0
 
@@ -212,13 +209,13 @@ def test_posterior_is_the_sum_over_all_labellings() -> None:
                 if sum(j >= 0 for j in one) >= 3 and len({j for j in one if j >= 0}) == sum(j >= 0 for j in one)
             ]
         )
-        odds = model.log_odds(model.fit(every))
+        odds = model.judged(every).log_odds
         expected = np.exp(odds - np.logaddexp(logsumexp(odds), np.log(1.0 / PRESENT - 1.0)))
         found = posterior(model, congruent_labellings(model.clouds, False).proper)
         shares = {one.tobytes(): share for one, share in zip(found.assignments, found.probabilities, strict=True)}
         for k in np.argsort(-expected)[:4]:
             assert shares.get(every[k].tobytes(), 0.0) == pytest.approx(expected[k], abs=0.02)
-        each, _ = found.confidence()
+        each, _ = found.confidence
         marginal = expected @ (every == found.assignments[0]) + (1.0 - expected.sum()) * (found.assignments[0] < 0)
         np.testing.assert_allclose(each, marginal, atol=0.05)
 

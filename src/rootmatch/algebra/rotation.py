@@ -46,9 +46,11 @@ def rotation_from_vector(vectors: Floats) -> Floats:
 
 def rotation_vector(rotation: Floats) -> Floats:
     """Rotation vectors (K, 3) of rotation matrices (K, 3, 3); one of the two for a half turn."""
-    skew = 0.5 * (rotation - rotation.swapaxes(-1, -2))
-    axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-    sine, cosine = np.linalg.norm(axis, axis=1), 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1.0)
+    axis = np.empty((len(rotation), 3))
+    for k, (row, column) in enumerate(((2, 1), (0, 2), (1, 0))):
+        axis[:, k] = 0.5 * (rotation[:, row, column] - rotation[:, column, row])
+    sine = np.sqrt((axis**2).sum(axis=1))
+    cosine = 0.5 * (rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2] - 1.0)
     small = sine < 1e-9
     ratio = np.where(small, 1.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
     vectors = axis * ratio[:, None]

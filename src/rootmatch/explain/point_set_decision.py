@@ -22,10 +22,9 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
-from rootmatch.model.motion_prior import MotionPrior, fused
-from rootmatch.model.point_set_model import PRESENT, PointSetModel
+from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances
+from rootmatch.model.point_set_model import PRESENT, Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, posterior
-from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grown, is_small
@@ -218,11 +217,11 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
             confidence=np.full(n, 1.0 - present if len(found.assignments) else 1.0),
             log_odds=0.0,
         )
-    base, found = replace(base, labellings=found), first
+    every, found = found, first
     assignment, probability = found.assignments[0], float(found.probabilities[0])
-    confidence, unmatched = found.confidence()
-    fit = model.fit(assignment[None])
-    prior_holds, pose = _with_prior(task, model, fit)
+    confidence, unmatched = found.confidence
+    judged = model.judged_one(assignment)
+    prior_holds = None if model.prior is None else bool(judged.held[0] >= 0)
     # a motion that is where it is known to be needs no search
     missed = 0.0 if prior_holds else base.facts.missed
     others = found.assignments[1:]
@@ -231,13 +230,14 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         left_out = (sure[0] < 0) & (assignment >= 0)
         if left_out.any():
             others = found.assignments
-            fit = model.fit(sure[0][None])
-            prior_holds, pose = _with_prior(task, model, fit)
+            judged = model.judged_one(sure[0])
+            prior_holds = None if model.prior is None else bool(judged.held[0] >= 0)
         (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
     different = ((others >= 0) & (others != assignment)).any(axis=1)
-    fault = Misfit.of(float(fit.chi2[0]), int(fit.dof[0]))
+    fault = Misfit.of(float(judged.fit.chi2[0]), int(judged.fit.dof[0]))
     return replace(
         base,
+        labellings=every,
         assignment=assignment,
         others=list(others[different][: TRUST.alternatives]),
         facts=Facts(
@@ -252,20 +252,21 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         ),
         scores=None,
         confidence=confidence,
-        log_odds=float(model.log_odds(fit)[0]),
+        log_odds=float(judged.log_odds[0]),
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
         prior_holds=prior_holds,
-        pose=pose,
+        pose=_with_prior(task, model, judged),
     )
 
 
-def _with_prior(task: MatchingTask, model: PointSetModel, fit: PointSetFit) -> tuple[bool | None, Pose | None]:
-    """Whether what is known of the motion holds for a fit, and then the pose of both; no pose with a scale."""
-    if model.prior is None:
-        return None, None
-    which = int(model.held(fit)[0])
-    pose = None
-    if which >= 0 and not model.clouds.scaled:
-        (pose,) = task.problem.poses(task.points, fit.assignments)
-    return which >= 0, None if pose is None else fused(pose, model.prior.predictions[which][0])
+def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pose | None:
+    """The pose of one labelling and of what is known of its motion, if that holds; none with a scale."""
+    which = int(judged.held[0])
+    if model.prior is None or which < 0 or model.clouds.scaled:
+        return None
+    points, fit, known = task.points, judged.fit, model.prior.predictions[which][0]
+    if not points.has_covariances:
+        return fused(Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0]), known)
+    (pose,) = task.problem.poses(points, fit.assignments)
+    return None if pose is None else fused(pose, known)

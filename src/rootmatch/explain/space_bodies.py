@@ -78,7 +78,7 @@ class _Body:
         """Whether all its points are where it was predicted: no other motion could explain more."""
         first = self.told.assignments[:1]
         whole = len(first) > 0 and bool((first >= 0).all()) and self.told.motion >= SURE
-        return whole and bool(self.model.held(self.model.fit(first))[0] >= 0)
+        return whole and bool(self.model.judged_one(first[0]).held[0] >= 0)
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
         """Search among the free targets of the task of all bodies, and add what is found."""

@@ -183,9 +183,11 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
             f"see `confidence`, or {to_tell}"
         )
     if _is_elsewhere(finding):
+        # in a unit that is too small, cameras are as good as in one place, and each shows the object elsewhere
+        unit = "" if task.rig is None else "; check that points and rig are in one unit, or see `diagnose`"
         return (
             "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
-            f"see `alternatives`{prior or (', or ' + to_tell)}"
+            f"see `alternatives`{prior or (', or ' + to_tell)}{unit}"
         )
     if _is_assignment_certain(finding):
         return (

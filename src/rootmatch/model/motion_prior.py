@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_vector
+from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
@@ -38,7 +38,7 @@ class _Off(NamedTuple):
     off: Floats
     """(K, k)."""
     jacobian: Floats
-    """(K, k, 6): of a turn and a shift of the motion."""
+    """(k, 6): of a turn and a shift of the motion."""
     covariance: Floats
     """(k, k)."""
     log_volume: float
@@ -67,33 +67,39 @@ class MotionPrior:
     def log_factors(self, fit: PointSetFit, log_volume: float) -> Floats:
         """Logarithm (predictions + 1, K) of the factor on the odds of each prediction, and of the doubt as the last."""
         covariance = motion_covariances(fit)
-        every = [np.full(len(fit.scale), math.log(self.doubt))]
-        for known, share in self.predictions[::-1]:
+        every = np.empty((len(self.predictions) + 1, len(fit.scale)))
+        every[-1] = math.log(self.doubt)
+        for row, (known, share) in zip(every, self.predictions, strict=False):
             log_share = math.log((1.0 - self.doubt) * max(share, 1e-300))
-            every.insert(0, log_share + self._log_factor(known, fit, covariance, log_volume))
-        return np.array(every)
+            row[:] = log_share + self._log_factor(known, fit, covariance, log_volume)
+        every[:-1, np.linalg.det(fit.rotation) < 0.0] = -np.inf
+        return every
 
     def labellings(self, clouds: PointClouds) -> list[Integers]:
         """The assignment (n,) about each whole pose that is predicted: the nearest targets within its covariance."""
-        from scipy.optimize import linear_sum_assignment  # slow to import
-
         every = []
         for known, _ in self.predictions:
             pose = known.pose if isinstance(known, PosePrior) else known
             if pose is None or clouds.scaled:
                 continue
             squared = _deviations(clouds, pose)
-            rows, columns = linear_sum_assignment(np.minimum(squared, GATE))
-            near = squared[rows, columns] < GATE
+            near = squared < GATE
+            if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
+                from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
+
+                pairs = np.zeros_like(near)
+                pairs[linear_sum_assignment(np.minimum(squared, GATE))] = True
+                near &= pairs
             one = np.full(len(squared), -1, np.int64)
-            one[rows[near]] = columns[near]
+            rows, columns = np.nonzero(near)
+            one[rows] = columns
             every.append(one)
         return every
 
     def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, log_volume: float) -> Floats:
-        """Logarithm (K,) of the factor that one prediction puts on the odds; −∞ for reflections."""
+        """Logarithm (K,) of the factor that one prediction puts on the odds of rotations."""
         off, jacobian, own, log_known = _off(known, fit, log_volume)
-        whole = jacobian @ covariance @ jacobian.swapaxes(1, 2) + own
+        whole = jacobian @ covariance @ jacobian.T + own
         # turns and shifts have different units: scaled, so that the inverse is exact
         size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
         unit, scaled, count = whole / (size[:, :, None] * size[:, None]), off / size, off.shape[1]
@@ -104,7 +110,7 @@ class MotionPrior:
             half, more = 0.5 * self.freedom, 0.5 * count
             tail = math.lgamma(half + more) - math.lgamma(half) - more * math.log(half)
             tail = tail - (half + more) * np.log1p(squared / self.freedom)
-        return np.where(np.linalg.det(fit.rotation) > 0.0, log_known - peak + tail, -np.inf)
+        return np.asarray(log_known - peak + tail)
 
 
 def motion_covariances(fit: PointSetFit) -> Floats:
@@ -127,7 +133,7 @@ def fused(fit: Pose, known: Pose | PosePrior) -> Pose:
     if isinstance(known, PosePrior):
         return known.with_prediction(fit)
     assert known.covariance is not None
-    off = np.concatenate([rotation_vector((known.R @ fit.R.T)[None])[0], known.t - fit.t])
+    off = np.concatenate([one_rotation_vector(known.R @ fit.R.T), known.t - fit.t])
     return updated(fit, np.eye(6), off, known.covariance)
 
 
@@ -136,20 +142,20 @@ def _off(known: Pose | PosePrior, fit: PointSetFit, log_volume: float) -> _Off:
     if isinstance(known, Pose):
         assert known.covariance is not None
         off = np.concatenate([_turns(known.R, fit), known.t - fit.shift], axis=1)
-        return _Off(off, _rows(fit, np.eye(6)), known.covariance, LOG_ROTATIONS + log_volume)
+        return _Off(off, np.eye(6), known.covariance, LOG_ROTATIONS + log_volume)
     parts = []
     if known.turn is not None:
         R, covariance = known.turn
-        parts.append(_Off(_turns(R, fit), _rows(fit, np.eye(3, 6)), covariance, LOG_ROTATIONS))
+        parts.append(_Off(_turns(R, fit), np.eye(3, 6), covariance, LOG_ROTATIONS))
     elif known.down is not None:
         source, target, noise = known.down
         across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
         off = _tilts(fit.rotation @ source, target, across) @ across.T
         tilt = max(noise, LEAST_TILT) ** 2 * np.eye(2)
-        parts.append(_Off(off, _rows(fit, np.pad(across, ((0, 0), (0, 3)))), tilt, LOG_DIRECTIONS))
+        parts.append(_Off(off, np.pad(across, ((0, 0), (0, 3))), tilt, LOG_DIRECTIONS))
     if known.place is not None:
         t, covariance = known.place
-        parts.append(_Off(t - fit.shift, _rows(fit, np.eye(3, 6, 3)), covariance, log_volume))
+        parts.append(_Off(t - fit.shift, np.eye(3, 6, 3), covariance, log_volume))
     sizes = [len(one.covariance) for one in parts]
     whole, begin = np.zeros((sum(sizes), sum(sizes))), 0
     for one, size in zip(parts, sizes, strict=True):
@@ -157,15 +163,10 @@ def _off(known: Pose | PosePrior, fit: PointSetFit, log_volume: float) -> _Off:
         begin += size
     return _Off(
         np.concatenate([one.off for one in parts], axis=1),
-        np.concatenate([one.jacobian for one in parts], axis=1),
+        np.concatenate([one.jacobian for one in parts]),
         whole,
         sum(one.log_volume for one in parts),
     )
-
-
-def _rows(fit: PointSetFit, jacobian: Floats) -> Floats:
-    """The same Jacobian (k, 6) for each motion."""
-    return np.broadcast_to(jacobian, (len(fit.scale), *jacobian.shape))
 
 
 def _turns(R: Floats, fit: PointSetFit) -> Floats:

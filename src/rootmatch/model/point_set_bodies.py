@@ -96,10 +96,9 @@ def _with_parts(model: PointSetModel, found: Weighed, k: int, uses: Sequence[Boo
             parts.append(part)
     if not parts:
         return found
-    fit = model.fit(np.array(parts))
-    mass, prior = model.log_odds(fit), model.log_prior(fit)
+    more = model.judged(np.array(parts))
     return found._replace(
-        assignments=np.concatenate([found.assignments, fit.assignments]),
-        log_odds=np.concatenate([found.log_odds, mass - prior]),
-        log_mass=np.concatenate([found.log_mass, mass]),
+        assignments=np.concatenate([found.assignments, more.fit.assignments]),
+        log_odds=np.concatenate([found.log_odds, more.log_odds - more.known]),
+        log_mass=np.concatenate([found.log_mass, more.log_odds]),
     )

@@ -25,8 +25,9 @@ of it. Translations and rotations of a plane are exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,27 @@ from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_
 
 PRESENT = 0.5
 """Prior probability that the object is among the targets. A round value."""
+
+
+class Judged(NamedTuple):
+    """K labellings with their motions and what speaks for each."""
+
+    fit: PointSetFit
+    log_odds: Floats
+    """(K,) of each against the hypothesis that all targets are clutter."""
+    known: Floats
+    """(K,): their part that what is known of the motion gives, 0 if nothing is."""
+    held: Integers
+    """The prediction (K,) by which each is most probable; −1 if by none."""
+
+    def take(self, which: Integers) -> Judged:
+        """Some of them."""
+        return Judged._make(one.take(which) if isinstance(one, PointSetFit) else one[which] for one in self)
+
+    def joined(self, other: Judged) -> Judged:
+        """These, followed by others."""
+        both = (np.concatenate(pair) for pair in zip(self[1:], other[1:], strict=True))
+        return Judged._make([self.fit.joined(other.fit), *both])
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,31 +93,45 @@ class PointSetModel:
     detection_rate: float | None = None
     prior: MotionPrior | None = None
     present: float = PRESENT
+    _kept: dict[bytes, Judged] = field(default_factory=dict, init=False, repr=False)
 
-    @cached_property
+    @property
     def log_volume(self) -> float:
         """Logarithm of the volume in which clutter lies, and the object."""
-        return float(np.log(self._box[1]).sum())
+        return self._space[0]
 
-    @cached_property
+    @property
     def clutter(self) -> Clutter:
         """Where clutter lies."""
-        along, extents = self._box
-        return clutter_in_space(along, np.sqrt(self.clouds.target_variance), extents)
+        return self._space[1]
 
     @cached_property
-    def _box(self) -> tuple[Floats, Floats]:
-        return box_of(self.clouds.target, self.clouds.target_variance)
+    def _space(self) -> tuple[float, Clutter]:
+        clouds = self.clouds
+        return _space_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), clouds.target.shape[1])
 
     def fit(self, assignments: Integers) -> PointSetFit:
         """The motion of each assignment (K, n)."""
         return fitted_point_sets(self.clouds, assignments, self.mirror)
 
-    def log_odds(self, fit: PointSetFit) -> Floats:
-        """Log-odds (K,) of each fitted assignment against the hypothesis that all targets are clutter."""
-        matched = (fit.assignments >= 0).sum(axis=1)
-        odds = self.log_density(fit) - self.log_volume + self._log_counts[matched] - self._log_clutter(fit.assignments)
-        return np.asarray(odds + self._log_weights(fit.assignments) + self.log_prior(fit))
+    def judged(self, assignments: Integers) -> Judged:
+        """Each assignment (K, n) with its motion and log-odds."""
+        fit = self.fit(assignments)
+        known, held = self._known(fit)
+        matched = (assignments >= 0).sum(axis=1)
+        odds = self.log_density(fit) - self.log_volume + self._log_counts[matched] - self._log_clutter(assignments)
+        return Judged(fit, np.asarray(odds + self._log_weights(assignments) + known), known, held)
+
+    def judged_one(self, assignment: Integers) -> Judged:
+        """The same of one assignment (n,), for which several stages ask."""
+        key = assignment.tobytes()
+        if key not in self._kept:
+            self._kept[key] = self.judged(assignment[None])
+        return self._kept[key]
+
+    def keep(self, first: Judged) -> None:
+        """Remember one labelling for `judged_one`."""
+        self._kept[first.fit.assignments[0].tobytes()] = first
 
     def _log_clutter(self, assignments: Integers) -> Floats:
         """Logarithm (K,) of the density of the matched targets if they are clutter."""
@@ -106,17 +142,14 @@ class PointSetModel:
         """Logarithm (K,) of the odds of as many clutter points as targets (K, n') that are taken leave."""
         return np.asarray(log_odds_of_counts((taken.shape[1],), taken.shape[1])[0, taken.sum(axis=1)])
 
-    def log_prior(self, fit: PointSetFit) -> Floats:
-        """Logarithm (K,) of the factor that what is known of the motion puts on the odds; 0 if nothing is."""
+    def _known(self, fit: PointSetFit) -> tuple[Floats, Integers]:
+        """See `Judged`: what is known of the motions, and the predictions that hold."""
         if self.prior is None:
-            return np.zeros(len(fit.scale))
-        return np.asarray(np.logaddexp.reduce(self.prior.log_factors(fit, self.log_volume), axis=0))
-
-    def held(self, fit: PointSetFit) -> Integers:
-        """The prediction (K,) by which each fitted assignment is most probable; −1 if by none."""
-        assert self.prior is not None
-        first = np.argmax(self.prior.log_factors(fit, self.log_volume), axis=0)
-        return np.where(first < len(self.prior.predictions), first, -1)
+            return np.zeros(len(fit.scale)), np.full(len(fit.scale), -1)
+        factors = self.prior.log_factors(fit, self.log_volume)
+        first = factors.argmax(axis=0)
+        held = np.where(first < len(self.prior.predictions), first, -1)
+        return np.asarray(np.logaddexp.reduce(factors, axis=0)), held
 
     def log_density(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the density of the matched targets, motion and σ integrated out."""
@@ -145,15 +178,7 @@ class PointSetModel:
     @cached_property
     def _log_counts(self) -> Floats:
         """Logarithm, by the number of matches, of the first two factors of the odds."""
-        from scipy.special import betaln, gammaln  # slow to import
-
-        n, n_target = len(self.clouds.source), len(self.clouds.target)
-        m = np.arange(min(n, n_target) + 1)
-        if self.detection_rate is None:
-            detected = betaln(m + 1.0, n - m + 1.0)
-        else:
-            detected = m * np.log(self.detection_rate) + (n - m) * np.log1p(-self.detection_rate)
-        return np.asarray(detected + gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5))
+        return _log_counts(len(self.clouds.source), len(self.clouds.target), self.detection_rate)
 
     def _log_weights(self, assignments: Integers) -> Floats:
         """Sum (K,) of the logarithms of the prior weights of an assignment's matches, over the largest."""
@@ -165,6 +190,27 @@ class PointSetModel:
         return np.asarray(
             np.where(matched, log[np.arange(log.shape[0]), np.where(matched, assignments, 0)], 0.0).sum(1)
         )
+
+
+@lru_cache(maxsize=64)
+def _log_counts(n: int, n_target: int, detection_rate: float | None) -> Floats:
+    """See `PointSetModel`."""
+    from scipy.special import betaln, gammaln  # slow to import
+
+    m = np.arange(min(n, n_target) + 1)
+    if detection_rate is None:
+        detected = betaln(m + 1.0, n - m + 1.0)
+    else:
+        detected = m * np.log(detection_rate) + (n - m) * np.log1p(-detection_rate)
+    return np.asarray(detected + gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5))
+
+
+@lru_cache(maxsize=8)
+def _space_of(target: bytes, variance: bytes, size: int) -> tuple[float, Clutter]:
+    """Logarithm of the volume that targets span, and the clutter in it, once for all bodies among them."""
+    own = np.frombuffer(variance)
+    along, extents = box_of(np.frombuffer(target).reshape(-1, size), own)
+    return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(own), extents)
 
 
 def student(chi2: Floats, freedom: Floats, nu: float) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
@@ -15,9 +16,8 @@ from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.exact_symmetry import exactly_symmetric
 from rootmatch.model.modes import uses_of
-from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import COPY, COUNTS, WRONG_MODEL
-from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
 MIRRORED = 0.01
 """Prior probability that the targets are a mirror image of the object, because an axis is flipped or a frame is
@@ -77,11 +77,14 @@ class PointSetPosterior:
         Without any hypothesis if there is none.
         """
         free = np.flatnonzero(~(uses_of(self.assignments, len(taken)) & taken).any(axis=1))
+        if len(free) and free[0] == 0:
+            return self
         if not len(free):
             return PointSetPosterior(self.assignments[:0], self.probabilities[:0])
         order = np.concatenate([free[:1], np.delete(np.arange(len(self.probabilities)), free[0])])
         return PointSetPosterior(self.assignments[order], self.probabilities[order])
 
+    @cached_property
     def confidence(self) -> tuple[Floats, Floats]:
         """Probability (n,) that each point's match, or its lack of one, is right; and that it has none."""
         first, odds = self.assignments[0], self._odds
@@ -105,7 +108,7 @@ class PointSetPosterior:
         """
         first = self.assignments[0]
         matched = np.flatnonzero(first >= 0)
-        order = matched[np.argsort(-self.confidence()[0][matched], kind="stable")]
+        order = matched[np.argsort(-self.confidence[0][matched], kind="stable")]
         odds = self._odds
         same = np.isfinite(odds)
         same[0] = False
@@ -123,7 +126,7 @@ class PointSetPosterior:
         sure[order[:count]] = first[order[:count]]
         return sure, float(together[count - 1])
 
-    @property
+    @cached_property
     def _odds(self) -> Floats:
         """Odds (K,) of each hypothesis against the first; 0 for itself, infinite for those of another motion."""
         first = self.assignments[0]
@@ -205,12 +208,11 @@ def weighed(
     if not len(proposals):
         return nothing_weighed(len(model.clouds.source))
     checkpoint()
-    fit = model.fit(proposals)
-    odds = model.log_odds(fit)
-    fit, odds = _best(fit, odds, of_several)
-    known_ones = {one.tobytes() for one in fit.assignments}
+    found = _best(model.judged(proposals), of_several)
+    known_ones = {one.tobytes() for one in found.fit.assignments}
     expanded: set[bytes] = set()
     for _ in range(ROUNDS):
+        fit, odds = found.fit, found.log_odds
         likely = np.argsort(-odds, kind="stable")[: np.count_nonzero(odds > odds.max() - WORTH)].tolist()
         waiting = [k for k in likely if fit.assignments[k].tobytes() not in expanded][:EXPANDED]
         new: list[Integers] = []
@@ -227,14 +229,15 @@ def weighed(
                     new.append(other)
         if not new:
             break
-        more = model.fit(np.array(new))
-        fit, odds = fit.joined(more), np.concatenate([odds, model.log_odds(more)])
-    fit, odds = _best(fit, odds, of_several)
-    known = model.log_prior(fit)  # it tells symmetric motions from each other
-    most = float((odds - known).max())
-    equal = _exchanged(model, fit.assignments, np.exp(odds - known - most))
+        found = found.joined(model.judged(np.array(new)))
+    found = _best(found, of_several)
+    model.keep(found.take(np.arange(1)))
+    assignments, known = found.fit.assignments, found.known  # which tells symmetric motions from each other
+    odds = found.log_odds - known
+    most = float(odds.max())
+    equal = _exchanged(model, assignments, np.exp(odds - most))
     mass = np.log(np.maximum(equal, 1e-300)) + known + most
-    return Weighed(fit.assignments, odds - known, mass, *_mirrored(model, mirrored, fit.assignments, odds))
+    return Weighed(assignments, odds, mass, *_mirrored(model, mirrored, assignments, found.log_odds))
 
 
 def _with_copies(model: PointSetModel, assignments: Integers, odds: Floats) -> Floats:
@@ -265,19 +268,22 @@ def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
     return changed
 
 
-def _best(fit: PointSetFit, odds: Floats, of_several: bool = False) -> tuple[PointSetFit, Floats]:
-    """The best hypotheses that are not negligible, and those of a copy, the best one first, and their log-odds.
+def _best(found: Judged, of_several: bool) -> Judged:
+    """The best hypotheses that are not negligible, and those of a copy, the best one first.
 
     Of several bodies, all that are better than clutter: others may take what a better one needs.
     """
+    odds, assignments = found.log_odds, found.fit.assignments
+    if len(odds) == 1:
+        return found
     order = np.argsort(-odds, kind="stable")
     least = 0.0 if of_several else -math.log(COPY)
-    apart = apart_from(fit.assignments[order], fit.assignments[order[0]]) & (odds[order] > least - COUNTS)
+    apart = apart_from(assignments[order], assignments[order[0]]) & (odds[order] > least - COUNTS)
     near = (odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE) & (np.arange(len(order)) < KEPT)
     if of_several:
         near |= (odds[order] > 0.0) & (np.arange(len(order)) < KEPT)
     order = order[near | (apart & (np.cumsum(apart & ~near) <= KEPT))]
-    return fit.take(order), odds[order]
+    return found.take(order)
 
 
 def _mirrored(
@@ -291,7 +297,7 @@ def _mirrored(
     if mirrored is None or not len(mirrored):
         return None, -math.inf
     image = replace(model, mirror=True)
-    weight = image.log_odds(image.fit(mirrored)) + math.log(MIRRORED)
+    weight = image.judged(mirrored).log_odds + math.log(MIRRORED)
     for one, value in zip(assignments, odds, strict=True):
         weight[(mirrored == one).all(axis=1) & (weight < value + NEGLIGIBLE)] = -np.inf
     best = int(np.argmax(weight))

@@ -80,7 +80,7 @@ class PointSetFit:
         The prediction is that of the other points of assignment k: a point's own match is left out. The motion's own
         uncertainty enters as its mean over directions.
         """
-        one = self.take(np.array([k]))
+        one = self if len(self.scale) == 1 else self.take(np.array([k]))
         squared, variance = (part[0] for part in one.squares())
         assignment = self.assignments[k]
         (matched,) = np.nonzero(assignment >= 0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.algebra.rotation import cross_matrix, one_rotation_matrix, rotation_vector
 from rootmatch.arrays import Floats
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
@@ -147,7 +147,7 @@ def updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
     total = jacobian @ gain + noise
     kalman = gain @ np.linalg.pinv(total, hermitian=True)
     step, covariance = kalman @ off, prior.covariance - kalman @ gain.T
-    R = rotation_from_vector(step[None, :3])[0] @ prior.R
+    R = one_rotation_matrix(step[:3]) @ prior.R
     return Pose.unchecked(R, prior.t + step[3:], 0.5 * (covariance + covariance.T))
 
 

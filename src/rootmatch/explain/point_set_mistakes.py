@@ -1,0 +1,91 @@
+"""What people get wrong about two point sets of one space: the handedness, the unit, the scale."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from rootmatch.explain.mistake import Mistake
+from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.points import PointSets
+from rootmatch.problems.similarity import Rigid, Similarity
+
+COARSEST = 0.1
+"""Noise of a set of points, over its size, from which it may be in another unit. A round value."""
+UNITS = {
+    2.54: "inches and centimetres",
+    1.0 / 0.3048: "feet and metres",
+    10.0: "centimetres and millimetres",
+    12.0: "feet and inches",
+    25.4: "inches and millimetres",
+    1.0 / 0.0254: "metres and inches",
+    100.0: "metres and centimetres",
+    304.8: "feet and millimetres",
+    1000.0: "metres and millimetres",
+}
+"""Pairs of units of length, the larger one first, by how many times it is as large."""
+NEAR = 0.05
+"""Relative deviation from their ratio within which units are named: less than half of the least gap between two."""
+HANDED = "one of the sets is left-handed"
+REVERSED = (
+    "negate one coordinate of one of the sets: one axis was reversed when it was written "
+    "(LPS and RAS differ in two axes, which is a rotation and matches)"
+)
+UNIT = "the sets have different units"
+
+
+def of_point_sets(problem: Similarity, task: MatchingTask) -> Iterator[Mistake]:
+    """Mistakes about a task of `Rigid` or `Similarity`."""
+    mirrored = np.array([-1.0, 1.0, 1.0])[: task.points.source.shape[1]] * task.points.source
+    yield Mistake(HANDED, REVERSED, lambda: replace(task, points=replace(task.points, source=mirrored)))
+    if not isinstance(problem, Rigid):
+        return
+    free, remedy = Similarity(problem.dimension), "use one unit, or Similarity(), which finds the scale"
+    for handed in (False, True):
+        source = mirrored if handed else task.points.source
+        name, how = (f"{HANDED}, and {UNIT}", f"{REVERSED}; {remedy}") if handed else (UNIT, remedy)
+        for k, (points, is_own) in enumerate(_with_noise_of_units(replace(task.points, source=source))):
+            told = how if is_own else f"{how}; give the noise of each set in its own unit"
+
+            def scaled(points: PointSets = points) -> MatchingTask:
+                return replace(task, problem=free, points=points)
+
+            yield Mistake(name, told, scaled, if_nothing_fits=handed or k > 0, scaled=True)
+
+
+def named_by_scale(mistake: Mistake, scale: float) -> Mistake:
+    """A mistake about units with the factor that was found, or about the scale if it is that of no two units."""
+    factor = max(scale, 1.0 / scale)
+    larger, smaller = ("target", "source") if scale > 1.0 else ("source", "target")
+    units = [names for ratio, names in UNITS.items() if abs(math.log(factor / ratio)) < NEAR]
+    if units:
+        told = f"the {larger} is {factor:.4g} times the {smaller} ({units[0]}?)"
+        return mistake._replace(name=f"{mistake.name}: {told}")
+    remedy = mistake.remedy.replace("use one unit, or", "check the scale of both sets, or use")
+    return mistake._replace(name=mistake.name.replace(UNIT, f"a scale of {scale:.4g} fits"), remedy=remedy)
+
+
+def _with_noise_of_units(points: PointSets) -> list[tuple[PointSets, bool]]:
+    """The noise of each set as if given in its own unit (True), and as if both were in that of one set; least first.
+
+    Where it is that of an exact set, or is far too large for its set, it is not meant so.
+    """
+    sizes = [float(np.linalg.norm(some - some.mean(axis=0), axis=1).mean()) for some in (points.source, points.target)]
+    ratio = max(sizes[1], 1e-300) / max(sizes[0], 1e-300)
+    given = points.source_noise, points.target_noise
+    every: dict[float, tuple[PointSets, bool]] = {}
+    for factors in ((1.0, 1.0), (1.0, ratio), (1.0 / ratio, 1.0)):
+        sigmas = [factor * sigma for factor, sigma in zip(factors, given, strict=True)]
+        relative = max(float(np.max(sigma)) / max(size, 1e-300) for sigma, size in zip(sigmas, sizes, strict=True))
+        covariances = [
+            None if known is None else factor**2 * known
+            for factor, known in zip(factors, (points.source_covariance, points.target_covariance), strict=True)
+        ]
+        changed = replace(points, source_noise=sigmas[0], target_noise=sigmas[1])
+        changed = replace(changed, source_covariance=covariances[0], target_covariance=covariances[1])
+        every.setdefault(relative, (changed, factors == (1.0, 1.0)))
+    sound = [relative for relative in every if relative < COARSEST] or [min(every)]
+    return [every[relative] for relative in sorted(sound)]

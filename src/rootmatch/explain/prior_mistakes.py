@@ -1,0 +1,80 @@
+"""What people get wrong about a pose that they know: its direction, its unit, all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.mistake import Mistake
+from rootmatch.explain.prior_validation import Prior
+from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.pose_prior import PosePrior, with_vertical
+
+LENGTHS = {
+    1e-3: ("millimetres", "metres"),
+    1e3: ("metres", "millimetres"),
+    1e-2: ("centimetres", "metres"),
+    1e2: ("metres", "centimetres"),
+}
+"""Units in which one thing may be given, and in which the others are, by what takes the first to the second."""
+
+
+def of_priors(task: MatchingTask) -> Iterator[Mistake]:
+    """Mistakes about what is known of the poses of a task."""
+    if not task.has_prior:
+        return
+    remedy = "give x' = R x + t, points to target: pose.inverse()"
+    yield from _changed(task, "the prior is the inverse of the pose", remedy, _inverse)
+    for factor, (wrong, right) in LENGTHS.items():
+        name = f"the position of the prior is in {wrong}, the points are in {right}"
+        yield from _changed(task, name, "use one unit for points and prior", partial(_scaled, factor))
+    remedy = "check its frame and its σ, or leave prior= out"
+    yield Mistake("what is known of the pose is wrong", remedy, task.without_priors, if_nothing_fits=True)
+
+
+def _changed(task: MatchingTask, name: str, remedy: str, change: Callable[[Prior], Prior | None]) -> Iterator[Mistake]:
+    """The mistake of all that is known of poses, if any of it can be changed so."""
+    one = [change(known) for known in (task.prior_pose, task.known) if known is not None]
+    every: dict[Label, Prior] = {**task.prior_poses, **task.known_of}
+    each = {label: change(known) for label, known in every.items()}
+    new = [known for known in (*one, *each.values()) if known is not None]
+    if not new:
+        return
+    bare = task.without_priors()
+    poses = {label: known for label, known in each.items() if isinstance(known, Pose)}
+    parts = {label: known for label, known in each.items() if isinstance(known, PosePrior)}
+    pose = next((known for known in one if isinstance(known, Pose)), None)
+    part = next((known for known in one if isinstance(known, PosePrior)), None)
+    yield Mistake(name, remedy, lambda: replace(bare, prior_pose=pose, known=part, prior_poses=poses, known_of=parts))
+
+
+def _inverse(known: Prior) -> Prior | None:
+    """What is known if the inverse was given; None if that tells nothing."""
+    if isinstance(known, Pose):
+        return known.inverse()
+    if known.rotation is None:
+        return None
+    R, covariance = (np.asarray(part, np.float64) for part in known.rotation)
+    if known.place is None:
+        return replace(known, rotation=(R.T, R.T @ covariance @ R))
+    both = np.zeros((6, 6))
+    both[:3, :3], both[3:, 3:] = covariance, known.place[1]
+    pose = Pose(R, known.place[0], both).inverse()
+    return pose if known.vertical is None else with_vertical(pose, *known.vertical)  # type: ignore[arg-type]
+
+
+def _scaled(factor: float, known: Prior) -> Prior | None:
+    """What is known with another unit of its position; None if it has none."""
+    if isinstance(known, Pose):
+        assert known.covariance is not None
+        sizes = np.repeat([1.0, factor], 3)
+        return Pose(known.R, factor * known.t, known.covariance * sizes * sizes[:, None])
+    if known.place is None:
+        return None
+    t, covariance = known.place
+    return replace(known, position=(factor * t, factor**2 * covariance))

@@ -1,0 +1,190 @@
+"""What people get wrong about an input: each mistake with its remedy and the corrected task."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rootmatch.cameras.brown import Brown
+from rootmatch.cameras.kannala_brandt import KannalaBrandt
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.rig import Rig
+from rootmatch.cameras.unit_rays import UnitRays
+from rootmatch.explain.mistake import Change, Mistake
+from rootmatch.explain.point_set_mistakes import of_point_sets
+from rootmatch.explain.prior_mistakes import LENGTHS, of_priors
+from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.points import PointSets
+from rootmatch.problems.similarity import Similarity
+
+FACTORS = (3.0, 10.0)
+"""Factors by which σ may have been stated too small. Round values."""
+NOISIER = {f"the noise is {factor:g} times as large": factor for factor in FACTORS}
+"""The factor of each mistake of that kind."""
+
+
+def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
+    """Possible mistakes, the commonest first; one about the points is tried without what is known of the pose."""
+    yield from of_priors(given)
+    task = given.without_priors()
+    problem, points = task.problem, task.points
+
+    def pointed(**changes: Any) -> Change:
+        return lambda: replace(task, points=replace(points, **changes))
+
+    def posed(**changes: Any) -> Change:
+        return lambda: replace(task, problem=replace(problem, **changes))  # type: ignore[type-var]
+
+    names = [name for name in ("camera", "camera2") if getattr(problem, name, None) is not None]
+    cameras = {name: getattr(problem, name) for name in names}
+
+    def filmed(change: Callable[[Camera], Camera]) -> Change:
+        return posed(**{name: _changed(camera, change) for name, camera in cameras.items()})
+
+    if isinstance(problem, Similarity):  # Rigid too
+        yield from of_point_sets(problem, task)
+    else:
+        yield from _of_axes(task, cameras, pointed)
+    if points.normals is not None:
+        yield Mistake("the normals point inwards", "negate nx, ny and nz", pointed(normals=-points.normals))
+        yield Mistake("the normals are wrong", "leave them out", pointed(normals=None, view_cosine=None))
+    if hasattr(problem, "vertical_world"):
+        upside = tuple(-np.asarray(problem.vertical_world, float))
+        remedy = "negate vertical_world or vertical_camera: both point down, or both up (an accelerometer measures up)"
+        yield Mistake("one of the verticals is upside down", remedy, posed(vertical_world=upside))
+    if hasattr(problem, "axis2"):
+        upside = tuple(-np.asarray(problem.axis2, float))
+        yield Mistake("one of the axes is reversed", "negate axis or axis2", posed(axis2=upside))
+    yield from _of_lenses(cameras, filmed)
+    if not task.estimates_noise:
+        if any(isinstance(camera, UnitRays) for camera in cameras.values()):
+            unit = math.radians(1.0)
+            remedy = "give the noise of rays in radians: np.radians(...)"
+            yield Mistake("the noise is in degrees", remedy, pointed(target_noise=unit * points.target_noise))
+        for mistake, factor in NOISIER.items():
+            yield Mistake(mistake, f"give noise= {factor:g} times as large", pointed(**_noisier(points, factor)))
+
+
+def _noisier(points: PointSets, factor: float) -> dict[str, Any]:
+    """The noise of both sets, so many times as large."""
+    known = points.target_covariance
+    return {
+        "source_noise": factor * points.source_noise,
+        "target_noise": factor * points.target_noise,
+        "target_covariance": None if known is None else factor**2 * known,
+    }
+
+
+def _of_axes(task: MatchingTask, cameras: dict[str, Any], pointed: Callable[..., Change]) -> Iterator[Mistake]:
+    """Axes of images and models; a pose cannot tell a mirrored image from a mirrored model."""
+    points, camera = task.points, cameras.get("camera")
+    flat = points.source.shape[1] == 2
+    if isinstance(camera, Rig):
+        mirrored = {"source": points.source * (-1.0, 1.0, 1.0)}
+        if points.normals is not None:
+            mirrored["normals"] = points.normals * (-1.0, 1.0, 1.0)
+        yield Mistake("the model is left-handed", "negate one coordinate of points and normals", pointed(**mirrored))
+        inverse = Rig([(own, np.array(R).T, -np.array(R).T @ np.array(t)) for own, R, t in camera.views], camera.sizes)
+        remedy = "give each camera with x_camera = R x_rig + t: the inverse"
+        yield Mistake("poses of the cameras map to the rig", remedy, lambda: _with_camera(task, inverse))
+        for factor, (wrong, right) in LENGTHS.items():
+            name = f"the model is in {wrong}, the rig in {right}"
+            yield Mistake(name, "use one unit for the points and the rig's translations", _in_unit(task, factor))
+        return
+    centres = [_centre(cameras.get("camera2") or camera, task), _centre(camera, task)]
+
+    def mirrored_along(axis: int) -> Change:
+        changed = {}
+        for name, centre in zip(("target", "source") if flat else ("target",), centres, strict=False):
+            changed[name] = getattr(points, name).copy()
+            changed[name][:, axis] = 2.0 * centre[axis] - changed[name][:, axis]
+        return pointed(**changed)
+
+    remedy = "give y downwards (image height − y), or negate one coordinate of the model and of its normals"
+    yield Mistake("y is measured upwards in the image, or the model is left-handed", remedy, mirrored_along(1))
+    if hasattr(task.problem, "vertical_world"):  # which tells these two apart
+        name, remedy = "x is mirrored, or the model is left-handed", "mirror x, or one level axis of the model"
+        yield Mistake(name, remedy, mirrored_along(0))
+    if points.target.shape[1] == 2:
+        swapped = {"target": points.target[:, ::-1].copy()}
+        if flat:
+            swapped["source"] = points.source[:, ::-1].copy()
+        yield Mistake(
+            "x and y of the image are exchanged", "give columns x, y: np.array(...)[:, ::-1]", pointed(**swapped)
+        )
+
+
+def _of_lenses(cameras: dict[str, Any], filmed: Callable[[Callable[[Camera], Camera]], Change]) -> Iterator[Mistake]:
+    if not any(isinstance(camera, Camera | Rig) for camera in cameras.values()):
+        return
+    for factor, size in ((2.0, "half"), (0.5, "twice")):
+        mistake = f"the camera was calibrated at {size} the size of the image"
+        yield Mistake(mistake, f"multiply fx, fy, cx and cy by {factor:g}", filmed(partial(_scaled, factor)))
+    lenses = [one.lens for camera in cameras.values() for one in getattr(camera, "cameras", (camera,))]
+    if any(isinstance(lens, Brown) and len(lens.values) in (4, 5) for lens in lenses):
+        remedy = "use Camera.from_opencv_fisheye(K, D)"
+        yield Mistake("the lens' coefficients are those of a fisheye", remedy, filmed(_as_fisheye))
+    if any(isinstance(lens, KannalaBrandt) for lens in lenses):
+        yield Mistake("the lens' coefficients are Brown's", "use Camera.from_opencv(K, dist)", filmed(_as_brown))
+    if any(lens is not None for lens in lenses):
+        remedy = "give raw pixels, or leave the lens out"
+        yield Mistake("the detections were undistorted already", remedy, filmed(lambda own: Camera(*own.numbers)))
+    remedy = "check the order: fx, fy, cx, cy"
+    yield Mistake(
+        "cx and cy are exchanged", remedy, filmed(lambda own: Camera(own.fx, own.fy, own.cy, own.cx, own.lens))
+    )
+    shifts = [(x, y) for x in (0.5, -0.5) for y in (0.5, -0.5)]
+    for half in (0.5, -0.5):
+        remedy = f"add {half:g} to cx and cy: OpenCV counts the first pixel's centre as (0, 0), COLMAP as (0.5, 0.5)"
+        rivals = tuple(filmed(partial(_shifted, by)) for by in shifts if by != (half, half))
+        change = filmed(partial(_shifted, (half, half)))
+        yield Mistake("the principal point is off by half a pixel", remedy, change, rivals=rivals)
+
+
+def _changed(camera: Any, change: Callable[[Camera], Camera]) -> Any:
+    """A camera, or each camera of a rig, with a change; anything but a `Camera` stays as it is."""
+    if isinstance(camera, Rig):
+        return Rig([(_changed(own, change), R, t) for own, R, t in camera.views], camera.sizes)
+    return change(camera) if isinstance(camera, Camera) else camera
+
+
+def _in_unit(task: MatchingTask, factor: float) -> Change:
+    """The task with source points in another unit."""
+    points, known = task.points, task.points.source_covariance
+    covariance = None if known is None else factor**2 * known
+    scaled = replace(points, source=factor * points.source, source_covariance=covariance)
+    return lambda: replace(task, points=replace(scaled, source_noise=factor * points.source_noise))
+
+
+def _with_camera(task: MatchingTask, camera: Any) -> MatchingTask:
+    return replace(task, problem=replace(task.problem, camera=camera))  # type: ignore[type-var]
+
+
+def _centre(camera: Any, task: MatchingTask) -> tuple[float, float]:
+    """Principal point; the origin for rays, and the problem's centre for a camera of unknown focal length."""
+    if isinstance(camera, Camera):
+        return camera.cx, camera.cy
+    x, y = getattr(task.problem, "centre", (0.0, 0.0))
+    return float(x), float(y)
+
+
+def _scaled(factor: float, camera: Camera) -> Camera:
+    fx, fy, cx, cy = camera.numbers
+    return Camera(factor * fx, factor * fy, factor * cx, factor * cy, camera.lens)
+
+
+def _shifted(by: tuple[float, float], camera: Camera) -> Camera:
+    return Camera(camera.fx, camera.fy, camera.cx + by[0], camera.cy + by[1], camera.lens)
+
+
+def _as_fisheye(camera: Camera) -> Camera:
+    return Camera(*camera.numbers, KannalaBrandt(camera.lens.values[:4])) if isinstance(camera.lens, Brown) else camera
+
+
+def _as_brown(camera: Camera) -> Camera:
+    return Camera(*camera.numbers, Brown(camera.lens.values)) if isinstance(camera.lens, KannalaBrandt) else camera
