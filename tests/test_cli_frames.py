@@ -509,6 +509,70 @@ def test_what_is_known_is_read_from_a_file(folder: Path, tmp_path: Path) -> None
     assert "hmd" in run("track", bodies, folder / "frames.csv", *OPTIONS, "--known", labelled, "--json").stdout
 
 
+@pytest.fixture(scope="module")
+def turns(folder: Path) -> list[list[float]]:
+    """The quaternion of the body in each of the first frames, as it was found, and its σ in degrees."""
+    lines = run("track", folder / "model.csv", folder / "frames.csv", *OPTIONS, "--json").stdout.splitlines()
+    return [[*json.loads(line)["pose"]["quaternion"], 2.0] for line in lines[:4]]
+
+
+TURN = "qx,qy,qz,qw,q_sigma"
+
+
+@pytest.mark.parametrize("command", ["match", "track"])
+def test_rows_of_known_poses_that_match_no_frame_are_named(
+    folder: Path, tmp_path: Path, turns: list[list[float]], command: str
+) -> None:
+    """A time that is rounded, or read a moment later, is that of its frame; one of another clock is said so."""
+    with (folder / "frames.csv").open(encoding="utf-8", newline="") as stream:
+        seen = [[f"{int(row['frame']) / 60.0:.6f}", row["x"], row["y"]] for row in csv.DictReader(stream)]
+    model, timed = folder / "model.csv", write(tmp_path / "timed.csv", "time,x,y", seen)
+    near = [[f"{k / 60.0 + 1e-4:.4f}", *turn] for k, turn in enumerate(turns)]
+    late = [[10.0 + k / 60.0, *turn] for k, turn in enumerate(turns)]
+    numbers = [[k + 6, *turn] for k, turn in enumerate(turns)]
+    for image, column, rows, text in (
+        (timed, "time", near, None),
+        (timed, "time", [*near, late[0]], "1 of 5 rows match no frame, the first is row 6 with time 10;"),
+        (timed, "time", late, "4 of 4 rows match no frame, the first is row 2 with time 10; a time is matched"),
+        (folder / "frames.csv", "frame", numbers, "2 of 4 rows match no frame, the first is row 4 with frame 8"),
+    ):
+        known = write(tmp_path / "known.csv", f"{column},{TURN}", rows)
+        result = run(command, model, image, *OPTIONS, "--known", known, "--json")
+        assert result.stdout.count('"matched"') >= 6
+        assert "warning" not in result.stderr if text is None else f"warning: {known}: {text}" in result.stderr
+
+
+def test_a_time_is_that_of_the_nearest_row(tmp_path: Path, turns: list[list[float]]) -> None:
+    """Rows of a sensor that is faster than the camera, of two bodies."""
+    rows = [[k / 2000.0, body, k, 0, 0, 1] for k in range(12) for body in "LR"]
+    known = read_known(write(tmp_path / "known.csv", "time,body,tx,ty,tz,t_sigma", rows), ["L", "R"])
+    for time, row in ((0.0, 0), (0.00274, 5), (0.00276, 6), (0.0064, 11)):
+        found = known.of(time=time)
+        assert [found[body].position[0][0] for body in "LR"] == [row, row]
+    assert known.of(time=0.0066) is None
+
+
+def test_known_poses_of_no_frame_or_body_are_refused(folder: Path, tmp_path: Path, turns: list[list[float]]) -> None:
+    bodies = write(tmp_path / "model.csv", "body,x,y,z", [["hmd", *point] for point in BODY.tolist()])
+    plain, frames, image = folder / "model.csv", folder / "frames.csv", folder / "image.csv"
+    named = [["pen", *turns[0]]]
+    for model, seen, header, rows, text in (
+        (plain, frames, TURN, turns, "row 3: the same body as in row 2; add a column frame or time"),
+        (plain, image, f"frame,{TURN}", [[0, *turns[0]]], "a column frame, and the image file has none"),
+        (bodies, frames, f"body,{TURN}", named, "row 2: body is 'pen'; the bodies of the model are hmd"),
+        (plain, frames, f"body,{TURN}", named, "row 2: body is 'pen', and the model has no column body"),
+    ):
+        known = write(tmp_path / "known.csv", header, rows)
+        refused = run("match", model, seen, *OPTIONS, "--known", known)
+        assert refused.exit_code == 2
+        assert f"rootmatch: {known}" in refused.stderr
+        assert text in refused.stderr
+    known = write(tmp_path / "known.csv", f"time,{TURN}", [[0.0, *turns[0]]])
+    assert (
+        "a column time, and the image file has none" in run("match", plain, frames, *OPTIONS, "--known", known).stderr
+    )
+
+
 def test_what_is_known_is_read_from_the_image_file(folder: Path, tmp_path: Path) -> None:
     """In one row of each frame or in all, for one image, for many, and for a tracker: as from a file of its own."""
     both = folder / "model.csv", folder / "frames.csv"

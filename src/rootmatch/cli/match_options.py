@@ -237,7 +237,11 @@ Photo = Annotated[Path | None, output("Photograph behind the image points of --p
 Plot = Annotated[Path | None, output("Draw the match: .png, .svg or .pdf.", metavar="PICTURE")]
 Report = Annotated[Path | None, output("Write the match as a page for the browser: .html.", metavar="PAGE")]
 Diagnose = Annotated[
-    bool, output("--diagnose", "If the points are not matched, try the usual mistakes, for up to 20 s.")
+    bool,
+    output(
+        "--diagnose",
+        "If the points are not matched, try the usual mistakes, for up to 20 s; of many frames for the first one.",
+    ),
 ]
 AsJson = Annotated[bool, output("--json", "Print one JSON object instead of the table.")]
 Truth = Annotated[

@@ -19,7 +19,7 @@ import typer
 from rootmatch.cli import match_options as option
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
-from rootmatch.cli.frames import FrameOutputs
+from rootmatch.cli.frames import FrameOutputs, warn_of_unused
 from rootmatch.cli.noise import Noise, noise_option
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.surroundings import leaves
@@ -52,6 +52,7 @@ Poses = Annotated[
     ),
 ]
 AsJson = Annotated[bool, option.output("--json", "Print one JSON object for each frame, one per line.")]
+Diagnose = Annotated[bool, typer.Option("--diagnose", hidden=True)]
 Matches = Annotated[Path | None, option.output("Write frame,source,target,weight,motion.", metavar="CSV")]
 
 
@@ -77,6 +78,7 @@ def track(
     poses: Poses = None,
     output: Matches = None,
     as_json: AsJson = False,
+    diagnose: Diagnose = False,
 ) -> None:
     """Follow one or several bodies through the frames of a camera.
 
@@ -92,6 +94,8 @@ def track(
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import STANDARD_INPUT, read_frames
 
+    if diagnose:
+        raise InputError("--diagnose: `rootmatch match` has it, with the same files: of the first frame not matched")
     if rate is not None and not 0.0 < rate < float("inf"):
         raise InputError(f"--rate: {rate:g} given; give frames a second, above 0")
     given_files = model, frames, known, None if camera is None else io.camera_file(camera)
@@ -114,7 +118,7 @@ def track(
 
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)
-    priors = {} if known is None else io.read_known(known)
+    told = None if known is None else io.read_known(known, source.bodies)
     noises = Noise(given_noise, source.sigma, model, frames, problem=posed, given_source=source_noise)
     options = option.given_options(source, noises, given) | {"seed": seed}
     if normals and source.normals is not None:
@@ -143,7 +147,7 @@ def track(
                 raise InputError(f"--rate: {frames} has a column time; leave one of them out")
             when = frame.number / (rate or RATE) if frame.time is None else frame.time
             weights = None if frame.sigma is None else noises.of(frame.sigma)
-            prior = io.prior_of_frame(priors, frame.number, when, frame.known)
+            prior = io.prior_of_frame(told, frame.number, when, frame.known)
             found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
             rows = [[*row, when] for row in pose_rows(frame.number, found)]
             if as_json:
@@ -161,6 +165,7 @@ def track(
             count.update(row[2] for row in rows)
             if len(times) < FIRST_FRAMES:
                 times.append(when)
+    warn_of_unused(told)
     _warn_of_slow_frames(times, None if timed else rate or RATE)
     print(f"rootmatch: {counted(count)}", file=sys.stderr)
     if not count["matched"]:
