@@ -52,7 +52,8 @@ def test_options_of_the_wrong_kind_are_refused(option: str, value: Any, text: st
 
 @pytest.mark.parametrize("problem", [5, "p3p", rm.P3P, None, CAMERA])
 def test_what_is_no_problem_is_refused(problem: Any) -> None:
-    with pytest.raises(InputError, match=r"problem: .*give a problem such as"):
+    text = "the class P3P was given; pass an instance, such as" if problem is rm.P3P else "give a problem such as"
+    with pytest.raises(InputError, match=rf"^problem: .*{text} rootmatch\.P3P\(camera\)$"):
         rm.match(SCENE.source, SCENE.target, problem)
 
 
@@ -187,7 +188,7 @@ def test_a_frame_with_a_detection_twice_is_an_empty_match() -> None:
 
 @pytest.mark.parametrize("problem", [5, rm.P3P])
 def test_a_matcher_needs_a_problem(problem: Any) -> None:
-    with pytest.raises(InputError, match="give a problem such as"):
+    with pytest.raises(InputError, match=r"^problem: .* such as rootmatch\.P3P\(camera\)$"):
         rm.Matcher(SCENE.source, problem)
 
 

@@ -487,6 +487,36 @@ def test_noise_of_the_model_as_an_option_or_as_columns(folder: Path, tmp_path: P
     assert "--source-noise: -1 given; a standard deviation is not negative" in wrong.stderr
 
 
+def test_a_trajectory_of_the_frames_is_written(folder: Path, tmp_path: Path) -> None:
+    """TUM's: times, and the camera in the frame of the points; only of frames that are matched."""
+    both, place = (folder / "model.csv", folder / "frames.csv"), tmp_path / "camera.tum"
+    records = [
+        json.loads(line) for line in run("track", *both, *OPTIONS, "--json", "--poses", place).stdout.splitlines()
+    ]
+    matched = [record for record in records if record["status"] == "matched"]
+    assert 0 < len(matched) < len(records)
+    table = np.loadtxt(place)
+    np.testing.assert_allclose(table[:, 0], [record["time"] for record in matched])
+    for row, record in zip(table, matched, strict=True):
+        back = rm.Pose(record["pose"]["R"], record["pose"]["t"]).inverse()
+        np.testing.assert_allclose(row[1:], [*back.t, *back.quaternion], atol=1e-12)
+    printed = run("track", *both, *OPTIONS, "--pose-format", "tum").stdout
+    assert printed == place.read_text()
+    again = run("track", *both, *OPTIONS, "--poses", place)
+    assert "it already exists, with rows of an earlier run; remove it, or give another name" in again.stderr
+    bodies = write(tmp_path / "bodies.csv", "body,x,y,z", [["hmd", *point] for point in BODY.tolist()])
+    refused = run("track", bodies, both[1], *OPTIONS, "--pose-format", "tum")
+    assert "tum is a trajectory of one body" in refused.stderr
+
+
+def test_a_tracker_names_the_problems_that_it_takes(folder: Path) -> None:
+    both, options = (folder / "model.csv", folder / "frames.csv"), OPTIONS[2:]
+    assert "'p3p', 'up2p', 'rigid'" in run("track", *both, "--problem", "3p1", *options).stderr
+    shown = run("track", "--help").stdout
+    assert not any(name in shown for name in ("3p1", "planar", "similarity", "up2pf"))
+    assert "--noise: auto given" in run("track", *both, *OPTIONS, "--noise", "auto").stderr
+
+
 def test_what_is_known_is_read_from_a_file(folder: Path, tmp_path: Path) -> None:
     """A rotation of each frame: for one image, for many, and for a tracker; of a body by its label."""
     both = folder / "model.csv", folder / "frames.csv"
@@ -546,8 +576,8 @@ def test_a_time_is_that_of_the_nearest_row(tmp_path: Path, turns: list[list[floa
     """Rows of a sensor that is faster than the camera, of two bodies."""
     rows = [[k / 2000.0, body, k, 0, 0, 1] for k in range(12) for body in "LR"]
     known = read_known(write(tmp_path / "known.csv", "time,body,tx,ty,tz,t_sigma", rows), ["L", "R"])
-    for time, row in ((0.0, 0), (0.00274, 5), (0.00276, 6), (0.0064, 11)):
-        found = known.of(time=time)
+    for when, row in ((0.0, 0), (0.00274, 5), (0.00276, 6), (0.0064, 11)):
+        found = known.of(time=when)
         assert [found[body].position[0][0] for body in "LR"] == [row, row]
     assert known.of(time=0.0066) is None
 

@@ -109,8 +109,10 @@ def test_bad_options_are_one_line(tmp_path: Path, options: tuple[str, str], text
 def test_poses_of_a_plane_are_no_quaternions(tmp_path: Path) -> None:
     scene = point_sets(2, rm.Rigid(2))
     files = write(tmp_path / "a.csv", scene.source), write(tmp_path / "b.csv", scene.target)
-    poses = tmp_path / "poses.tum"
-    result = run("match", *files, "--problem", "rigid", "--noise", "0.01,0.01", "--poses", poses)
+    poses = tmp_path / "poses"
+    result = run(
+        "match", *files, "--problem", "rigid", "--noise", "0.01,0.01", "--poses", poses, "--pose-format", "ros"
+    )
     assert result.exit_code == 2
     assert "in a plane; give csv or json" in " ".join(result.stderr.split())
     assert not poses.exists()

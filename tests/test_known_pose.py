@@ -162,7 +162,7 @@ def test_wrong_knowledge_is_noticed() -> None:
     match = scene.match(rm.PosePrior(rotation=(wrong, TURN)))
     assert scene.is_right(match)
     assert match.prior_holds is False
-    assert "what was known of the pose was wrong" in match.advice
+    assert "this pose contradicts the prior and was found without it" in match.advice
 
 
 def test_an_upright_camera_with_a_rotation_or_a_position() -> None:

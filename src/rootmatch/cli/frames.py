@@ -46,6 +46,8 @@ class FrameOutputs:
     poses: Path | None
     as_json: bool
     resume: bool
+    trajectory: bool = False
+    """Whether the poses are a trajectory of TUM, whose file may have any name."""
 
     @property
     def paths(self) -> dict[str, Path]:
@@ -60,8 +62,12 @@ class FrameOutputs:
         taken = list(inputs)
         for option, path in self.paths.items():
             check_output(path, option, taken)
-            if path.suffix.lower() != ".csv" and not sent_through(path):
-                raise InputError(f"{option} {path}: many frames are written as CSV; give a name that ends in .csv")
+            of_any_name = sent_through(path) or (self.trajectory and path == self.poses)
+            if path.suffix.lower() != ".csv" and not of_any_name:
+                raise InputError(
+                    f"{option} {path}: many frames are written as CSV; give a name that ends in .csv "
+                    "(`rootmatch track` also writes trajectories, .tum)"
+                )
             if self.as_json and is_standard_output(path):
                 raise InputError(f"--json: {option} goes to standard output too; give it a file")
             taken.append(path)
