@@ -186,6 +186,15 @@ def test_a_frame_with_a_detection_twice_is_an_empty_match() -> None:
     assert "detections 1 and 5 are the same" in match.advice
 
 
+def test_two_images_are_told_their_problems() -> None:
+    with pytest.raises(
+        InputError, match=r"^source: shape \(7, 2\) given, \(m, 3\) expected; two images are matched by"
+    ):
+        rm.match(SCENE.target, SCENE.target, SCENE.problem)
+    with pytest.raises(InputError, match=r"^target: shape \(6, 3\) given, \(m, 2\) expected$"):
+        rm.match(SCENE.source, SCENE.source, SCENE.problem)
+
+
 @pytest.mark.parametrize("problem", [5, rm.P3P])
 def test_a_matcher_needs_a_problem(problem: Any) -> None:
     with pytest.raises(InputError, match=r"^problem: .* such as rootmatch\.P3P\(camera\)$"):
