@@ -681,6 +681,7 @@ def test_knowledge_of_one_frame_is_not_that_of_the_next(tmp_path: Path) -> None:
         ("tx,ty,tz,t_sigma", [0, 0, "", 1], "row 2: tz is empty"),
         ("tx,ty,tz,t_sigma", [0, 0, 1, -1], "row 2: t_sigma is '-1'; give a number of 0 or more"),
         ("qx,qy,qz,qw,q_sigma", [0, 0, 0, 2, 1], "row 2: pose: a quaternion of length 2 given"),
+        ("qx,qy,qz,qw,q_sigma", [0, 0, 0, 1, 60], "row 2: q_sigma is 60; give degrees up to 57"),
         ("frame,time,tx,ty,tz,t_sigma", [0, 0, 0, 0, 1, 1], "columns frame and time; give one of them"),
         ("vx,vy,vz,wx,wy,wz,v_sigma", [0, 0, 0, 0, 1, 0, 1], "row 2: prior: vertical: its length is 0"),
     ],

@@ -19,7 +19,7 @@ from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.values import errors_at
 from rootmatch.io.csv_tables import number, positive, read_table, refuse_repeats
 from rootmatch.problems.pose_fit.pose_checks import rotation_of_quaternion
-from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.pose_fit.pose_prior import WIDEST, PosePrior
 
 ROTATION = ("qx", "qy", "qz", "qw", "q_sigma")
 POSITION = ("tx", "ty", "tz", "t_sigma")
@@ -199,8 +199,11 @@ def _group(path: Path, row: int, cells: Mapping[str, str], group: tuple[str, ...
     """The numbers of a group; None if all of its cells are empty."""
     if not any(cells.get(name) for name in group):
         return None
-    *values, sigma = group
-    return [*(number(path, row, name, cells[name]) for name in values), positive(path, row, sigma, cells[sigma])]
+    *values, name = group
+    sigma = positive(path, row, name, cells[name])
+    if name != "t_sigma" and sigma > math.degrees(WIDEST):
+        raise InputError(f"{path}, row {row}: {name} is {sigma:g}; give degrees up to {math.degrees(WIDEST):.0f}")
+    return [*(number(path, row, one, cells[one]) for one in values), sigma]
 
 
 def _value(name: str, cells: list[float]) -> tuple[object, ...]:
