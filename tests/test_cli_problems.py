@@ -81,12 +81,13 @@ def test_fiducials_against_a_tracker_with_missing_and_stray_markers(tmp_path: Pa
     reported = np.vstack([plan[[4, 2, 0, 5, 1]] + [100.0, 20.0, -300.0], [[120.0, 10.0, -280.0]]])
     reported[:5] += 0.1 * rng.normal(size=(5, 3))
     files = write(tmp_path / "plan.csv", plan), write(tmp_path / "tracker.csv", reported)
-    poses = tmp_path / "poses.txt"
+    poses = tmp_path / "poses.csv"
     result = run("match", *files, "--problem", "rigid", "--noise", "0,0.1", "--poses", poses, "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["assignment"] == [2, 4, 1, -1, 0, 3, -1]
-    numbers = [float(word) for word in poses.read_text().split()]
-    np.testing.assert_allclose(numbers, [0, 100, 20, -300, 0, 0, 0, 1], atol=1.0)
+    (row,) = csv.DictReader(poses.open(newline=""))
+    numbers = [float(row[name]) for name in ("tx", "ty", "tz", "qx", "qy", "qz", "qw")]
+    np.testing.assert_allclose(numbers, [100, 20, -300, 0, 0, 0, 1], atol=1.0)
 
 
 @pytest.mark.parametrize(
