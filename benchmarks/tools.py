@@ -5,21 +5,22 @@
 The tools of ``fiducials.py`` of the shared scenes, millimetres. Each swings by up to 35° on each axis and by 80 mm, at
 .3 to 1.2 Hz; a marker is hidden in 3 % of the frames, each frame has seven stray points elsewhere, and σ is 0.2 mm.
 
-"right": tools in frames that are trusted with every label right; "wrong": trusted with a wrong label. Times are those
-of frames, the first three of a run left out. Defaults are chosen on seeds from 1000; reports: from 20000.
+"right": tools in frames that are trusted with every label right; "wrong": trusted with a wrong label. Times are
+processor milliseconds of frames, the first three of a run left out. Defaults are chosen on seeds from 1000; reports:
+from 20000.
 """
 
 from __future__ import annotations
 
 import sys
-import time
+from functools import partial
 from types import ModuleType
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from shared import head, parser, row, scenes_of
+from shared import head, parser, row, scenes_of, timed
 
 import rootmatch as rm
 from rootmatch.tracking.tracker import TrackingOptions
@@ -64,18 +65,17 @@ def print_row(scenes: ModuleType, tracked: bool, seeds: range) -> None:
         tracker = rm.Tracker(source, rm.Rigid(), tracking=TrackingOptions(interval=INTERVAL), **given)
         matcher = rm.Matcher(source, rm.Rigid(), **given)
         for k, (target, truth) in enumerate(frames):
-            begun = time.perf_counter()
-            match = tracker.update(target) if tracked else matcher.match(target)
+            match, took = timed(partial(tracker.update if tracked else matcher.match, target))
             if seed > seeds[0] or k >= 3:
-                seconds.append(time.perf_counter() - begun)
+                seconds.append(took)
             assert match.bodies is not None
             for label, body in match.bodies.items():
                 own, trusted = truth[labels == label], body.status is rm.Status.MATCHED
                 every += 1
                 right += trusted and np.array_equal(body.assignment, own)
                 wrong += trusted and bool(((body.assignment >= 0) & (body.assignment != own)).any())
-    took = 1e3 * np.array(seconds)
-    times = [f"{value:.1f}" for value in (np.median(took), np.quantile(took, 0.99), took.max())]
+    each = 1e3 * np.array(seconds)
+    times = [f"{value:.1f}" for value in (np.median(each), np.quantile(each, 0.99), each.max())]
     row("tracked" if tracked else "each frame by itself", every, right, wrong, every - right - wrong, *times)
 
 

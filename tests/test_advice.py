@@ -113,6 +113,7 @@ def test_many_points_say_so() -> None:
     match = rm.match(body, seen, rm.Rigid(), noise=(0.0, 0.1))
     assert match.status is rm.Status.UNTRUSTED
     assert "the noise is 10 times as large" in match.advice
+    assert "source_noise" not in match.advice, "the noise of either set is stated"
 
 
 def test_residuals_of_what_is_not_there_do_not_say_that_the_noise_is_larger() -> None:
@@ -125,8 +126,9 @@ def test_residuals_of_what_is_not_there_do_not_say_that_the_noise_is_larger() ->
     )
     assert found.status is rm.Status.UNTRUSTED
     assert "times as large as given, or else the pose is wrong; give noise=" in found.advice
+    assert ', or noise="auto", or source_noise= if the model is inexact, and check' in found.advice
     chance = replace(found.finding, log_odds=-6.4, noise_factor=2.4, noise_dof=8)
-    assert "could be chance even if the noise were 2.4 times as large" in advice(chance)
+    assert "even with 2.4 times the stated noise, which the residuals suggest, this could be chance" in advice(chance)
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])

@@ -52,7 +52,8 @@ def test_options_of_the_wrong_kind_are_refused(option: str, value: Any, text: st
 
 @pytest.mark.parametrize("problem", [5, "p3p", rm.P3P, None, CAMERA])
 def test_what_is_no_problem_is_refused(problem: Any) -> None:
-    with pytest.raises(InputError, match=r"problem: .*give a problem such as"):
+    text = "the class P3P was given; pass an instance, such as" if problem is rm.P3P else "give a problem such as"
+    with pytest.raises(InputError, match=rf"^problem: .*{text} rootmatch\.P3P\(camera\)$"):
         rm.match(SCENE.source, SCENE.target, problem)
 
 
@@ -185,9 +186,18 @@ def test_a_frame_with_a_detection_twice_is_an_empty_match() -> None:
     assert "detections 1 and 5 are the same" in match.advice
 
 
+def test_two_images_are_told_their_problems() -> None:
+    with pytest.raises(
+        InputError, match=r"^source: shape \(7, 2\) given, \(m, 3\) expected; two images are matched by"
+    ):
+        rm.match(SCENE.target, SCENE.target, SCENE.problem)
+    with pytest.raises(InputError, match=r"^target: shape \(6, 3\) given, \(m, 2\) expected$"):
+        rm.match(SCENE.source, SCENE.source, SCENE.problem)
+
+
 @pytest.mark.parametrize("problem", [5, rm.P3P])
 def test_a_matcher_needs_a_problem(problem: Any) -> None:
-    with pytest.raises(InputError, match="give a problem such as"):
+    with pytest.raises(InputError, match=r"^problem: .* such as rootmatch\.P3P\(camera\)$"):
         rm.Matcher(SCENE.source, problem)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 import runpy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,6 +35,18 @@ def test_a_controller_over_a_socket(
     assert right >= 10, told
     assert wrong == 0, told
     assert "round trip: first" in told
+
+
+def test_the_imu_is_asked_while_the_controller_is_lost() -> None:
+    asked: list[Any] = []
+    lost = SimpleNamespace(state=rm.TrackingState.LOST, update=lambda target, time, prior: asked.append(prior))
+    answered = runpy.run_path(str(EXAMPLES / "xr/serve.py"))["answered"]
+    turn = Rotation.from_rotvec([0.1, 0.2, 0.3])
+    for imu in (turn.as_quat().tolist(), None):
+        line = json.dumps({"time": 0.0, "pixels": [], "camera": [], "imu": imu})
+        assert json.loads(answered(lost, line))["t"] is None
+    np.testing.assert_allclose(asked[0].rotation[0], turn.as_matrix())
+    assert asked[1] is None
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -78,3 +93,17 @@ def test_images_are_placed_in_a_colmap_model(
         off = found @ truth[image.name].inverse()
         assert np.linalg.norm(off.rvec) < 0.01
         assert image.num_points3D >= 14
+    # COLMAP's own text has comments, and tracks of different lengths; here also a second camera
+    written = tmp_path / "written"
+    written.mkdir()
+    read.write_text(written)
+    with (written / "cameras.txt").open("a") as file:
+        file.write("7 PINHOLE 1200 900 1000 1000 600 450\n")
+    again = "photogrammetry/locate.py", written, *images, "--output", tmp_path / "again"
+    with pytest.raises(SystemExit):
+        run(monkeypatch, *again)
+    assert "--camera: the cameras of the model are 1, 7; say which one" in capsys.readouterr().err
+    run(monkeypatch, *again, "--camera", 1)
+    assert "2 of 3 images in" in capsys.readouterr().out
+    (camera,) = pycolmap.Reconstruction(tmp_path / "again").cameras.values()
+    assert (camera.width, camera.height) == (1200, 900)

@@ -487,6 +487,36 @@ def test_noise_of_the_model_as_an_option_or_as_columns(folder: Path, tmp_path: P
     assert "--source-noise: -1 given; a standard deviation is not negative" in wrong.stderr
 
 
+def test_a_trajectory_of_the_frames_is_written(folder: Path, tmp_path: Path) -> None:
+    """TUM's: times, and the camera in the frame of the points; only of frames that are matched."""
+    both, place = (folder / "model.csv", folder / "frames.csv"), tmp_path / "camera.tum"
+    records = [
+        json.loads(line) for line in run("track", *both, *OPTIONS, "--json", "--poses", place).stdout.splitlines()
+    ]
+    matched = [record for record in records if record["status"] == "matched"]
+    assert 0 < len(matched) < len(records)
+    table = np.loadtxt(place)
+    np.testing.assert_allclose(table[:, 0], [record["time"] for record in matched])
+    for row, record in zip(table, matched, strict=True):
+        back = rm.Pose(record["pose"]["R"], record["pose"]["t"]).inverse()
+        np.testing.assert_allclose(row[1:], [*back.t, *back.quaternion], atol=1e-12)
+    printed = run("track", *both, *OPTIONS, "--pose-format", "tum").stdout
+    assert printed == place.read_text()
+    again = run("track", *both, *OPTIONS, "--poses", place)
+    assert "it already exists, with rows of an earlier run; remove it, or give another name" in again.stderr
+    bodies = write(tmp_path / "bodies.csv", "body,x,y,z", [["hmd", *point] for point in BODY.tolist()])
+    refused = run("track", bodies, both[1], *OPTIONS, "--pose-format", "tum")
+    assert "tum is a trajectory of one body" in refused.stderr
+
+
+def test_a_tracker_names_the_problems_that_it_takes(folder: Path) -> None:
+    both, options = (folder / "model.csv", folder / "frames.csv"), OPTIONS[2:]
+    assert "'p3p', 'up2p', 'rigid'" in run("track", *both, "--problem", "3p1", *options).stderr
+    shown = run("track", "--help").stdout
+    assert not any(name in shown for name in ("3p1", "planar", "similarity", "up2pf"))
+    assert "--noise: auto given" in run("track", *both, *OPTIONS, "--noise", "auto").stderr
+
+
 def test_what_is_known_is_read_from_a_file(folder: Path, tmp_path: Path) -> None:
     """A rotation of each frame: for one image, for many, and for a tracker; of a body by its label."""
     both = folder / "model.csv", folder / "frames.csv"
@@ -507,6 +537,70 @@ def test_what_is_known_is_read_from_a_file(folder: Path, tmp_path: Path) -> None
     bodies = write(tmp_path / "model.csv", "body,x,y,z", [["hmd", *point] for point in BODY.tolist()])
     labelled = write(tmp_path / "labelled.csv", f"frame,body,{header}", [[row[0], "hmd", *row[1:]] for row in rows])
     assert "hmd" in run("track", bodies, folder / "frames.csv", *OPTIONS, "--known", labelled, "--json").stdout
+
+
+@pytest.fixture(scope="module")
+def turns(folder: Path) -> list[list[float]]:
+    """The quaternion of the body in each of the first frames, as it was found, and its σ in degrees."""
+    lines = run("track", folder / "model.csv", folder / "frames.csv", *OPTIONS, "--json").stdout.splitlines()
+    return [[*json.loads(line)["pose"]["quaternion"], 2.0] for line in lines[:4]]
+
+
+TURN = "qx,qy,qz,qw,q_sigma"
+
+
+@pytest.mark.parametrize("command", ["match", "track"])
+def test_rows_of_known_poses_that_match_no_frame_are_named(
+    folder: Path, tmp_path: Path, turns: list[list[float]], command: str
+) -> None:
+    """A time that is rounded, or read a moment later, is that of its frame; one of another clock is said so."""
+    with (folder / "frames.csv").open(encoding="utf-8", newline="") as stream:
+        seen = [[f"{int(row['frame']) / 60.0:.6f}", row["x"], row["y"]] for row in csv.DictReader(stream)]
+    model, timed = folder / "model.csv", write(tmp_path / "timed.csv", "time,x,y", seen)
+    near = [[f"{k / 60.0 + 1e-4:.4f}", *turn] for k, turn in enumerate(turns)]
+    late = [[10.0 + k / 60.0, *turn] for k, turn in enumerate(turns)]
+    numbers = [[k + 6, *turn] for k, turn in enumerate(turns)]
+    for image, column, rows, text in (
+        (timed, "time", near, None),
+        (timed, "time", [*near, late[0]], "1 of 5 rows match no frame, the first is row 6 with time 10;"),
+        (timed, "time", late, "4 of 4 rows match no frame, the first is row 2 with time 10; a time is matched"),
+        (folder / "frames.csv", "frame", numbers, "2 of 4 rows match no frame, the first is row 4 with frame 8"),
+    ):
+        known = write(tmp_path / "known.csv", f"{column},{TURN}", rows)
+        result = run(command, model, image, *OPTIONS, "--known", known, "--json")
+        assert result.stdout.count('"matched"') >= 6
+        assert "warning" not in result.stderr if text is None else f"warning: {known}: {text}" in result.stderr
+
+
+def test_a_time_is_that_of_the_nearest_row(tmp_path: Path, turns: list[list[float]]) -> None:
+    """Rows of a sensor that is faster than the camera, of two bodies."""
+    rows = [[k / 2000.0, body, k, 0, 0, 1] for k in range(12) for body in "LR"]
+    known = read_known(write(tmp_path / "known.csv", "time,body,tx,ty,tz,t_sigma", rows), ["L", "R"])
+    for when, row in ((0.0, 0), (0.00274, 5), (0.00276, 6), (0.0064, 11)):
+        found = known.of(time=when)
+        assert [found[body].position[0][0] for body in "LR"] == [row, row]
+    assert known.of(time=0.0066) is None
+
+
+def test_known_poses_of_no_frame_or_body_are_refused(folder: Path, tmp_path: Path, turns: list[list[float]]) -> None:
+    bodies = write(tmp_path / "model.csv", "body,x,y,z", [["hmd", *point] for point in BODY.tolist()])
+    plain, frames, image = folder / "model.csv", folder / "frames.csv", folder / "image.csv"
+    named = [["pen", *turns[0]]]
+    for model, seen, header, rows, text in (
+        (plain, frames, TURN, turns, "row 3: the same body as in row 2; add a column frame or time"),
+        (plain, image, f"frame,{TURN}", [[0, *turns[0]]], "a column frame, and the image file has none"),
+        (bodies, frames, f"body,{TURN}", named, "row 2: body is 'pen'; the bodies of the model are hmd"),
+        (plain, frames, f"body,{TURN}", named, "row 2: body is 'pen', and the model has no column body"),
+    ):
+        known = write(tmp_path / "known.csv", header, rows)
+        refused = run("match", model, seen, *OPTIONS, "--known", known)
+        assert refused.exit_code == 2
+        assert f"rootmatch: {known}" in refused.stderr
+        assert text in refused.stderr
+    known = write(tmp_path / "known.csv", f"time,{TURN}", [[0.0, *turns[0]]])
+    assert (
+        "a column time, and the image file has none" in run("match", plain, frames, *OPTIONS, "--known", known).stderr
+    )
 
 
 def test_what_is_known_is_read_from_the_image_file(folder: Path, tmp_path: Path) -> None:
@@ -587,6 +681,7 @@ def test_knowledge_of_one_frame_is_not_that_of_the_next(tmp_path: Path) -> None:
         ("tx,ty,tz,t_sigma", [0, 0, "", 1], "row 2: tz is empty"),
         ("tx,ty,tz,t_sigma", [0, 0, 1, -1], "row 2: t_sigma is '-1'; give a number of 0 or more"),
         ("qx,qy,qz,qw,q_sigma", [0, 0, 0, 2, 1], "row 2: pose: a quaternion of length 2 given"),
+        ("qx,qy,qz,qw,q_sigma", [0, 0, 0, 1, 60], "row 2: q_sigma is 60; give degrees up to 57"),
         ("frame,time,tx,ty,tz,t_sigma", [0, 0, 0, 0, 1, 1], "columns frame and time; give one of them"),
         ("vx,vy,vz,wx,wy,wz,v_sigma", [0, 0, 0, 0, 1, 0, 1], "row 2: prior: vertical: its length is 0"),
     ],

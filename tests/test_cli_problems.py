@@ -81,12 +81,13 @@ def test_fiducials_against_a_tracker_with_missing_and_stray_markers(tmp_path: Pa
     reported = np.vstack([plan[[4, 2, 0, 5, 1]] + [100.0, 20.0, -300.0], [[120.0, 10.0, -280.0]]])
     reported[:5] += 0.1 * rng.normal(size=(5, 3))
     files = write(tmp_path / "plan.csv", plan), write(tmp_path / "tracker.csv", reported)
-    poses = tmp_path / "poses.txt"
+    poses = tmp_path / "poses.csv"
     result = run("match", *files, "--problem", "rigid", "--noise", "0,0.1", "--poses", poses, "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["assignment"] == [2, 4, 1, -1, 0, 3, -1]
-    numbers = [float(word) for word in poses.read_text().split()]
-    np.testing.assert_allclose(numbers, [0, 100, 20, -300, 0, 0, 0, 1], atol=1.0)
+    (row,) = csv.DictReader(poses.open(newline=""))
+    numbers = [float(row[name]) for name in ("tx", "ty", "tz", "qx", "qy", "qz", "qw")]
+    np.testing.assert_allclose(numbers, [100, 20, -300, 0, 0, 0, 1], atol=1.0)
 
 
 @pytest.mark.parametrize(
@@ -109,8 +110,10 @@ def test_bad_options_are_one_line(tmp_path: Path, options: tuple[str, str], text
 def test_poses_of_a_plane_are_no_quaternions(tmp_path: Path) -> None:
     scene = point_sets(2, rm.Rigid(2))
     files = write(tmp_path / "a.csv", scene.source), write(tmp_path / "b.csv", scene.target)
-    poses = tmp_path / "poses.tum"
-    result = run("match", *files, "--problem", "rigid", "--noise", "0.01,0.01", "--poses", poses)
+    poses = tmp_path / "poses"
+    result = run(
+        "match", *files, "--problem", "rigid", "--noise", "0.01,0.01", "--poses", poses, "--pose-format", "ros"
+    )
     assert result.exit_code == 2
     assert "in a plane; give csv or json" in " ".join(result.stderr.split())
     assert not poses.exists()

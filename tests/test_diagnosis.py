@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from dataclasses import replace
@@ -255,4 +256,16 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     options = ["--problem", "p3p", "--camera", "900,900,640,480", "--noise", "0.3", "--diagnose"]
     result = CliRunner().invoke(app, ["match", *files, *options])
     assert result.exit_code == 1
-    assert "diagnosis: x and y of the image are exchanged: matched, 10 points" in result.stderr
+    named = "diagnosis: x and y of the image are exchanged: matched, 10 points"
+    assert named in result.stderr
+    record = json.loads(CliRunner().invoke(app, ["match", *files, *options, "--json"]).stdout)
+    best = record["diagnosis"]["fits"][0]
+    assert (best["mistake"], best["status"], best["matched"]) == ("x and y of the image are exchanged", "matched", 10)
+    assert record["diagnosis"]["given"]["status"] == record["status"] == "untrusted"
+    frames = [[k, *point] for k in range(2) for point in given["target"][:, :: -1 if k == 0 else 1].tolist()]
+    files[1] = str(tmp_path / "frames.csv")
+    np.savetxt(files[1], frames, delimiter=",", header="frame,x,y", comments="", fmt=["%d", "%.17g", "%.17g"])
+    many = CliRunner().invoke(app, ["match", *files, *options])
+    assert f"frame 1, the first that is not matched:\n{named}" in many.stderr
+    tracked = CliRunner().invoke(app, ["track", *files, *options])
+    assert "rootmatch: --diagnose: `rootmatch match` has it, with the same files" in tracked.stderr

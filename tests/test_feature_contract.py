@@ -425,7 +425,7 @@ def test_a_wrong_prior_of_one_body_is_told() -> None:
     assert match.bodies is not None
     assert match.bodies["head"].prior_holds is True
     assert match.bodies["left"].prior_holds is False
-    assert "the predicted pose was wrong" in match.bodies["left"].advice
+    assert "this pose contradicts the prior and was found without it" in match.bodies["left"].advice
 
 
 # A rig whose images end: what lies outside of one is no evidence against a pose, on every path.

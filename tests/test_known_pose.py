@@ -62,20 +62,35 @@ class Scene:
         ({"rotation": (np.eye(2), 0.1)}, "rotation in a plane"),
         ({"rotation": (2.0 * np.eye(3), 0.1)}, "R is no rotation"),
         ({"rotation": (np.eye(3), -0.1)}, "σ -0.1 given; a standard deviation is not negative"),
-        ({"rotation": (np.eye(3), 10.0)}, "give radians"),
+        ({"rotation": (np.eye(3), 10.0)}, "σ 10 given, in radians: 573°; give radians up to 1, such as"),
+        (
+            {"rotation": (np.eye(3), 2.0)},
+            r"σ 2 given, in radians: 115°; give radians up to 1, such as np\.radians\(2\.0\)",
+        ),
+        ({"rotation": (np.eye(3), (0.1, 4.0, 0.1))}, "σ 4 given, in radians: 229°"),
         ({"position": ((0.0, 0.0), 0.1)}, "position of shape"),
         ({"position": ((0.0, 0.0, np.nan), 0.1)}, "NaN or infinity"),
         ({"position": ((0.0, 0.0, 1.0), np.inf)}, "NaN or infinity"),
         ({"position": ((0.0, 0.0, 1.0), -np.eye(3))}, "not symmetric, or has a negative eigenvalue"),
         ({"vertical": ((0.0, 1.0, 0.0), 0.1)}, "vertical: give"),
         ({"vertical": ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.1)}, "its length is 0"),
-        ({"vertical": ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 2.0)}, "give radians from 0 to 1"),
+        ({"vertical": ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 2.0)}, r"^prior: vertical: σ 2 given, in radians: 115°"),
+        ({"vertical": ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), -0.1)}, "give one number of radians, not a negative one"),
     ],
 )
 def test_what_is_no_knowledge_is_refused_once(given: dict[str, Any], text: str) -> None:
     with pytest.raises(rm.InputError, match=text) as refused:
         rm.PosePrior(**given)
     assert "\n" not in str(refused.value)
+
+
+def test_what_is_shown_is_what_was_given() -> None:
+    known = rm.PosePrior(rotation=(np.eye(3), 0.1), position=((1.0, 2.0, 3.0), (0.1, 0.2, 3.0)))
+    shown = "PosePrior(rotation=([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 0.1), "
+    assert repr(known) == shown + "position=([1.0, 2.0, 3.0], [0.1, 0.2, 3.0]))"
+    down = rm.PosePrior(vertical=((0, 0, 2), (0, 1, 0), 0.05))
+    assert repr(down) == "PosePrior(vertical=([0.0, 0.0, 1.0], [0.0, 1.0, 0.0], 0.05))"
+    assert repr(rm.PosePrior(rotation=(np.eye(3), (0.1, 3.0, 0.1)))).endswith("[0.1, 3.0, 0.1]))"), "no yaw"
 
 
 def test_what_does_not_go_together_is_refused() -> None:
@@ -162,7 +177,7 @@ def test_wrong_knowledge_is_noticed() -> None:
     match = scene.match(rm.PosePrior(rotation=(wrong, TURN)))
     assert scene.is_right(match)
     assert match.prior_holds is False
-    assert "what was known of the pose was wrong" in match.advice
+    assert "this pose contradicts the prior and was found without it" in match.advice
 
 
 def test_an_upright_camera_with_a_rotation_or_a_position() -> None:

@@ -87,7 +87,7 @@ def test_a_wrong_prior_is_noticed() -> None:
     match = matched(made, predicted(made, 2, scale=20.0))
     assert match.status is rm.Status.MATCHED
     assert match.prior_holds is False
-    assert "the predicted pose was wrong" in match.advice
+    assert "this pose contradicts the prior and was found without it" in match.advice
     assert np.array_equal(match.assignment, made["truth"])
 
 

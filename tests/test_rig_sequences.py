@@ -155,7 +155,7 @@ def test_a_wrong_prediction_is_noticed() -> None:
     found = rm.match(scene.points, scene.rows, rm.P3P(RIG), prior=wrong, **KNOWN)
     assert found.status is rm.Status.MATCHED
     assert found.prior_holds is False
-    assert "wrong" in found.advice
+    assert "this pose contradicts the prior" in found.advice
     assert found.evaluated > 0
     np.testing.assert_array_equal(found.sightings.assignment, scene.truth)
     assert found.fused_pose is None

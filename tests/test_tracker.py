@@ -288,8 +288,8 @@ def test_times_go_forward() -> None:
         one.update(frame(4)[0], time=float("nan"))
     with pytest.raises(rm.InputError, match="noise: 'auto'"):
         rm.Tracker(BODY, rm.P3P(CAMERA), noise="auto")
-    with pytest.raises(rm.InputError, match="prior: points of a plane given"):
-        rm.Tracker(BODY[:, :2], rm.Similarity(2))
+    with pytest.raises(rm.InputError, match=r"^problem: UP2PF.* given; a tracker follows rotations and"):
+        rm.Tracker(BODY, rm.UP2PF((320.0, 240.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)))
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 
@@ -83,6 +86,58 @@ def kernels_met(problem: str) -> list[str]:
 @pytest.mark.parametrize("problem", ["p3p", "up2p"])
 def test_flights_compile_nothing_after_a_warm_up(problem: str) -> None:
     assert kernels_met(problem) == []
+
+
+TRACKED = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from rootmatch.cli import main
+from rootmatch.tracking.tracker import Tracker
+
+loaded, frames = [], []
+before, update = Dispatcher.add_overload, Tracker.update
+
+def counted(self, result):
+    loaded.append(self.py_func.__qualname__)
+    before(self, result)
+
+def updated(self, target, **options):
+    loaded.clear()
+    found = update(self, target, **options)
+    frames.append((options.get("time"), *loaded))
+    return found
+
+Dispatcher.add_overload, Tracker.update = counted, updated
+sys.argv = ["rootmatch", "track", *sys.argv[1:]]
+try:
+    main()
+finally:
+    print(*(" ".join(map(str, one)) for one in frames if one[0] is not None), sep="\\n", file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize("problem", ["p3p", "rigid"])
+def test_the_command_loads_what_it_needs_before_the_first_frame(tmp_path: Path, problem: str) -> None:
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-0.2, 0.2, (9, 3))
+    np.savetxt(tmp_path / "model.csv", points, delimiter=",", header="x,y,z", comments="")
+    rows = []
+    for k in range(4):
+        seen = points @ Rotation.from_rotvec([0.3, 0.02 * k, 0.0]).as_matrix().T + (0.0, 0.0, 1.0)
+        if problem == "p3p":
+            seen = 800.0 * seen[:, :2] / seen[:, 2:] + (320.0, 240.0)
+        rows += [[k, *row] for row in (seen + rng.normal(0.0, 1e-4, seen.shape)).tolist()]
+    header = "frame,x,y" if problem == "p3p" else "frame,x,y,z"
+    np.savetxt(tmp_path / "frames.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
+    options = ["--problem", problem, "--noise", "0.3" if problem == "p3p" else "0.0003"]
+    options += ["--camera", "800,800,320,240"] if problem == "p3p" else []
+    files = [str(tmp_path / "model.csv"), str(tmp_path / "frames.csv")]
+    done = subprocess.run(
+        [sys.executable, "-c", TRACKED, *files, *options], capture_output=True, text=True, check=False, timeout=900
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "4 matched" in done.stderr
+    assert [line.split()[1:] for line in done.stderr.splitlines()[-4:]] == [[]] * 4
 
 
 def test_what_a_warm_up_refuses() -> None:

@@ -11,10 +11,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 
-IMU_SIGMA = np.radians(2.0)
+IMU_SIGMA = np.radians(2.0) / np.sqrt(3.0)
+"""About each axis: 2° in all."""
 
 
 def tracker_of(path: Path) -> rm.Tracker:
@@ -28,21 +30,13 @@ def tracker_of(path: Path) -> rm.Tracker:
     return rm.Tracker(known["leds"], rm.P3P(rig), noise=known["noise"], normals=known["normals"])
 
 
-def with_imu(predicted: rm.Pose | None, imu: list[float] | None) -> rm.Pose | None:
-    """The predicted pose with the rotation that an IMU measured, in the frame of the rig; None without either."""
-    if predicted is None or imu is None:
-        return None
-    covariance = np.zeros((6, 6))
-    covariance[:3, :3] = IMU_SIGMA**2 * np.eye(3)
-    covariance[3:, 3:] = predicted.covariance[3:, 3:]
-    return rm.Pose.from_quaternion(imu, predicted.t, covariance, order="xyzw")
-
-
 def answered(tracker: rm.Tracker, line: bytes) -> bytes:
     """The answer to a frame."""
     frame = json.loads(line)
     pixels, camera = np.reshape(frame["pixels"], (-1, 2)), np.array(frame["camera"], int)
-    prior = with_imu(tracker.predicted(frame["time"]).get(None), frame.get("imu"))
+    prior = None
+    if frame.get("imu") is not None:  # also where the controller is lost: the rotation helps to find it again
+        prior = rm.PosePrior(rotation=(Rotation.from_quat(frame["imu"]).as_matrix(), IMU_SIGMA))
     match = tracker.update((pixels, camera), time=frame["time"], prior=prior)
     answer = {"time": frame["time"], "state": tracker.state.name.lower(), "matched": 0, "t": None, "quaternion": None}
     if match:
@@ -72,7 +66,10 @@ def server(path: Path, port: int = 0) -> socketserver.TCPServer:
 
 
 if __name__ == "__main__":
-    tracker_of(Path(sys.argv[1]))  # loads what it needs
+    tracker = tracker_of(Path(sys.argv[1]))
+    rm.warmup(
+        tracker.matcher.problem, tracker.matcher.source, normals=tracker.matcher.normals
+    )  # or a frame waits for it
     gc.freeze()  # a garbage collection of all that was imported would hold up a frame by 0.05 to 0.2 s
     serving = server(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 5005)
     print(f"listening on port {serving.server_address[1]}")

@@ -204,7 +204,7 @@ def warm() -> None:
         "--output",
         "one.csv",
         "--poses",
-        "out.tum",
+        "poses.json",
         "--plot",
         "out.png",
         "--report",

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from rootmatch.io.exports import trajectory_row
 from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite, pose_record, upper_triangle
 from rootmatch.report.text import match_weights
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 POSE_COLUMNS = ("frame", "body", "status", "probability", "matched", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 COVARIANCES = tuple(covariance_columns(IN_SPACE))
+TRAJECTORY = ("#", "time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+"""The first line of TUM's trajectories: a comment."""
 MATCH_COLUMNS = ("frame", "source", "target", "weight", "motion")
 
 
@@ -34,6 +37,12 @@ def pose_rows(frame: int, match: Match) -> list[list[Any]]:
         told = [frame, label, one.status.name.lower(), probability, int((one.assignment >= 0).sum())]
         rows.append([*told, *_cells(_pose(one))])
     return rows
+
+
+def trajectory_rows(time: float, match: Match) -> list[list[float]]:
+    """The row of a frame in a trajectory of TUM; none where its pose is not sure."""
+    pose = _pose(match) if match else None
+    return [] if pose is None else [trajectory_row(time, pose)]
 
 
 def frame_record(frame: int, time: float, match: Match, states: Mapping[Any, TrackingState]) -> dict[str, Any]:

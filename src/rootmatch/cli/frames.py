@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
@@ -25,8 +25,8 @@ from rootmatch.errors import InputError, RootmatchError
 if TYPE_CHECKING:
     from rootmatch.io import PointSet
     from rootmatch.io.frame_files import Frame
-    from rootmatch.io.known_files import Key
-    from rootmatch.problems.pose_fit.pose_prior import PosePrior
+    from rootmatch.io.known_files import KnownPoses
+    from rootmatch.matcher import Matcher
 
 CHUNK = 4
 """Frames that go to a worker together; what a kill loses is a few of these."""
@@ -46,6 +46,8 @@ class FrameOutputs:
     poses: Path | None
     as_json: bool
     resume: bool
+    trajectory: bool = False
+    """Whether the poses are a trajectory of TUM, whose file may have any name."""
 
     @property
     def paths(self) -> dict[str, Path]:
@@ -60,8 +62,12 @@ class FrameOutputs:
         taken = list(inputs)
         for option, path in self.paths.items():
             check_output(path, option, taken)
-            if path.suffix.lower() != ".csv" and not sent_through(path):
-                raise InputError(f"{option} {path}: many frames are written as CSV; give a name that ends in .csv")
+            of_any_name = sent_through(path) or (self.trajectory and path == self.poses)
+            if path.suffix.lower() != ".csv" and not of_any_name:
+                raise InputError(
+                    f"{option} {path}: many frames are written as CSV; give a name that ends in .csv "
+                    "(`rootmatch track` also writes trajectories, .tum)"
+                )
             if self.as_json and is_standard_output(path):
                 raise InputError(f"--json: {option} goes to standard output too; give it a file")
             taken.append(path)
@@ -79,29 +85,21 @@ class Job:
     problem: Any
     options: dict[str, Any]
     noise: Noise | None = None
-    known: dict[Key, PosePrior] = field(default_factory=dict)
-
-    def prior_of(self, frame: Frame) -> Any:
-        """What is known of the pose of a frame, or of those of bodies; None if nothing is."""
-        from rootmatch.io.known_files import prior_of_frame
-
-        return prior_of_frame(self.known, frame.number, frame.time, frame.known)
+    known: KnownPoses | None = None
 
     def noise_of(self, frame: Frame) -> Any:
         """σ of a frame whose detections have each their own; None if that of the options holds."""
         return None if self.noise is None or frame.sigma is None else self.noise.of(frame.sigma)
 
 
-def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, scheduler: str | None) -> bool:
-    """Match every frame of a file and write what is found; whether all of them are matched.
+def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, scheduler: str | None) -> int | None:
+    """Match every frame of a file and write what is found; the first that is not matched, None if all are.
 
     Frames that an earlier run has written are left out where ``outputs`` resumes.
     """
-    from rootmatch.cameras.rig import rig_of
     from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, counted
     from rootmatch.io import is_standard_output
     from rootmatch.io.appended_table import AppendedTable
-    from rootmatch.io.frame_files import read_frames
     from rootmatch.research.sweep import check_jobs
 
     check_jobs(jobs)
@@ -110,27 +108,53 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
 
     headers = {"--output": MATCH_COLUMNS, "--poses": (*POSE_COLUMNS, *COVARIANCES)}
     count: Counter[str] = Counter()
+    unmatched: int | None = None
     with ExitStack() as files:
         open_files = {
             flag: files.enter_context(closing(AppendedTable(path, headers[flag], _settings(job), outputs.resume)))
             for flag, path in outputs.paths.items()
         }
         done = set.intersection(*(file.done for file in open_files.values())) if open_files else set[int]()
-        dimension = job.problem.target_dimension or job.source.points.shape[1]
-        read = read_frames(image, dimension, of_rig=rig_of(job.problem) is not None)
-        frames = (frame for frame in read if frame.number not in done)
+        frames = (frame for frame in _read(job, image) if frame.number not in done)
         for number, status, rows, record in _results(job, frames, jobs, scheduler):
             for flag, file in open_files.items():
                 if number not in file.done:
                     file.write(rows[flag])
             count[status] += 1
+            if unmatched is None and status != "matched":
+                unmatched = number
             if outputs.as_json:
                 print(json.dumps(record, allow_nan=False), flush=True)
+    warn_of_unused(job.known)
     before = f", {len(done)} done before" if done else ""
     rows_printed = any(map(is_standard_output, outputs.paths.values()))
     summary = f"{count.total()} frames: {counted(count)}{before}"
     print(summary, file=sys.stderr if outputs.as_json or rows_printed else sys.stdout)
-    return count.total() == count["matched"]
+    return unmatched
+
+
+def diagnosed(job: Job, image: Path, number: int) -> str:
+    """What would explain the points of a frame that is not matched, see `rootmatch.Match.diagnose`."""
+    frame = next(frame for frame in _read(job, image) if frame.number == number)
+    found = _matcher(job).match(frame.points, noise=job.noise_of(frame), prior=frame.known)
+    return f"frame {number}, the first that is not matched:\n{found.diagnose()}"
+
+
+def _read(job: Job, image: Path) -> Iterator[Frame]:
+    """The frames of a file, each with what is known of it."""
+    from rootmatch.cameras.rig import rig_of
+    from rootmatch.io.frame_files import read_frames
+    from rootmatch.io.known_files import prior_of_frame
+
+    dimension = job.problem.target_dimension or job.source.points.shape[1]
+    for frame in read_frames(image, dimension, of_rig=rig_of(job.problem) is not None):
+        yield replace(frame, known=prior_of_frame(job.known, frame.number, frame.time, frame.known))
+
+
+def warn_of_unused(known: KnownPoses | None) -> None:
+    """Name what a file of known poses told of no frame that there was."""
+    if known is not None and known.unused is not None:
+        print(f"rootmatch: warning: {known.unused}", file=sys.stderr)
 
 
 Result = tuple[int, str, dict[str, list[list[Any]]], dict[str, Any]]
@@ -174,8 +198,8 @@ def _settings(job: Job) -> dict[str, str]:
     source = job.source
     model = hashlib.sha256(repr((source.points.tolist(), source.names, source.bodies)).encode()).hexdigest()
     options = {flag(name): _setting_text(value) for name, value in sorted(job.options.items()) if name != "bodies"}
-    if job.known:
-        rows = sorted(repr(item) for item in job.known.items())
+    if job.known is not None:
+        rows = sorted(repr(item) for item in job.known.rows.items())
         options["--known"] = hashlib.sha256(repr(rows).encode()).hexdigest()
     return {"rootmatch": __version__, "model": model, "--problem": _setting_text(job.problem), **options}
 
@@ -202,7 +226,7 @@ def _matched(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
             _load(job, frames[0])
             worker.loaded = True
         for frame in frames:
-            found = matcher.match(frame.points, noise=job.noise_of(frame), prior=job.prior_of(frame))
+            found = matcher.match(frame.points, noise=job.noise_of(frame), prior=frame.known)
             rows = {
                 "--output": match_rows(frame.number, found, job.source),
                 "--poses": pose_rows(frame.number, found),
@@ -224,20 +248,22 @@ class Worker:
 @lru_cache(maxsize=1)
 def _worker(packed: bytes) -> Worker:
     """The matcher of a job, made once in each process."""
+    job: Job = pickle.loads(packed)
+    return Worker(job, _matcher(job))
+
+
+def _matcher(job: Job, **changed: Any) -> Matcher:
     from rootmatch.matcher import Matcher
 
-    job: Job = pickle.loads(packed)
-    return Worker(job, Matcher(job.source.points, job.problem, **job.options))
+    return Matcher(job.source.points, job.problem, **job.options | changed)
 
 
 def _load(job: Job, frame: Frame) -> None:
     """Load, or compile, the kernels that a first match needs: ``max_seconds`` is for the match alone."""
-    from rootmatch.matcher import Matcher
-
     budget = max(job.options["max_seconds"], LOADING)
-    patient = Matcher(job.source.points, job.problem, **job.options | {"max_seconds": budget})
+    patient = _matcher(job, max_seconds=budget)
     for _ in range(PASSES):
         started = time.monotonic()
-        found = patient.match(frame.points, noise=job.noise_of(frame), prior=job.prior_of(frame))
+        found = patient.match(frame.points, noise=job.noise_of(frame), prior=frame.known)
         if not found.stopped_early or time.monotonic() - started < 1.2 * budget:
             return

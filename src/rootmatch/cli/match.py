@@ -10,14 +10,14 @@ import typer
 from rootmatch.cli import match_options as option
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
-from rootmatch.cli.frames import FrameOutputs, Job, match_frames
+from rootmatch.cli.frames import FrameOutputs, Job, diagnosed, match_frames
 from rootmatch.cli.match_outputs import Outputs, print_match
 from rootmatch.cli.noise import Noise, noise_option
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError, quoted
 
-OF_ONE_IMAGE = ("candidates", "plot", "photo", "truth", "pose_format", "prior", "report", "diagnose")
+OF_ONE_IMAGE = ("candidates", "plot", "photo", "truth", "pose_format", "prior", "report")
 """Options that do not apply to many images."""
 
 
@@ -116,7 +116,7 @@ def match(
         raise InputError(f"--motions: {model} has a column body, which says which points move together; leave it out")
     if prior is not None and known is not None:
         raise InputError("--known: --prior is given, which says the whole pose; leave one of them out")
-    priors = {} if known is None else io.read_known(known)
+    told = None if known is None else io.read_known(known, source.bodies)
     given_noise = Noise(noise_option(noise), source.sigma, model, image, problem=posed, given_source=source_noise)
     options = option.given_options(source, given_noise, given)
     settings = {"seed": seed, "motions": _motions(motions), "normals": source.normals if normals else None}
@@ -124,8 +124,11 @@ def match(
         settings["noise"] = given_noise.of(None)
         subjects = {name: flag(name) for name in (*options, *settings)} | {"source": str(model), "bodies": str(model)}
         with option_names_in_errors(subjects):
-            job = Job(source, posed, options | settings, given_noise, priors)
-            if not match_frames(job, image, frame_outputs, 1 if jobs is None else jobs, scheduler):
+            job = Job(source, posed, options | settings, given_noise, told)
+            unmatched = match_frames(job, image, frame_outputs, 1 if jobs is None else jobs, scheduler)
+            if diagnose and unmatched is not None:
+                print(diagnosed(job, image, unmatched), file=sys.stderr)
+            if unmatched is not None:
                 raise typer.Exit(NOT_TRUSTED)
         return
     target = io.read_points(image, posed.target_dimension, posed.order, of_rig=of_rig, of_image=True)
@@ -133,9 +136,7 @@ def match(
         raise InputError(f"--prior: {image} has columns of what is known of the pose; leave one of them out")
     true = io.read_truth(truth, source, target) if truth else None
     predicted = (
-        io.prior_of_frame(priors, here=target.known)
-        if prior is None
-        else io.read_prior(prior, source.bodies is not None)
+        io.prior_of_frame(told, here=target.known) if prior is None else io.read_prior(prior, source.bodies is not None)
     )
     of_image = {
         "scheduler": scheduler,
@@ -161,10 +162,9 @@ def match(
         as_json=as_json,
         estimated=noise == "auto",
         file=sys.stderr if outputs.printed else sys.stdout,
+        diagnosis=found.diagnose() if diagnose and not found else None,
     )
     if found.status.name != "MATCHED":
-        if diagnose:
-            print(found.diagnose(), file=sys.stderr)
         raise typer.Exit(NOT_TRUSTED)
 
 

@@ -171,7 +171,9 @@ Known = Annotated[
     ),
 ]
 Jobs = Annotated[int | None, method("Many frames: number of processes, -1 for all cores.", metavar="N", default="1")]
-Resume = Annotated[bool, output("--resume", "Many frames: continue the files of an interrupted run.")]
+Resume = Annotated[
+    bool, output("--resume", "Many frames: continue the files of an interrupted run; else they must not exist.")
+]
 Candidates = Annotated[
     Path | None, points("Possible source,target pairs, optionally with a prior weight.", metavar="CSV")
 ]
@@ -229,15 +231,17 @@ Output = Annotated[Path | None, output("Write source,target,weight,motion,residu
 Poses = Annotated[Path | None, output("Write the pose of each motion with its covariance.", metavar="FILE")]
 PoseFormat = Annotated[
     str | None,
-    output(
-        "Format of --poses; colmap writes a folder.", metavar="csv|json|tum|ros|openxr|colmap", default="by the suffix"
-    ),
+    output("Format of --poses; colmap writes a folder.", metavar="csv|json|ros|openxr|colmap", default="by the suffix"),
 ]
 Photo = Annotated[Path | None, output("Photograph behind the image points of --plot and --report.", metavar="IMAGE")]
 Plot = Annotated[Path | None, output("Draw the match: .png, .svg or .pdf.", metavar="PICTURE")]
 Report = Annotated[Path | None, output("Write the match as a page for the browser: .html.", metavar="PAGE")]
 Diagnose = Annotated[
-    bool, output("--diagnose", "If the points are not matched, try the usual mistakes, for up to 20 s.")
+    bool,
+    output(
+        "--diagnose",
+        "If the points are not matched, try the usual mistakes, for up to 20 s; of many frames for the first one.",
+    ),
 ]
 AsJson = Annotated[bool, output("--json", "Print one JSON object instead of the table.")]
 Truth = Annotated[

@@ -15,6 +15,7 @@ from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
     from rootmatch.cameras.base import CameraModel
+    from rootmatch.explain.diagnosis import Diagnosis
     from rootmatch.io import PointSet
     from rootmatch.result import Match
 
@@ -148,16 +149,28 @@ def _image_camera(found: Match) -> CameraModel | None:
 
 
 def print_match(
-    found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool, estimated: bool, file: TextIO
+    found: Match,
+    source: PointSet,
+    target: PointSet,
+    true: Any,
+    as_json: bool,
+    estimated: bool,
+    file: TextIO,
+    diagnosis: Diagnosis | None = None,
 ) -> None:
-    """Print the match: a table, or one JSON object with the advice on standard error."""
+    """Print the match: a table, or one JSON object; the advice is in the table, else on standard error."""
     from rootmatch.report import text
 
     if as_json:
-        from rootmatch.report.json_record import match_record
+        from rootmatch.report.json_record import diagnosis_record, match_record
 
-        print(json.dumps(match_record(found), allow_nan=False))
+        record = match_record(found)
+        if diagnosis is not None:
+            record["diagnosis"] = diagnosis_record(diagnosis)
+        print(json.dumps(record, allow_nan=False))
         print(f"rootmatch: {found.advice}", file=sys.stderr)
-        return
-    names = {"source_names": source.names, "target_names": target.names}
-    file.write(printed(lambda console: text.print_match(found, console, **names, truth=true, estimated=estimated)))
+    else:
+        names = {"source_names": source.names, "target_names": target.names}
+        file.write(printed(lambda console: text.print_match(found, console, **names, truth=true, estimated=estimated)))
+    if diagnosis is not None:
+        print(diagnosis, file=sys.stderr)

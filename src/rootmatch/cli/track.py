@@ -9,17 +9,18 @@ import sys
 import warnings
 from collections import Counter
 from contextlib import ExitStack, closing
+from enum import StrEnum
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rootmatch.cli import match_options as option
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
-from rootmatch.cli.frames import FrameOutputs
+from rootmatch.cli.frames import FrameOutputs, warn_of_unused
 from rootmatch.cli.noise import Noise, noise_option
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.surroundings import leaves
@@ -30,6 +31,54 @@ RATE = 60.0
 FIRST_FRAMES = 50
 """Frames whose steps are looked at. Not tuned."""
 
+if TYPE_CHECKING:
+    ProblemName = StrEnum
+else:
+    ProblemName = StrEnum("ProblemName", {name: name for name in ("p3p", "up2p", "rigid")})
+
+
+class PoseFormatName(StrEnum):
+    """Formats of the poses of frames."""
+
+    CSV = "csv"
+    TUM = "tum"
+
+
+Model = Annotated[Path, typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space, of one or several bodies.")]
+Problem = Annotated[ProblemName, option.points("What is known about camera and points.")]
+Camera = Annotated[
+    str | None,
+    option.points(
+        "p3p, up2p: camera in pixels, or a calibration file (OpenCV, COLMAP, Kalibr, ROS, our JSON).",
+        metavar="FX,FY,CX,CY|FILE",
+    ),
+]
+StatedNoise = Annotated[
+    str | None,
+    option.points(
+        "Standard deviation of a coordinate, in pixels; rigid: in the points' unit, two numbers if the model is noisy.",
+        metavar="PX|SOURCE,TARGET",
+        default="1, or the columns sigma or sxx,sxy,syy",
+    ),
+]
+VerticalCamera = Annotated[
+    str | None,
+    option.points(
+        "up2p: the direction 'down' in the camera frame (x right, y down, z forward).",
+        metavar="X,Y,Z",
+        default="that of the camera file",
+    ),
+]
+VerticalWorld = Annotated[
+    str | None,
+    option.points(
+        "up2p: the direction 'down' in the model's frame.", metavar="X,Y,Z", default="that of the camera file"
+    ),
+]
+Known = Annotated[
+    Path | None,
+    option.points("Rotation, position or vertical that is known, of each frame and body.", metavar="CSV"),
+]
 Frames = Annotated[
     Path,
     typer.Argument(
@@ -48,25 +97,35 @@ Rate = Annotated[
 Poses = Annotated[
     Path | None,
     option.output(
-        "Write one row per frame: status, and pose with its covariance.", metavar="CSV", default="standard output"
+        "Write one row per frame: status, and pose with its covariance; .tum: a trajectory.",
+        metavar="FILE",
+        default="standard output",
+    ),
+]
+PoseFormat = Annotated[
+    PoseFormatName | None,
+    option.output(
+        "Format of the poses; tum: time, and the camera in the frame of the points, of matched frames.",
+        default="by the suffix",
     ),
 ]
 AsJson = Annotated[bool, option.output("--json", "Print one JSON object for each frame, one per line.")]
+Diagnose = Annotated[bool, typer.Option("--diagnose", hidden=True)]
 Matches = Annotated[Path | None, option.output("Write frame,source,target,weight,motion.", metavar="CSV")]
 
 
 def track(
-    model: option.Model,
+    model: Model,
     frames: Frames,
-    problem: option.Problem,
-    camera: option.Camera = None,
+    problem: Problem,
+    camera: Camera = None,
     rate: Rate = None,
-    noise: option.Noise = None,
+    noise: StatedNoise = None,
     source_noise: option.SourceNoise = None,
-    vertical_camera: option.VerticalCamera = None,
-    vertical_world: option.VerticalWorld = None,
+    vertical_camera: VerticalCamera = None,
+    vertical_world: VerticalWorld = None,
     vertical_noise: option.VerticalNoise = None,
-    known: option.Known = None,
+    known: Known = None,
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
     detection_rate: option.DetectionRate = None,
@@ -75,8 +134,10 @@ def track(
     max_seconds: option.MaxSeconds = None,
     seed: option.Seed = 0,
     poses: Poses = None,
+    pose_format: PoseFormat = None,
     output: Matches = None,
     as_json: AsJson = False,
+    diagnose: Diagnose = False,
 ) -> None:
     """Follow one or several bodies through the frames of a camera.
 
@@ -92,35 +153,47 @@ def track(
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import STANDARD_INPUT, read_frames
 
+    if diagnose:
+        raise InputError("--diagnose: `rootmatch match` has it, with the same files: of the first frame not matched")
     if rate is not None and not 0.0 < rate < float("inf"):
         raise InputError(f"--rate: {rate:g} given; give frames a second, above 0")
     given_files = model, frames, known, None if camera is None else io.camera_file(camera)
     inputs = [path for path in given_files if path is not None and path != STANDARD_INPUT]
-    FrameOutputs(output, poses, as_json=as_json, resume=False).check(inputs)
+    of_tum = pose_format is PoseFormatName.TUM or (pose_format is None and poses is not None and poses.suffix == ".tum")
+    FrameOutputs(output, poses, as_json=as_json, resume=False, trajectory=of_tum).check(inputs)
+    if pose_format is not None and poses is None and as_json:
+        raise InputError("--pose-format: --json prints the poses in a form of its own; give --poses FILE")
     if not as_json and poses is None and output is not None and io.is_standard_output(output):
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
     given_noise = noise_option(noise)
+    if given_noise == "auto":
+        raise InputError("--noise: auto given; a tracker needs a number, and `rootmatch match` estimates it of a frame")
     posed = build_problem(str(problem), given)
     from rootmatch.cli.frame_outputs import (
         COVARIANCES,
         MATCH_COLUMNS,
         POSE_COLUMNS,
+        TRAJECTORY,
         counted,
         frame_record,
         match_rows,
         pose_rows,
+        trajectory_rows,
     )
+    from rootmatch.precompile.ahead_of_time import load_tracker
     from rootmatch.tracking.tracker import Tracker
 
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)
-    priors = {} if known is None else io.read_known(known)
+    told = None if known is None else io.read_known(known, source.bodies)
     noises = Noise(given_noise, source.sigma, model, frames, problem=posed, given_source=source_noise)
     options = option.given_options(source, noises, given) | {"seed": seed}
     if normals and source.normals is not None:
         options["normals"] = source.normals
     subjects = {name: flag(name) for name in (*options, "noise")}
-    header = (*POSE_COLUMNS, *COVARIANCES, "time")
+    if of_tum and source.bodies is not None:
+        raise InputError(f"--pose-format: tum is a trajectory of one body, and {model} has a column body; give csv")
+    header, delimiter = (TRAJECTORY, " ") if of_tum else ((*POSE_COLUMNS, *COVARIANCES, "time"), ",")
     count: Counter[str] = Counter()
     times: list[float] = []
     timed = False
@@ -132,10 +205,11 @@ def track(
         files.enter_context(warnings.catch_warnings())
         warnings.filterwarnings("ignore", message="time: the frames are")  # said below, of more frames and of --rate
         tracker = Tracker(source.points, posed, noise=noises.of(None), **options)
+        load_tracker(posed, source.points, **{name: one for name, one in options.items() if name != "max_seconds"})
         gc.freeze()  # a garbage collection of all that was imported would hold up a frame by 0.05 to 0.2 s
         matches = files.enter_context(closing(AppendedTable(output, MATCH_COLUMNS))) if output else None
-        table = files.enter_context(closing(AppendedTable(poses, header))) if poses else None
-        printed = csv.writer(sys.stdout, lineterminator="\n")
+        table = files.enter_context(closing(AppendedTable(poses, header, delimiter=delimiter))) if poses else None
+        printed = csv.writer(sys.stdout, delimiter=delimiter, lineterminator="\n")
         headed = table is not None or as_json
         for frame in read_frames(frames, posed.target_dimension, of_rig=rig_of(posed) is not None):
             timed = frame.time is not None
@@ -143,9 +217,10 @@ def track(
                 raise InputError(f"--rate: {frames} has a column time; leave one of them out")
             when = frame.number / (rate or RATE) if frame.time is None else frame.time
             weights = None if frame.sigma is None else noises.of(frame.sigma)
-            prior = io.prior_of_frame(priors, frame.number, when, frame.known)
+            prior = io.prior_of_frame(told, frame.number, when, frame.known)
             found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
-            rows = [[*row, when] for row in pose_rows(frame.number, found)]
+            statuses = pose_rows(frame.number, found)
+            rows = trajectory_rows(when, found) if of_tum else [[*row, when] for row in statuses]
             if as_json:
                 print(json.dumps(frame_record(frame.number, when, found, tracker.states), allow_nan=False), flush=True)
             if table is not None:
@@ -158,9 +233,10 @@ def track(
                 sys.stdout.flush()
             if matches is not None:
                 matches.write(match_rows(frame.number, found, source))
-            count.update(row[2] for row in rows)
+            count.update(row[2] for row in statuses)
             if len(times) < FIRST_FRAMES:
                 times.append(when)
+    warn_of_unused(told)
     _warn_of_slow_frames(times, None if timed else rate or RATE)
     print(f"rootmatch: {counted(count)}", file=sys.stderr)
     if not count["matched"]:

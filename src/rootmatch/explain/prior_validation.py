@@ -52,11 +52,15 @@ def check_space(problem: Problem, name: str = "prior") -> None:
 
 
 def check_followed(problem: Problem) -> None:
-    """Refuse motions that a tracker does not follow: of a plane, with an unknown scale, or reflections."""
-    if problem.takes_motion_prior:
-        check_space(problem)
-        if getattr(problem, "scale", 1.0) != 1.0 or getattr(problem, "mirror", False):
-            raise InputError(f"problem: {problem!r} given; a tracker follows rotations and translations: give Rigid()")
+    """Refuse what a tracker does not follow: no pose of a body, or one in a plane, of unknown scale, or reflected."""
+    followed = problem.takes_prior
+    if problem.takes_motion_prior and problem.source_dimension != 2:
+        followed = getattr(problem, "scale", 1.0) == 1.0 and not getattr(problem, "mirror", False)
+    if not followed:
+        raise InputError(
+            f"problem: {problem!r} given; a tracker follows rotations and translations in space: give P3P, UP2P or "
+            "Rigid() with points in space"
+        )
 
 
 def of_each(prior: object) -> dict[Label, Prior]:

@@ -85,8 +85,7 @@ def advice(
                 "as it also looks if a similar object is followed in place of this one"
             )
     if finding.prior_holds is False:
-        known = "what was known of the pose" if finding.task.known is not None else "the predicted pose"
-        text += f"; {known} was wrong, this one was found without it"
+        text += "; this pose contradicts the prior and was found without it; check the prior and its σ"
     told = "max_seconds" in text or not stopped_early
     return text if told else f"{text}; max_seconds ended it before it was finished"
 
@@ -130,11 +129,13 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
         if _is_pose_with_larger_noise(finding):
             return (
                 f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given, "
-                f'or else the pose is wrong; give {told}, or noise="auto", and check {problem.to_check}'
+                f'or else the pose is wrong; give {told}, or noise="auto"{_or_inexact(task)}, '
+                f"and check {problem.to_check}"
             )
         return (
-            "no trustworthy match: no pose fits, and what was found could be chance even if the noise were "
-            f"{factor:.1f} times as large, as it leaves; check {problem.to_check}, or give {told} if it may be so large"
+            "no trustworthy match: no pose fits, and even with "
+            f"{factor:.1f} times the stated noise, which the residuals suggest, this could be chance; "
+            f"check {problem.to_check}; set {told} only if that is realistic"
         )
     doubted = facts.present is not None and facts.present < facts.min_probability
     if doubted and facts.probability is not None and facts.probability >= NOTED:
@@ -148,6 +149,12 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             f"give more time, or check {problem.to_check}"
         )
     return advice_on(Status.UNTRUSTED, problem)
+
+
+def _or_inexact(task: MatchingTask) -> str:
+    """The noise of the model, where it could be stated and is not."""
+    possible = task.problem.takes_prior and task.points.source_covariance is None
+    return ", or source_noise= if the model is inexact" if possible else ""
 
 
 def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:

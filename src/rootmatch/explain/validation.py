@@ -93,8 +93,11 @@ def check_size(shape: tuple[int, int], count: float, limit: int) -> None:
 def check_problem(problem: Any) -> None:
     """Refuse anything but a problem, its class included."""
     if not isinstance(problem, Problem):
-        kind = "the class" if isinstance(problem, type) else "given"
-        raise InputError(f"problem: {quoted(problem)} {kind}; give a problem such as rootmatch.P3P(camera)")
+        if isinstance(problem, type):
+            raise InputError(
+                f"problem: the class {problem.__name__} was given; pass an instance, such as rootmatch.P3P(camera)"
+            )
+        raise InputError(f"problem: {quoted(problem)} given; give a problem such as rootmatch.P3P(camera)")
 
 
 def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:

@@ -38,6 +38,8 @@ class AppendedTable:
     header : sequence of str
     settings : mapping of str to str, optional
         What rows depend on, kept beside the file.
+    delimiter : str
+        Between the cells.
     resume : bool
         Whether to continue a file that is there; refuse it otherwise. Its last frame, which may not be whole, is
         written again.
@@ -55,11 +57,18 @@ class AppendedTable:
     """
 
     def __init__(
-        self, path: Path, header: Sequence[str], settings: Mapping[str, str] | None = None, resume: bool = False
+        self,
+        path: Path,
+        header: Sequence[str],
+        settings: Mapping[str, str] | None = None,
+        resume: bool = False,
+        *,
+        delimiter: str = ",",
     ) -> None:
         self.path, self.settings, self.done = path, settings, set[int]()
+        self._delimiter = delimiter
         self._place: Path | None = None
-        self._header = ",".join(header).encode() + b"\n"
+        self._header = delimiter.join(header).encode() + b"\n"
         self._begun = self._made = False
         self._open = ExitStack()
         with ExitStack() as on_error:
@@ -77,7 +86,7 @@ class AppendedTable:
     def write(self, rows: Iterable[Sequence[Any]]) -> None:
         """Append the rows of one frame; they are in the file when this returns."""
         text = StringIO(newline="")
-        csv.writer(text, lineterminator="\n").writerows(rows)
+        csv.writer(text, delimiter=self._delimiter, lineterminator="\n").writerows(rows)
         content = text.getvalue().encode()
         try:
             if not self._begun:
@@ -129,7 +138,8 @@ class AppendedTable:
             stream.truncate()
             return
         if not resume:
-            raise InputError(f"{self.path}: it already exists; remove it, or add --resume to continue it")
+            other = "give another name" if self.settings is None else "add --resume to continue it"
+            raise InputError(f"{self.path}: it already exists, with rows of an earlier run; remove it, or {other}")
         self._check_settings(_settings_file(place))
         stream.seek(0)
         end = self._end_of_whole_frames(stream)

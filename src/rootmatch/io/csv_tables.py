@@ -100,12 +100,14 @@ def positive(path: Path, row: int, column: str, text: str) -> float:
     return value
 
 
-def refuse_repeats(path: Path, values: Sequence[tuple[int, Hashable]], what: str) -> None:
+def refuse_repeats(
+    path: Path, values: Sequence[tuple[int, Hashable]], what: str, remedy: str = "remove one of them"
+) -> None:
     """Refuse a value that occurs in two rows."""
     first: dict[Hashable, int] = {}
     for row, value in values:
         if value in first:
-            raise InputError(f"{path}, row {row}: the same {what} as in row {first[value]}; remove one of them")
+            raise InputError(f"{path}, row {row}: the same {what} as in row {first[value]}; {remedy}")
         first[value] = row
 
 

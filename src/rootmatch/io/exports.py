@@ -77,9 +77,14 @@ def write_trajectory(path: Path | str, times: Sequence[float], poses: Iterable[P
         if not math.isfinite(time):
             raise InputError(f"times: {time} given; give seconds")
         if pose is not None:
-            back = pose.inverse()
-            lines.append(" ".join(map(repr, [float(time), *back.t.tolist(), *back.quaternion.tolist()])))
+            lines.append(" ".join(map(repr, trajectory_row(time, pose))))
     write_text_whole(Path(path), "".join(f"{line}\n" for line in lines))
+
+
+def trajectory_row(time: float, pose: Pose) -> list[float]:
+    """``time tx ty tz qx qy qz qw`` of the camera in the frame of the points."""
+    back = pose.inverse()
+    return [float(time), *back.t.tolist(), *back.quaternion.tolist()]
 
 
 def _named(values: NDArray[np.float64]) -> dict[str, float]:

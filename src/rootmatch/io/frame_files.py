@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from rootmatch.io.csv_tables import number, table_rows
 from rootmatch.io.inputs import unreadable_named
 from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
 from rootmatch.io.noise_columns import COVARIANCE, noise_columns, noise_of_row, noise_of_rows
-from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
 STANDARD_INPUT = Path("-")
 MOST_DETECTIONS = 100_000
@@ -39,8 +38,9 @@ class Frame:
     sigma: Floats | None = None
     """(m,) σ of each detection, where the file has a column ``sigma``, or (m, 2, 2) covariances, where it has
     ``sxx,sxy,syy``."""
-    known: PosePrior | None = None
-    """What is known of the pose, where the file has such columns (`rootmatch.io.known_files`)."""
+    known: Any = None
+    """What is known of the pose, where the file has such columns (`rootmatch.io.known_files`): a `rootmatch.PosePrior`;
+    by label where another file tells it of bodies."""
 
 
 def has_frames(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Files of poses: CSV with covariance, JSON, the order of TUM's trajectories, and the records of ROS and OpenXR."""
+"""Files of the poses of one image: CSV with covariance, JSON, and the records of ROS and OpenXR."""
 
 from __future__ import annotations
 
@@ -18,21 +18,26 @@ from rootmatch.io.exports import openxr_record, ros_record
 from rootmatch.io.outputs import write_text_whole
 from rootmatch.problems.pose_fit.pose import Pose
 
-PoseFormat = Literal["csv", "json", "tum", "ros", "openxr", "colmap"]
+PoseFormat = Literal["csv", "json", "ros", "openxr", "colmap"]
 FORMATS: tuple[PoseFormat, ...] = get_args(PoseFormat)
-SUFFIXES: dict[str, PoseFormat] = {".csv": "csv", ".json": "json", ".tum": "tum", ".txt": "tum"}
+SUFFIXES: dict[str, PoseFormat] = {".csv": "csv", ".json": "json"}
 IN_SPACE = ("rx", "ry", "rz", "tx", "ty", "tz")
 IN_PLANE = ("angle", "tx", "ty")
 
 
 def pose_format(path: Path, given: str | None) -> PoseFormat:
     """The format of a file of poses: as given, else by its suffix."""
+    if given == "tum" or (given is None and path.suffix.lower() == ".tum"):
+        raise InputError(
+            f"poses {path}: a trajectory of TUM has the times of its poses, and this is one image without a time; "
+            "`rootmatch track` writes one of frames"
+        )
     if given is not None:
         if given in FORMATS:
             return given
-        raise InputError(f"pose_format: {quoted(given)} given; give csv, json, tum, ros, openxr or colmap")
+        raise InputError(f"pose_format: {quoted(given)} given; give csv, json, ros, openxr or colmap")
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"poses {path}: its suffix names no format; use .csv, .json or .tum, or give --pose-format")
+        raise InputError(f"poses {path}: its suffix names no format; use .csv or .json, or give --pose-format")
     return SUFFIXES[path.suffix.lower()]
 
 
@@ -91,25 +96,20 @@ def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> N
 
     CSV: ``motion``, the rotation as a unit quaternion ``qx,qy,qz,qw`` (in a plane an ``angle`` in radians),
     ``tx,ty,tz``, ``scale``, ``focal``, ``rms``, ``rms_sigma``, ``inliers``, ``points`` (how many), and the upper
-    triangle of the covariance, ``cov_rx_rx`` to ``cov_tz_tz``. TUM: ``motion tx ty tz qx qy qz qw``, with spaces and
-    without a header. ROS and OpenXR: JSON lists, see `rootmatch.io.exports`. COLMAP's folder is another matter
-    (`rootmatch.report.colmap.write_colmap`).
+    triangle of the covariance, ``cov_rx_rx`` to ``cov_tz_tz``. ROS and OpenXR: JSON lists, see `rootmatch.io.exports`.
+    COLMAP's folder is another matter (`rootmatch.report.colmap.write_colmap`).
     """
     known = [(motion, pose) for motion, pose in enumerate(poses) if pose is not None]
     if form == "json":
         records = [None if pose is None else {"motion": k, **pose_record(pose)} for k, pose in enumerate(poses)]
         write_text_whole(path, json.dumps(records, allow_nan=False, indent=1) + "\n")
         return
-    if form in ("tum", "ros", "openxr") and any(len(pose.R) == 2 for _, pose in known):
+    if form in ("ros", "openxr") and any(len(pose.R) == 2 for _, pose in known):
         raise InputError(f"pose_format: {form} is for poses in space, but these are in a plane; give csv or json")
     if form in ("ros", "openxr"):
         record: Callable[[Pose], dict[str, Any]] = ros_record if form == "ros" else openxr_record
         others = [None if pose is None else record(pose) for pose in poses]
         write_text_whole(path, json.dumps(others, allow_nan=False, indent=1) + "\n")
-        return
-    if form == "tum":
-        rows = [[motion, *pose.t.tolist(), *pose.quaternion.tolist()] for motion, pose in known]
-        write_text_whole(path, "".join(" ".join(map(str, row)) + "\n" for row in rows))
         return
     in_plane = any(len(pose.R) == 2 for _, pose in known)
     turn, shift = (("angle",), ("tx", "ty")) if in_plane else (("qx", "qy", "qz", "qw"), ("tx", "ty", "tz"))

@@ -80,6 +80,29 @@ def warmup(
             progress(done + 1, len(steps))
 
 
+def load_tracker(problem: Problem, source: Floats, **options: Any) -> None:
+    """Load what the first frames of a `Tracker` need: of points that are seen well, in less than a second.
+
+    Where kernels are not on disk, they are compiled, as the first frame would.
+
+    Parameters
+    ----------
+    problem : Problem
+        One that a tracker takes.
+    source : (n, 3) array
+    **options
+        Of the `Tracker`, without the noise.
+    """
+    view = _View(problem, source) if problem.takes_prior else None
+    size = float(np.ptp(source, axis=0).max())
+    sigma = 1e-3 * size if view is None else view.sigma
+    tracker, rng = Tracker(source, problem, noise=sigma, **options), np.random.default_rng(0)
+    for number in range(3):  # one is searched, others are predicted
+        moved = source + rng.normal(0.0, sigma, source.shape)
+        found = tracker.update(moved if view is None else view.frame(number, len(source), 2))
+        _ = found.confidence, found.pose
+
+
 def _of_scenes(problem: Problem, options: dict[str, Any]) -> Iterator[Step]:
     """Matches of a problem without a prediction."""
     if problem.name not in PROBLEMS:

@@ -48,7 +48,9 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
     """
     array = as_points(points, dimension, name)
     if array.ndim != 2 or array.shape[1] != dimension:
-        raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected")
+        of_image = name == "source" and dimension == 3 and array.shape[1:] == (2,)
+        hint = "; two images are matched by ThreePlusOne or PlanarMotion" if of_image else ""
+        raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected{hint}")
     if len(array) > MOST_POINTS:
         raise InputError(f"{name}: {len(array):,} points given, {MOST_POINTS:,} at most; match a part of them")
     if not float(np.abs(array).max(initial=0.0)) <= MOST:

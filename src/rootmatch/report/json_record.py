@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rootmatch.io import finite, pose_record
 
 if TYPE_CHECKING:
+    from rootmatch.explain.diagnosis import Diagnosis, Trial
     from rootmatch.problems.pose_fit.pose import Pose
     from rootmatch.result import Match
 
@@ -49,6 +50,28 @@ def match_record(match: Match) -> dict[str, Any]:
         "other_poses": [{"pose": pose_record(pose), "probability": likely} for pose, likely in match.other_poses]
         if fits
         else None,
+    }
+
+
+def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What was tried, see `rootmatch.Match.diagnose`.
+
+    Keys: ``fits``, the mistakes that would explain the points, the best first; ``given``, the input as it was given;
+    ``left_out``, for how many mistakes there was no time. Of each ``mistake``, ``remedy``, ``status``, ``matched``
+    (number of points), ``log_odds`` and ``probability`` (null if there is none).
+    """
+    fits = [_trial_record(one) for one in diagnosis.fits]
+    return {"fits": fits, "given": _trial_record(diagnosis.given), "left_out": diagnosis.left_out}
+
+
+def _trial_record(trial: Trial) -> dict[str, Any]:
+    return {
+        "mistake": trial.mistake,
+        "remedy": trial.remedy,
+        "status": trial.status.name.lower(),
+        "matched": trial.matched,
+        "log_odds": finite(trial.log_odds),
+        "probability": finite(trial.probability),
     }
 
 

@@ -24,7 +24,6 @@ from rootmatch.explain.task import Rivals
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
 from rootmatch.problems.base import Problem
-from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
@@ -128,7 +127,6 @@ max_evaluations
             max_hyperedges=max_hyperedges,
             max_evaluations=max_evaluations,
         )
-        Capability.PRIOR.require(problem.takes_prior or problem.takes_motion_prior, problem.name)
         check_followed(self.matcher.problem)
         self.tracking = tracking
         self.time: float | None = None

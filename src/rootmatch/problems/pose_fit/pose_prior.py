@@ -18,7 +18,8 @@ from rootmatch.problems.pose_fit.pose_checks import checked_rotation, numbers
 LEAST_TILT = 1e-5
 """Standard deviation, in radians, of a vertical that is called exact."""
 WIDEST = 1.0
-"""Largest standard deviation of a direction, in radians: degrees were meant beyond. A round value."""
+"""Largest standard deviation of an angle, in radians: degrees were meant beyond. A round value. Of a rotation, that of
+its best known axis: an inertial sensor may know nothing of another."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,7 +44,8 @@ class PosePrior:
     Raises
     ------
     InputError
-        If nothing is given, R is no rotation, a number is not finite, or a standard deviation is negative.
+        If nothing is given, R is no rotation, a number is not finite, or a standard deviation is negative, or of an
+        angle beyond 1 radian.
     """
 
     rotation: tuple[ArrayLike, ArrayLike] | None = None
@@ -56,8 +58,8 @@ class PosePrior:
         if self.rotation is not None:
             R, sigma = _parts("rotation", self.rotation, 2, "(R, σ)")
             covariance = _covariance("rotation", sigma)
-            if float(np.sqrt(np.diag(covariance)).max()) > np.pi:
-                raise InputError("prior: rotation with a σ beyond π given; give radians, or leave it out")
+            each = np.sqrt(np.diag(covariance))
+            _check_angle("rotation", float(each.max() if each.max() > np.pi else each.min()))
             self.__dict__.update(rotation=(checked_rotation(R, mirrored=False), covariance))
             if self.rotation[0].shape != (3, 3):  # type: ignore[union-attr]
                 raise InputError("prior: rotation in a plane given; give R (3, 3)")
@@ -71,9 +73,18 @@ class PosePrior:
             source, camera, tilt = _parts("vertical", self.vertical, 3, "(in the points' frame, in the camera's, σ)")
             first, second = (unit_direction(np.ravel(one), "prior: vertical") for one in (source, camera))
             sigma = numbers(tilt, "vertical", "a number")
-            if sigma.shape != () or not 0.0 <= sigma <= WIDEST:
-                raise InputError(f"prior: vertical with σ {sigma} given; give radians from 0 to {WIDEST:g}")
+            if sigma.shape != () or sigma < 0.0:
+                raise InputError(f"prior: vertical: σ {sigma} given; give one number of radians, not a negative one")
+            _check_angle("vertical", float(sigma))
             self.__dict__.update(vertical=(first, second, float(sigma)))
+
+    def __repr__(self) -> str:
+        """The arguments, σ as it was given."""
+        parts = [f"{name}={_told(getattr(self, name))}" for name in ("rotation", "position") if getattr(self, name)]
+        if self.vertical is not None:
+            source, camera, sigma = self.vertical
+            parts.append(f"vertical=({np.asarray(source).tolist()}, {np.asarray(camera).tolist()}, {sigma:.6g})")
+        return f"PosePrior({', '.join(parts)})"
 
     @property
     def turn(self) -> tuple[Floats, Floats] | None:
@@ -155,6 +166,24 @@ def _parts(name: str, given: Any, count: int, expected: str) -> tuple[Any, ...]:
     if not isinstance(given, tuple | list) or len(given) != count:
         raise InputError(f"prior: {name}: give {expected}")
     return tuple(given)
+
+
+def _check_angle(name: str, sigma: float) -> None:
+    if sigma > WIDEST:
+        raise InputError(
+            f"prior: {name}: σ {sigma:g} given, in radians: {np.degrees(sigma):.0f}°; give radians up to {WIDEST:g}, "
+            "such as np.radians(2.0) for 2°"
+        )
+
+
+def _told(part: tuple[ArrayLike, ArrayLike]) -> str:
+    """A value with its σ as text: one number, three, or the covariance."""
+    value, covariance = (np.asarray(one, np.float64) for one in part)
+    each = np.sqrt(np.diag(covariance))
+    sigma: Any = covariance.tolist()
+    if np.array_equal(covariance, np.diag(np.diag(covariance))):
+        sigma = float(f"{each[0]:.6g}") if (each == each[0]).all() else [float(f"{one:.6g}") for one in each]
+    return f"({value.tolist()}, {sigma})"
 
 
 def _covariance(name: str, sigma: Any) -> Floats:
