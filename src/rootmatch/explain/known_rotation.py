@@ -19,7 +19,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import stepped
-from rootmatch.model.pose_density import Known
+from rootmatch.model.known_density import Known
 from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, explained, settle
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.noise import mean_deviation

@@ -109,7 +109,7 @@ def evidence(
         assignments,
         (at.pixels, at.jacobian, at.seen, at.expected, *at.for_kernels),
         white,
-        tuple(np.array(one) for one in prior.terms(at.rotation, at.position)),
+        tuple(np.array(one) for one in prior.components(at.rotation, at.position)),
         model.image_for_kernels,
         model.clutter.for_kernels,
         (*model.rates, model.noise_freedom),

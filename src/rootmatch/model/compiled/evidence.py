@@ -128,23 +128,55 @@ def scratch_for(n, images, n_target):  # type: ignore[no-untyped-def]
 
 
 @part
-def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rates, scratch, out):  # type: ignore[no-untyped-def]
-    """Evidence of the k-th assignment in one of the poses of ``at`` with one of ``terms``; otherwise as `weigh`."""
+def fitted_with(one, fit, given, scratch, covariance, steps):  # type: ignore[no-untyped-def]
+    """The best pose by the detections and one of a prior's components, to first order.
+
+    Returns
+    -------
+    float, float, float, float
+        Logarithm of the integral of both over poses; the squared deviation there; the detections' degrees of freedom
+        but for the parameters that they determine; and by how much the step decreases the squared deviation.
+    """
+    (whole, _, factor), vectors = scratch[0], scratch[1]
+    measured, slope, squared, count = fit
+    (precisions, slopes, squares, log_densities), noise_freedom = given
+    for a in range(6):
+        for b in range(6):
+            whole[a, b] = measured[a, b] + precisions[one, a, b]
+    log_precision = inverted(whole, factor, vectors[0], covariance)
+    decrement, known = 0.0, 0.0
+    for a in range(6):
+        step = 0.0
+        for b in range(6):
+            step += covariance[a, b] * (slope[b] + slopes[one, b])
+            known += covariance[a, b] * measured[a, b]
+        steps[a] = step
+        decrement += step * (slope[a] + slopes[one, a])
+    squared, freedom = max(squared + squares[one] - decrement, 0.0), max(count - known, 0.0)
+    value = log_of_squared(squared, freedom, noise_freedom) - 0.5 * log_precision + log_densities[one]
+    return value + 3.0 * LOG_2PI, squared, freedom, decrement
+
+
+@part
+def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scratch, out):  # type: ignore[no-untyped-def]
+    """Evidence of the k-th assignment in one of the poses of ``at``; otherwise as `weigh`.
+
+    Of a prior's components, rows of ``terms``, that counts which explains most at its own best pose.
+    """
     pixels, jacobian, seen, expected, cosine, blob, blob_variance = at
     rows, residuals, log_spreads = white
-    precisions, slopes, squares, log_densities = terms
     target, sigma, log_weights, view_cosine, log_counts, image_of = image
     nodes, log_nodes, noise_freedom = rates
     log_odds, steps, covariances, squared_out, freedom_out, visible, decrements, detected = out
-    (whole, measured, factor), vectors, points, counts, taken, (odds, reaches) = scratch
-    scale, slope, row = vectors[0], vectors[1], vectors[2]
+    (_, measured, _), vectors, points, counts, taken, (odds, reaches) = scratch
+    slope, row = vectors[1], vectors[2]
     missing, shown, left, in_sight = points[0], points[1], points[2], points[3:]
     n, images = assignments.shape[1], log_counts.shape[0]
     total, matches, possible = 0.0, 0, True
-    squared = squares[term]
+    squared = 0.0
     counts[:] = 0
     for a in range(6):
-        slope[a] = slopes[term, a]
+        slope[a] = 0.0
         for b in range(6):
             measured[a, b] = 0.0
     for i in range(n):
@@ -180,21 +212,19 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
         if log_weights.shape[0] > 0:
             total += log_weights[i, j]
     for a in range(6):
-        for b in range(a + 1):
+        for b in range(a):
             measured[b, a] = measured[a, b]
-            whole[a, b] = whole[b, a] = measured[a, b] + precisions[term, a, b]
     covariance = covariances[k]
-    log_precision = inverted(whole, factor, scale, covariance)
-    decrement, known = 0.0, 0.0
-    for a in range(6):
-        step = 0.0
-        for b in range(6):
-            step += covariance[a, b] * slope[b]
-            known += covariance[a, b] * measured[a, b]
-        steps[k, a] = step
-        decrement += step * slope[a]
-    squared = max(squared - decrement, 0.0)
-    freedom = max(2.0 * matches - known, 0.0)
+    fit, given = (measured, slope, squared, 2.0 * matches), (terms, noise_freedom)
+    best, which, last = -math.inf, 0, 0
+    for one in range(terms[3].shape[0]):
+        if terms[3][one] > -math.inf:
+            value, squared, freedom, decrement = fitted_with(one, fit, given, scratch, covariance, steps[k])
+            last = one
+            if value > best:
+                best, which = value, one
+    if which != last:
+        _, squared, freedom, decrement = fitted_with(which, fit, given, scratch, covariance, steps[k])
     tilt = min(math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])), 1.0)
     edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
     highest, weights = -math.inf, 0.0
@@ -237,8 +267,7 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
     for one in range(images):
         total += log_counts[one, counts[one]]
     total += log_of_first(assignments[k], taken, clutter)
-    total += log_of_squared(squared, freedom, noise_freedom)
-    total += 3.0 * LOG_2PI - 0.5 * log_precision + log_densities[term]
+    total += best
     log_odds[k] = total if possible and total < math.inf else -math.inf
     squared_out[k], freedom_out[k], decrements[k] = squared, freedom, decrement
 
@@ -257,7 +286,7 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
         Jacobians, residuals and ½ log |S| in units of a noise that points share, as `Linearised`; without rows if each
         detection has its own alone.
     terms : tuple
-        Of `rootmatch.model.pose_density.Terms`.
+        Of `rootmatch.model.pose_density.Terms`, (K, C, …) of C components.
     image : tuple
         Detections (n', 2), their σ (n',), logarithms of the weights of matches (n, n'), −∞ where one is not allowed,
         and cosines of the view angles (n,), the last two empty if not given; logarithms (C, n' + 1) of the odds of
@@ -271,9 +300,11 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
     """
     assignments, at, white, terms = borrowed((assignments, at, white, terms))
     image, clutter, rates, out = borrowed((image, clutter, rates, out))
+    precisions, slopes, squares, log_densities = terms
     scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0])
     for k in range(assignments.shape[0]):
-        weigh_one(k, k, k, assignments, at, white, terms, image, clutter, rates, scratch, out)
+        own = precisions[k], slopes[k], squares[k], log_densities[k]
+        weigh_one(k, k, assignments, at, white, own, image, clutter, rates, scratch, out)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
