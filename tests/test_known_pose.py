@@ -121,6 +121,22 @@ def test_more_is_found_with_what_is_known(kind: str) -> None:
     assert right / 20 >= blind / 6
 
 
+@pytest.mark.parametrize("kind", ["vertical", "rotation", "position"])
+def test_right_knowledge_loses_nothing_however_precise_or_vague(kind: str) -> None:
+    """Precise knowledge excludes the pose of few detections alone, and vague knowledge is worth nothing."""
+    scenes = [Scene(seed, visible=4, clutter=4) for seed in range(6)]
+    known = {"vertical": ((0.0, 1.0, 0.0),), "rotation": (), "position": ()}[kind]
+    blind = sum(scene.is_right(scene.match(seed=k)) for k, scene in enumerate(scenes))
+    for sigma in {"position": (0.0, 1e-3, 10.0, 1e4)}.get(kind, (0.0, 1e-3, 1.0)):
+        right = 0
+        for k, scene in enumerate(scenes):
+            value = {"vertical": scene.R[:, 1], "rotation": scene.R, "position": scene.t}[kind]
+            match = scene.match(rm.PosePrior(**{kind: (*known, value, sigma)}), seed=k)  # type: ignore[arg-type]
+            right += scene.is_right(match)
+            assert match.prior_holds is not False, sigma
+        assert right >= blind, sigma
+
+
 def test_three_points_are_enough_with_a_rotation() -> None:
     scenes = [Scene(seed, visible=3, clutter=1) for seed in range(10)]
     found = [scene.match(scene.prior("rotation and position")) for scene in scenes]
