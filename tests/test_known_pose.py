@@ -124,7 +124,7 @@ def test_more_is_found_with_what_is_known(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["vertical", "rotation", "position"])
 def test_right_knowledge_loses_nothing_however_precise_or_vague(kind: str) -> None:
     """Precise knowledge excludes the pose of few detections alone, and vague knowledge is worth nothing."""
-    scenes = [Scene(seed, visible=4, clutter=4) for seed in range(6)]
+    scenes = [Scene(seed, visible=5, clutter=4) for seed in range(6)]
     known = {"vertical": ((0.0, 1.0, 0.0),), "rotation": (), "position": ()}[kind]
     blind = sum(scene.is_right(scene.match(seed=k)) for k, scene in enumerate(scenes))
     for sigma in {"position": (0.0, 1e-3, 10.0, 1e4)}.get(kind, (0.0, 1e-3, 1.0)):

@@ -71,18 +71,19 @@ def _searched(
 ) -> Finding:
     """What searches find, weighed with what was ``proposed`` and told by ``found``."""
     named, evaluated = list[Integers](), 0
-    for part, columns in _searches(task):
-        if len(columns) < part.problem.order or task.deadline.passed():
-            continue
-        searched = solve(part)
-        evaluated += searched.evaluated
-        searched = among_all(searched, task, columns)
-        named += searched.every
-        with suppress(OutOfTime):
-            body = body.proposed(named, proposed)
-            found = told_by(replace(searched, task=task, evaluated=evaluated), body.alone(), body)
-        if found.status is Status.MATCHED:
-            break
+    for one, columns in _searches(task):
+        part: MatchingTask | None = one
+        while part is not None and len(columns) >= part.problem.order and not task.deadline.passed():
+            searched = solve(part)
+            evaluated, part = evaluated + searched.evaluated, searched.left
+            searched = among_all(searched, task, columns)
+            named += searched.named or searched.every
+            with suppress(OutOfTime):
+                body = body.proposed(named, proposed)
+                base = replace(searched, task=task, evaluated=evaluated, named=(), left=None)
+                found = told_by(base, body.alone(), body)
+            if found.status is Status.MATCHED:
+                return found
     return found
 
 
