@@ -26,6 +26,8 @@ from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.problems.up2p import UP2P
+from rootmatch.samplers.guided.vague_vertical import triples_for
+from rootmatch.samplers.limits import LIMITS
 
 SURE = 0.1
 """Standard deviation of a direction, in radians, up to which a search takes it for a vertical. A round value."""
@@ -108,8 +110,13 @@ def _searches(task: MatchingTask) -> Iterator[tuple[MatchingTask, Integers]]:
     columns = near_position(task)
     narrowed = task if len(columns) == len(every) else task.subset(np.arange(task.shape[0]), columns)
     upright = _upright(narrowed, task.known)
-    if upright is not None or narrowed is not task:
-        yield replace(narrowed, problem=upright or narrowed.problem, known=None), columns
+    if upright is not None:
+        pairs = replace(narrowed, problem=upright, known=None)
+        if task.budget is None and triples_for(pairs.sampling_task) is not None:
+            yield replace(narrowed, budget=LIMITS.quick, known=None), columns  # pairs would not be searched first either
+        yield pairs, columns
+    elif narrowed is not task:
+        yield replace(narrowed, known=None), columns
     yield replace(task, known=None), every
 
 
