@@ -35,7 +35,7 @@ NO_CHANGE = 1e-2
 """Decrease of Q above which a step is worth another evaluation: below it, the evidence is known up to second order, and
 the step itself is taken in the end. A round value."""
 
-STEPS, MOST_STEPS, FAR = 2, 8, 1.0
+STEPS, MOST_STEPS, FAR = 2, 24, 1.0
 """Steps of every hypothesis, those of one that may count, and the decrease of Q above which that is still far from its
 best pose. Where the image hardly tells some of the pose, as of nearly collinear points, two steps leave a fit with 1.2
 times the stated noise at five times it. Round values."""

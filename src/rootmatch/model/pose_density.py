@@ -62,6 +62,11 @@ class Terms(NamedTuple):
     """c, (K,): logarithm of the density at its peak."""
 
 
+def largest(components: Terms) -> Integers:
+    """The largest of components (K, C, …) at each of K poses."""
+    return np.asarray(np.argmax(components.log_density - 0.5 * components.squared, axis=1))
+
+
 class PoseDensity(ABC):
     """A density over rotations R (left perturbation ω, rad) and positions of the body's centre in the camera frame."""
 
@@ -86,7 +91,7 @@ class PoseDensity(ABC):
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """The logarithm of the largest component at each of some poses: (K, …)."""
         every = self.components(rotation, position)
-        first = np.argmax(every.log_density - 0.5 * every.squared, axis=1)
+        first = largest(every)
         rows = np.arange(len(first))
         return Terms(*(one[rows, first] for one in every))
 
@@ -231,11 +236,19 @@ class Doubted(Mixed):
     def prediction_of(self, rotation: Floats, position: Floats) -> Integers:
         """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""
         every, which = self._components(rotation, position)
-        first = np.argmax(every.log_density - 0.5 * every.squared, axis=1)
+        of_first, of_others = self._places
+        if len(of_others) == 1:
+            return of_first[which]
+        component = largest(every)
+        return np.where(component == 0, of_first[which], of_others[component])
+
+    @cached_property
+    def _places(self) -> tuple[Integers, Integers]:
+        """Which prediction the first component is, −1 for none, by that of kernels, and each of the components."""
         known = np.setdiff1d(np.arange(len(self.predictions)), self._gaussian)
-        others = np.full(every.squared.shape[1], -1)
+        others = np.full(1 + len(self.for_kernels[2][-1]), -1)
         others[1 : 1 + len(known)] = known
-        return np.where(first == 0, np.append(self._gaussian, -1)[which], others[first])
+        return np.append(self._gaussian, -1), others
 
     @cached_property
     def for_kernels(self) -> Mixture:

@@ -128,33 +128,28 @@ def scratch_for(n, images, n_target):  # type: ignore[no-untyped-def]
 
 
 @part
-def fitted_with(one, fit, given, scratch, covariance, steps):  # type: ignore[no-untyped-def]
-    """The best pose by the detections and one of a prior's components, to first order.
+def best_step(measured, slope, precision, prior_slope, whole, factor, scale, covariance, step):  # type: ignore[no-untyped-def]
+    """The step to the best pose by detections and a prior, to first order, and its covariance.
 
     Returns
     -------
-    float, float, float, float
-        Logarithm of the integral of both over poses; the squared deviation there; the detections' degrees of freedom
-        but for the parameters that they determine; and by how much the step decreases the squared deviation.
+    float, float, float
+        Logarithm of the determinant of the precision; by how much the step decreases the squared deviation; and how
+        many parameters the detections determine.
     """
-    (whole, _, factor), vectors = scratch[0], scratch[1]
-    measured, slope, squared, count = fit
-    (precisions, slopes, squares, log_densities), noise_freedom = given
     for a in range(6):
         for b in range(6):
-            whole[a, b] = measured[a, b] + precisions[one, a, b]
-    log_precision = inverted(whole, factor, vectors[0], covariance)
+            whole[a, b] = measured[a, b] + precision[a, b]
+    log_precision = inverted(whole, factor, scale, covariance)
     decrement, known = 0.0, 0.0
     for a in range(6):
-        step = 0.0
+        total = 0.0
         for b in range(6):
-            step += covariance[a, b] * (slope[b] + slopes[one, b])
+            total += covariance[a, b] * (slope[b] + prior_slope[b])
             known += covariance[a, b] * measured[a, b]
-        steps[a] = step
-        decrement += step * (slope[a] + slopes[one, a])
-    squared, freedom = max(squared + squares[one] - decrement, 0.0), max(count - known, 0.0)
-    value = log_of_squared(squared, freedom, noise_freedom) - 0.5 * log_precision + log_densities[one]
-    return value + 3.0 * LOG_2PI, squared, freedom, decrement
+        step[a] = total
+        decrement += total * (slope[a] + prior_slope[a])
+    return log_precision, decrement, known
 
 
 @part
@@ -168,12 +163,13 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
     target, sigma, log_weights, view_cosine, log_counts, image_of = image
     nodes, log_nodes, noise_freedom = rates
     log_odds, steps, covariances, squared_out, freedom_out, visible, decrements, detected = out
-    (_, measured, _), vectors, points, counts, taken, (odds, reaches) = scratch
-    slope, row = vectors[1], vectors[2]
+    (whole, measured, factor), vectors, points, counts, taken, (odds, reaches) = scratch
+    scale, slope, row = vectors[0], vectors[1], vectors[2]
+    precisions, slopes, squares, log_densities = terms
     missing, shown, left, in_sight = points[0], points[1], points[2], points[3:]
     n, images = assignments.shape[1], log_counts.shape[0]
     total, matches, possible = 0.0, 0, True
-    squared = 0.0
+    of_image = 0.0
     counts[:] = 0
     for a in range(6):
         slope[a] = 0.0
@@ -203,7 +199,7 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
                 residual = residuals[k, i, q]
                 for a in range(6):
                     row[a] = rows[k, i, q, a]
-            squared += residual * residual
+            of_image += residual * residual
             for a in range(6):
                 slope[a] += residual * row[a]
                 for b in range(a + 1):
@@ -214,17 +210,22 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
     for a in range(6):
         for b in range(a):
             measured[b, a] = measured[a, b]
-    covariance = covariances[k]
-    fit, given = (measured, slope, squared, 2.0 * matches), (terms, noise_freedom)
-    best, which, last = -math.inf, 0, 0
-    for one in range(terms[3].shape[0]):
-        if terms[3][one] > -math.inf:
-            value, squared, freedom, decrement = fitted_with(one, fit, given, scratch, covariance, steps[k])
-            last = one
-            if value > best:
-                best, which = value, one
-    if which != last:
-        _, squared, freedom, decrement = fitted_with(which, fit, given, scratch, covariance, steps[k])
+    covariance, step = covariances[k], steps[k]
+    best, which, squared, decrement, freedom = -math.inf, 0, 0.0, 0.0, 0.0
+    count = log_densities.shape[0]
+    for turn in range(count + (1 if count > 1 else 0)):
+        one = turn if turn < count else which  # once more, for its covariance and step
+        if log_densities[one] == -math.inf:
+            continue
+        log_precision, decrement, known = best_step(
+            measured, slope, precisions[one], slopes[one], whole, factor, scale, covariance, step
+        )
+        squared = max(of_image + squares[one] - decrement, 0.0)
+        freedom = max(2.0 * matches - known, 0.0)
+        value = log_of_squared(squared, freedom, noise_freedom) - 0.5 * log_precision + log_densities[one]
+        if value > best:
+            best, which = value, one
+    total += 3.0 * LOG_2PI + best
     tilt = min(math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])), 1.0)
     edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
     highest, weights = -math.inf, 0.0
@@ -267,7 +268,6 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
     for one in range(images):
         total += log_counts[one, counts[one]]
     total += log_of_first(assignments[k], taken, clutter)
-    total += best
     log_odds[k] = total if possible and total < math.inf else -math.inf
     squared_out[k], freedom_out[k], decrements[k] = squared, freedom, decrement
 
