@@ -38,7 +38,8 @@ the step itself is taken in the end. A round value."""
 STEPS, MOST_STEPS, FAR = 2, 24, 1.0
 """Steps of every hypothesis, those of one that may count, and the decrease of Q above which that is still far from its
 best pose. Where the image hardly tells some of the pose, as of nearly collinear points, two steps leave a fit with 1.2
-times the stated noise at five times it. Round values."""
+times the stated noise at five times it, and eight leave a pose 12° from the best one that counts as another. Round
+values."""
 TOGETHER = 8
 """Hypotheses up to which all are weighed again rather than some of them picked out, which takes longer. A round
 value."""
