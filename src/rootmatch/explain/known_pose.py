@@ -16,6 +16,7 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
+from rootmatch.explain.known_place import poses_by_position
 from rootmatch.explain.known_rotation import lines_of_sight, pairs_are_drawn, poses_by_rotation
 from rootmatch.explain.predicted_poses import knowledge_of
 from rootmatch.explain.task import MatchingTask
@@ -40,10 +41,10 @@ REACH = 4.0
 def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | None) -> Finding:
     """The match of a task of which the pose is known in part.
 
-    What a known rotation proposes is weighed first; of many points, whose pairs are only drawn, after a short search,
-    which mostly finds them in less time. Where that is not believed, the image is searched with what is known, then
-    without it, as it may be wrong; without ``solve`` it is not searched. What is told is the posterior of everything
-    that was proposed.
+    What a known rotation or position proposes is weighed first; of many points, whose pairs are only drawn, after a
+    short search, which mostly finds them in less time. Where that is not believed, the image is searched with what is
+    known, then without it, as it may be wrong; without ``solve`` it is not searched. What is told is the posterior of
+    everything that was proposed.
     """
     assert task.known is not None
     body, proposed = Candidate.of(task, []), None
@@ -90,10 +91,10 @@ def _searched(
 
 
 def proposals_by_knowledge(task: MatchingTask, model: DetectionModel) -> Proposals | None:
-    """What is assigned about the poses that a known rotation leaves, and a known position with it; None without any."""
+    """What is assigned about the poses that a known rotation or position leaves, or both; None without any."""
     known = knowledge_of(task)
     assert known is not None
-    parts = [poses_by_rotation(task, known, model)]
+    parts = [poses_by_rotation(task, known, model), poses_by_position(task, known, model)]
     if known.pose is not None:
         pose = known.pose
         assert pose.covariance is not None
