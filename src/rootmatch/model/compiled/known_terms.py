@@ -32,8 +32,8 @@ def add_direction(source, camera, concentration, R, terms, row):  # type: ignore
     y = R[1, 0] * source[0] + R[1, 1] * source[1] + R[1, 2] * source[2]
     z = R[2, 0] * source[0] + R[2, 1] * source[1] + R[2, 2] * source[2]
     now = (x, y, z)
-    # a turn about the direction is any of 2π, and one across it is any direction of 4π
-    about, across = 0.5 / math.pi, concentration + 0.5
+    # a turn about the direction is any of 2π; the volume across is that of the density, at most all directions
+    about, across = 0.5 / math.pi, -concentration / math.expm1(-2.0 * concentration)
     for a in range(3):
         for b in range(3):
             precision[row, a, b] = (across if a == b else 0.0) + (about - across) * now[a] * now[b]
@@ -46,7 +46,10 @@ def add_direction(source, camera, concentration, R, terms, row):  # type: ignore
 
 @part
 def add_place(place, weight, centre, R, position, scratch, terms, row):  # type: ignore[no-untyped-def]
-    """Add a known position of the origin to a row of terms, whose steps move the centre."""
+    """Add a known position of the origin to a row of terms, whose steps move the centre.
+
+    The broad prior's own precision is of the origin then, so that a rotation which nothing determines stays as it is.
+    """
     precision, slope, squared, _ = terms
     turn, off, push = scratch[0], scratch[1][0], scratch[1][1]
     arm = (
@@ -69,11 +72,12 @@ def add_place(place, weight, centre, R, position, scratch, terms, row):  # type:
         for b in range(3):
             slope[row, a] += turn[b, a] * push[b]
             precision[row, 3 + a, 3 + b] += weight[a, b]
+    for a in range(3):
+        for b in range(3):
             mixed = 0.0
             for c in range(3):
-                mixed += weight[a, c] * turn[c, b]
-            precision[row, 3 + a, b] += mixed
-            precision[row, b, 3 + a] += mixed
+                mixed += precision[row, 3 + a, 3 + c] * turn[c, b]
+            precision[row, 3 + a, b] = precision[row, b, 3 + a] = mixed
     for a in range(3):
         for b in range(3):
             for c in range(3):
