@@ -37,11 +37,14 @@ def add_direction(source, camera, concentration, R, terms, row):  # type: ignore
     for a in range(3):
         for b in range(3):
             precision[row, a, b] = (across if a == b else 0.0) + (about - across) * now[a] * now[b]
-    slope[row, 0] += concentration * (y * camera[2] - z * camera[1])
-    slope[row, 1] += concentration * (z * camera[0] - x * camera[2])
-    slope[row, 2] += concentration * (x * camera[1] - y * camera[0])
     u, v, w = camera[0] - x, camera[1] - y, camera[2] - z
-    squared[row] += concentration * (u * u + v * v + w * w)
+    chord2 = u * u + v * v + w * w
+    # a turn as long as the chord: to first order it takes away the whole deviation, however many σ that is
+    pull = concentration / math.sqrt(max(1.0 - 0.25 * chord2, 1e-6))
+    slope[row, 0] += pull * (y * camera[2] - z * camera[1])
+    slope[row, 1] += pull * (z * camera[0] - x * camera[2])
+    slope[row, 2] += pull * (x * camera[1] - y * camera[0])
+    squared[row] += concentration * chord2
 
 
 @part
