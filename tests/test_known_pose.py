@@ -136,6 +136,22 @@ def test_more_is_found_with_what_is_known(kind: str) -> None:
     assert right / 20 >= blind / 6
 
 
+@pytest.mark.parametrize("kind", ["vertical", "rotation", "position"])
+def test_right_knowledge_loses_nothing_however_precise_or_vague(kind: str) -> None:
+    """Precise knowledge excludes the pose of few detections alone, and vague knowledge is worth nothing."""
+    scenes = [Scene(seed, visible=5, clutter=4) for seed in range(6)]
+    known = {"vertical": ((0.0, 1.0, 0.0),), "rotation": (), "position": ()}[kind]
+    blind = sum(scene.is_right(scene.match(seed=k)) for k, scene in enumerate(scenes))
+    for sigma in {"position": (0.0, 1e-3, 10.0, 1e4)}.get(kind, (0.0, 1e-3, 1.0)):
+        right = 0
+        for k, scene in enumerate(scenes):
+            value = {"vertical": scene.R[:, 1], "rotation": scene.R, "position": scene.t}[kind]
+            match = scene.match(rm.PosePrior(**{kind: (*known, value, sigma)}), seed=k)  # type: ignore[arg-type]
+            right += scene.is_right(match)
+            assert match.prior_holds is not False, sigma
+        assert right >= blind, sigma
+
+
 def test_three_points_are_enough_with_a_rotation() -> None:
     scenes = [Scene(seed, visible=3, clutter=1) for seed in range(10)]
     found = [scene.match(scene.prior("rotation and position")) for scene in scenes]
@@ -258,6 +274,38 @@ def test_many_points_are_searched_before_their_pairs_are_tried() -> None:
     assert match
     assert match.evaluated > 0
     np.testing.assert_array_equal(match.assignment[:36], np.arange(36))
+
+
+@pytest.mark.parametrize("is_rig", [False, True])
+def test_a_camera_whose_place_is_known_needs_no_search(is_rig: bool) -> None:
+    """Points of a room before a camera, of which half are seen, with clutter, and its place to 5 cm."""
+    side = Rotation.from_euler("y", 70.0, degrees=True).as_matrix()
+    views = [(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, side, np.array([0.1, 0.0, 0.05]))]
+    for seed in range(3):
+        rng = np.random.default_rng([seed, 42])
+        room = rng.uniform((1.0, -4.0, -1.5), (5.0, 4.0, 1.5), (24, 3))
+        yaw = Rotation.from_euler("z", rng.uniform(-20.0, 20.0), degrees=True).as_matrix()
+        turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]) @ yaw
+        rows = []
+        for number, (_, R, t) in enumerate(views if is_rig else views[:1]):
+            placed = room @ (R @ turn).T + t
+            pixels = CAMERA.project(placed) + rng.normal(0.0, SIGMA, (24, 2))
+            inside = (placed[:, 2] > 0.3) & ((pixels > 0.0) & (pixels < (1280.0, 960.0))).all(axis=1)
+            clutter = rng.uniform((0, 0), (1280, 960), (6, 2))
+            labels = np.concatenate([np.flatnonzero(inside), np.full(6, -1)])
+            shown = np.vstack([pixels[inside], clutter])
+            rows.append(np.column_stack([shown, np.full(len(shown), number), labels]))
+        whole = np.vstack(rows)
+        problem = rm.P3P(rm.Rig(views) if is_rig else CAMERA)
+        prior = rm.PosePrior(position=(rng.normal(0.0, MOVE, 3), MOVE))
+        match = rm.match(room, whole[:, : 3 if is_rig else 2], problem, noise=SIGMA, prior=prior, seed=seed)
+        assert match
+        assert match.prior_holds
+        assert match.evaluated == 0  # nothing was searched
+        every = match.assignment[None] if match.sightings is None else match.sightings.assignment
+        _, seen = np.nonzero(every >= 0)
+        assert len(seen) >= 6
+        np.testing.assert_array_equal(whole[every[every >= 0], 3], seen)
 
 
 def test_a_rotation_tells_which_part_of_a_flat_model_is_seen() -> None:

@@ -14,6 +14,7 @@ from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import FAR, about, evidence, settled, settled_about, squared_deviations
+from rootmatch.model.known_density import Known
 from rootmatch.model.proposals import rough_fits
 from test_compiled_model import CASES, assignments_of, scene
 
@@ -70,6 +71,22 @@ def test_a_hypothesis_settles_as_it_does_by_itself() -> None:
         np.testing.assert_allclose(at.rotation[k], there.rotation[0], atol=1e-9)
         assert together.log_odds[k] == pytest.approx(alone.log_odds[0], abs=1e-6)
     assert together.log_odds[0] > together.log_odds[1:].max()
+
+
+def test_a_pose_far_from_the_best_one_is_not_weighed_for_another() -> None:
+    """Five LEDs of a controller whose position is known: after eight steps a pose was 12° off, and counted as one."""
+    points = np.array([[50.87, 3.8, 1.82], [25.92, -45.59, -0.58], [35.4, -28.65, 2.0], [16.08, -60.0, -28.26],
+                       [10.15, -80.0, -30.11]]) * 1e-3  # fmt: skip
+    target = np.array([[349.15, 765.47], [294.74, 719.21], [315.34, 734.0], [252.61, 727.04], [229.53, 711.64]])
+    centre = points.mean(axis=0)
+    prior = Known(rm.PosePrior(position=((-0.28, 0.244, 0.637), 0.05)), centre, 0.05)
+    model = DetectionModel(rm.Camera(900.0, 900.0, 640.0, 480.0), points, target, np.full(5, 0.3), prior=prior)
+    turns = Rotation.from_rotvec([[0.521, 0.617, -0.251], [0.994, 1.219, -0.1]]).as_matrix()
+    places = np.array([[-0.272, 0.226, 0.733], [-0.25, 0.199, 0.738]]) + turns @ centre
+    found, at = settled_about(model, np.arange(5)[None].repeat(2, axis=0), turns, places)
+    assert (found.decrement < FAR).all()
+    assert found.log_odds[0] == pytest.approx(found.log_odds[1], abs=1e-2)
+    np.testing.assert_allclose(at.rotation[0], at.rotation[1], atol=1e-3)
 
 
 def by_numpy(model: DetectionModel) -> DetectionModel:

@@ -59,16 +59,21 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
 def _explained(task: MatchingTask, judging: bool = True) -> Finding:
     """The finding of a task whose noise is known; an empty one if there is no time for anything.
 
-    Unless ``judging``, that of a search with a budget is not judged: see `Finding.named`.
+    Unless ``judging``, that of a search for one motion is not judged: see `Finding.named`.
     """
     try:
-        return _found(task, judging or task.budget is None)
+        return _found(task, judging)
     except OutOfTime:
         return nothing_found(task, "max_seconds were over before anything was found")
 
 
 def _named(task: MatchingTask) -> Finding:
-    """What a search proposes to a route that weighs it together with more."""
+    """What a search proposes to a route that weighs it together with more; judged, unless it has a budget."""
+    return _explained(task, judging=task.budget is None)
+
+
+def _proposed(task: MatchingTask) -> Finding:
+    """What a search proposes to a route that judges it."""
     return _explained(task, judging=False)
 
 
@@ -97,11 +102,11 @@ def _found(task: MatchingTask, judging: bool) -> Finding:
         return match_bodies(task, _explained)
     of_camera = task.problem.takes_prior  # two point sets are weighed with all that is known, see `MotionPrior`
     if of_camera and task.known is not None:
-        return match_known(task, _explained)
+        return match_known(task, _proposed)
     if of_camera and task.prior_pose is not None:
         return match_predicted(task, _named)
     if task.rig is not None:
-        return match_rig(task, judging=judging)
+        return match_rig(task, judging=judging or task.budget is None)
     if (decided := decided_by_model(task)) is not None:
         return decided
     if (dense := match_dense(task)) is not None:
@@ -135,7 +140,10 @@ def _one_motion(task: MatchingTask, judging: bool) -> Finding:
     else:
         assert solution is not None
         found = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)
-    if not found.status and (every := swept(task, sampled)) is not None:
+    every = swept(task, sampled)
+    if by_image and not judging:
+        return replace(found, left=every)
+    if not found.status and every is not None:
         again = _explained(every)
         return replace(again, task=task, evaluated=again.evaluated + sampled.evaluated)
     return found

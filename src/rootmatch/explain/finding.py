@@ -83,7 +83,9 @@ class Finding:
     parts : dict, optional
         The findings of several bodies by their labels.
     named : sequence of (n,) int64
-        All assignments that a bounded search named, where no model has judged them.
+        All assignments that a search named, where no model has judged them.
+    left : MatchingTask, optional
+        What remains to be searched if they are not believed.
     mirrored : sequence of (n,) int64
         Of two point sets, those by reflections, which are no answers.
     """
@@ -114,6 +116,7 @@ class Finding:
     labellings: PointSetPosterior | None = None
     parts: dict[Label, Finding] | None = None
     named: Sequence[Integers] = ()
+    left: MatchingTask | None = None
     mirrored: Sequence[Integers] = ()
 
     @cached_property

@@ -28,12 +28,13 @@ from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import Evidence
 from rootmatch.model.gathering import gathered
+from rootmatch.model.known_density import Known
 from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.parallel_poses import parallel
-from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Known, PoseDensity
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import (
@@ -253,7 +254,7 @@ def model_of(task: MatchingTask) -> DetectionModel:
         camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
     upright, known = vertical_of(problem), knowledge_of(task)
     radius = body_radius(task.points.source)
-    prior: PoseDensity = Broad(radius) if upright is None else Known(upright, centre, radius)
+    prior: Mixed = Broad(radius) if upright is None else Known(upright, centre, radius)
     if known is not None:
         prior = Doubted([Known(known, centre, radius)], [math.log1p(-DOUBT)], prior, DOUBT)
     if task.prior_pose is not None:
@@ -266,7 +267,7 @@ def model_of(task: MatchingTask) -> DetectionModel:
     )  # fmt: skip
 
 
-def _with_predictions(task: MatchingTask, without: PoseDensity, centre: NDArray[np.float64]) -> Doubted:
+def _with_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.float64]) -> Doubted:
     """Predicted poses as a prior of the body's centre, beside what is known without them."""
     predictions, shares = [], []
     for pose, share in predictions_of(task):

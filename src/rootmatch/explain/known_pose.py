@@ -16,6 +16,7 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
+from rootmatch.explain.known_place import poses_by_position
 from rootmatch.explain.known_rotation import lines_of_sight, pairs_are_drawn, poses_by_rotation
 from rootmatch.explain.predicted_poses import knowledge_of
 from rootmatch.explain.task import MatchingTask
@@ -26,6 +27,8 @@ from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.problems.up2p import UP2P
+from rootmatch.samplers.guided.vague_vertical import triples_for
+from rootmatch.samplers.limits import LIMITS
 
 SURE = 0.1
 """Standard deviation of a direction, in radians, up to which a search takes it for a vertical. A round value."""
@@ -38,10 +41,10 @@ REACH = 4.0
 def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | None) -> Finding:
     """The match of a task of which the pose is known in part.
 
-    What a known rotation proposes is weighed first; of many points, whose pairs are only drawn, after a short search,
-    which mostly finds them in less time. Where that is not believed, the image is searched with what is known, then
-    without it, as it may be wrong; without ``solve`` it is not searched. What is told is the posterior of everything
-    that was proposed.
+    What a known rotation or position proposes is weighed first; of many points, whose pairs are only drawn, after a
+    short search, which mostly finds them in less time. Where that is not believed, the image is searched with what is
+    known, then without it, as it may be wrong; without ``solve`` it is not searched. What is told is the posterior of
+    everything that was proposed.
     """
     assert task.known is not None
     body, proposed = Candidate.of(task, []), None
@@ -71,26 +74,27 @@ def _searched(
 ) -> Finding:
     """What searches find, weighed with what was ``proposed`` and told by ``found``."""
     named, evaluated = list[Integers](), 0
-    for part, columns in _searches(task):
-        if len(columns) < part.problem.order or task.deadline.passed():
-            continue
-        searched = solve(part)
-        evaluated += searched.evaluated
-        searched = among_all(searched, task, columns)
-        named += searched.every
-        with suppress(OutOfTime):
-            body = body.proposed(named, proposed)
-            found = told_by(replace(searched, task=task, evaluated=evaluated), body.alone(), body)
-        if found.status is Status.MATCHED:
-            break
+    for one, columns in _searches(task):
+        part: MatchingTask | None = one
+        while part is not None and len(columns) >= part.problem.order and not task.deadline.passed():
+            searched = solve(part)
+            evaluated, part = evaluated + searched.evaluated, searched.left
+            searched = among_all(searched, task, columns)
+            named += searched.named or searched.every
+            with suppress(OutOfTime):
+                body = body.proposed(named, proposed)
+                base = replace(searched, task=task, evaluated=evaluated, named=(), left=None)
+                found = told_by(base, body.alone(), body)
+            if found.status is Status.MATCHED:
+                return found
     return found
 
 
 def proposals_by_knowledge(task: MatchingTask, model: DetectionModel) -> Proposals | None:
-    """What is assigned about the poses that a known rotation leaves, and a known position with it; None without any."""
+    """What is assigned about the poses that a known rotation or position leaves, or both; None without any."""
     known = knowledge_of(task)
     assert known is not None
-    parts = [poses_by_rotation(task, known, model)]
+    parts = [poses_by_rotation(task, known, model), poses_by_position(task, known, model)]
     if known.pose is not None:
         pose = known.pose
         assert pose.covariance is not None
@@ -107,8 +111,16 @@ def _searches(task: MatchingTask) -> Iterator[tuple[MatchingTask, Integers]]:
     columns = near_position(task)
     narrowed = task if len(columns) == len(every) else task.subset(np.arange(task.shape[0]), columns)
     upright = _upright(narrowed, task.known)
-    if upright is not None or narrowed is not task:
-        yield replace(narrowed, problem=upright or narrowed.problem, known=None), columns
+    if upright is not None:
+        pairs = replace(narrowed, problem=upright, known=None)
+        if task.budget is None and triples_for(pairs.sampling_task) is not None:
+            yield (
+                replace(narrowed, budget=LIMITS.quick, known=None),
+                columns,
+            )  # pairs would not be searched first either
+        yield pairs, columns
+    elif narrowed is not task:
+        yield replace(narrowed, known=None), columns
     yield replace(task, known=None), every
 
 

@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.algebra.rotation import rotation_from_vector, rotation_vector
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import stepped
-from rootmatch.model.pose_density import Known
+from rootmatch.model.known_density import Known
 from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, explained, settle
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.noise import mean_deviation
@@ -41,7 +41,7 @@ MOST_RANKED = 1000
 LAG = 12.0
 """Log-odds, to first order, by which a pose may lag behind the best one. A round value."""
 SAME = 3.0
-"""Standard deviations on each axis within which positions are the same. A round value."""
+"""Standard deviations on each axis within which poses are the same. A round value."""
 
 
 class Guess(NamedTuple):
@@ -70,9 +70,19 @@ def poses_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionMode
     pairs, origin = _agreeing(task, known, rng)
     if not len(origin):
         return None
+    rotation = np.broadcast_to(turn[0], (len(origin), 3, 3))
+    return assigned_about(model, known, pairs, (rotation, origin + turn[0] @ model.centre))
+
+
+def assigned_about(
+    model: DetectionModel, known: PosePrior, pairs: Integers, poses: tuple[Floats, Floats]
+) -> Proposals | None:
+    """What is assigned about the best of the poses of pairs (K, 2, 2); None if that is nothing.
+
+    ``poses``: rotations (K, 3, 3) and positions (K, 3) of the centre.
+    """
     settled: dict[bytes, Settled] = {}
-    prior = Known(known, model.centre, body_radius(model.points))
-    for guess in _ranked(model, prior, pairs, origin + turn[0] @ model.centre):
+    for guess in _ranked(model, Known(known, model.centre, body_radius(model.points)), pairs, poses):
         pose = guess.rotation[None], guess.position[None]
         settle(model, pose, guess.covariance, options=DEFAULT_PREDICTION, known=settled)
     every = [one for one in settled.values() if math.isfinite(one.log_odds)]
@@ -157,21 +167,21 @@ def _possible(
     return np.asarray(allowed)
 
 
-def _ranked(model: DetectionModel, prior: Known, pairs: Integers, position: Floats) -> list[Guess]:
+def _ranked(model: DetectionModel, prior: Known, pairs: Integers, poses: tuple[Floats, Floats]) -> list[Guess]:
     """The poses of pairs whose predictions explain most, different ones, the best first."""
     size = max(BATCH // (model.shape[0] * max(model.shape[1], 1)), 1)
     parts = []
     for start in range(0, len(pairs), size):
         checkpoint()
         some = slice(start, start + size)
-        parts.append(_score(model, prior, pairs[some], position[some]))
+        parts.append(_score(model, prior, pairs[some], (poses[0][some], poses[1][some])))
     score, R, place, covariance = (np.concatenate(column) for column in zip(*parts, strict=True))
     kept: list[int] = []
     for k in np.argsort(-score, kind="stable")[:MOST_RANKED].tolist():
         if score[k] < score.max() - LAG:
             break
-        off = place[kept] - place[k]
-        scale = SAME**2 * np.diagonal(covariance[k])[3:]
+        off = np.concatenate([rotation_vector(R[kept] @ R[k].T), place[kept] - place[k]], axis=1)
+        scale = SAME**2 * np.diagonal(covariance[k])
         if not ((off**2) <= scale).all(axis=1).any():
             kept.append(k)
         if len(kept) == KEPT:
@@ -180,12 +190,10 @@ def _ranked(model: DetectionModel, prior: Known, pairs: Integers, position: Floa
 
 
 def _score(
-    model: DetectionModel, prior: Known, pairs: Integers, position: Floats
+    model: DetectionModel, prior: Known, pairs: Integers, poses: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Log-odds (K,) of what poses with a pair each explain, to first order, and those poses with their covariances."""
-    assert prior.prior.turn is not None
-    count = len(pairs)
-    rotation = np.broadcast_to(prior.prior.turn[0], (count, 3, 3))
+    count, (rotation, position) = len(pairs), poses
     at = model.linearised(rotation, position)
     of_prior = prior.terms(rotation, position)
     rows = np.arange(count)[:, None]

@@ -11,7 +11,8 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.blob_labels import resolved
-from rootmatch.model.pose_density import Gaussian, Known
+from rootmatch.model.known_density import Known
+from rootmatch.model.pose_density import Gaussian
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose

@@ -35,10 +35,11 @@ NO_CHANGE = 1e-2
 """Decrease of Q above which a step is worth another evaluation: below it, the evidence is known up to second order, and
 the step itself is taken in the end. A round value."""
 
-STEPS, MOST_STEPS, FAR = 2, 8, 1.0
+STEPS, MOST_STEPS, FAR = 2, 24, 1.0
 """Steps of every hypothesis, those of one that may count, and the decrease of Q above which that is still far from its
 best pose. Where the image hardly tells some of the pose, as of nearly collinear points, two steps leave a fit with 1.2
-times the stated noise at five times it. Round values."""
+times the stated noise at five times it, and eight leave a pose 12° from the best one that counts as another. Round
+values."""
 TOGETHER = 8
 """Hypotheses up to which all are weighed again rather than some of them picked out, which takes longer. A round
 value."""
@@ -109,7 +110,7 @@ def evidence(
         assignments,
         (at.pixels, at.jacobian, at.seen, at.expected, *at.for_kernels),
         white,
-        tuple(np.array(one) for one in prior.terms(at.rotation, at.position)),
+        tuple(np.array(one) for one in prior.components(at.rotation, at.position)),
         model.image_for_kernels,
         model.clutter.for_kernels,
         (*model.rates, model.noise_freedom),

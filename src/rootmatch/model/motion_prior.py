@@ -4,9 +4,11 @@ The model of `rootmatch.model.point_set_model` integrates the motion of a labell
 best motion the likelihood is normal, with a covariance Σ; knowledge of the motion is a measurement of some of its six
 parameters that is off by d, with Jacobian J and covariance C. Its prior therefore multiplies the odds by
 
-    N(d; 0, J Σ Jᵀ + C) · (volume that the flat prior gives what is known)
+    N(d; 0, J Σ Jᵀ + C) / N(0; 0, F + C)
 
-which is 8π² for a rotation, 4π for a direction and V for a position. It takes no second fit.
+where F is the covariance of a normal distribution with the volume that the flat prior gives what is known: 8π² for a
+rotation, 4π for a direction and V for a position. Precise knowledge is worth that volume, and vague knowledge is worth
+nothing, so it takes nothing away either. It takes no second fit.
 """
 
 from __future__ import annotations
@@ -24,10 +26,10 @@ from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
 
-LOG_ROTATIONS = math.log(8.0 * math.pi**2)
-"""Logarithm of the volume of all rotations, by rotation vectors."""
-LOG_DIRECTIONS = math.log(4.0 * math.pi)
-"""Logarithm of the area of all directions."""
+ROTATIONS = 8.0 * math.pi**2
+"""Volume of all rotations, by rotation vectors."""
+DIRECTIONS = 4.0 * math.pi
+"""Area of all directions."""
 GATE = 21.0
 """Squared deviation, in three coordinates, up to which a target may be a predicted point: chance 10⁻⁴ beyond."""
 
@@ -41,8 +43,15 @@ class _Off(NamedTuple):
     """(k, 6): of a turn and a shift of the motion."""
     covariance: Floats
     """(k, k)."""
-    log_volume: float
-    """Of what is known, under the flat prior."""
+    ranges: Floats
+    """(k,) whose product is the volume of what is known under the flat prior."""
+
+    @property
+    def log_volume(self) -> float:
+        """Logarithm of 1 / N(0; 0, F + C): of that volume, if the knowledge is precise."""
+        unit = 2.0 * math.pi * self.covariance / (self.ranges[:, None] * self.ranges)
+        more = 0.5 * float(np.linalg.slogdet(np.eye(len(unit)) + unit)[1])
+        return float(np.log(self.ranges).sum()) + more
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +107,9 @@ class MotionPrior:
 
     def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, log_volume: float) -> Floats:
         """Logarithm (K,) of the factor that one prediction puts on the odds of rotations."""
-        off, jacobian, own, log_known = _off(known, fit, log_volume)
-        whole = jacobian @ covariance @ jacobian.T + own
+        measured = _off(known, fit, math.exp(log_volume / 3.0))
+        off, jacobian = measured.off, measured.jacobian
+        whole = jacobian @ covariance @ jacobian.T + measured.covariance
         # turns and shifts have different units: scaled, so that the inverse is exact
         size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
         unit, scaled, count = whole / (size[:, :, None] * size[:, None]), off / size, off.shape[1]
@@ -110,7 +120,7 @@ class MotionPrior:
             half, more = 0.5 * self.freedom, 0.5 * count
             tail = math.lgamma(half + more) - math.lgamma(half) - more * math.log(half)
             tail = tail - (half + more) * np.log1p(squared / self.freedom)
-        return np.asarray(log_known - peak + tail)
+        return np.asarray(measured.log_volume - peak + tail)
 
 
 def motion_covariances(fit: PointSetFit) -> Floats:
@@ -137,25 +147,26 @@ def fused(fit: Pose, known: Pose | PosePrior) -> Pose:
     return updated(fit, np.eye(6), off, known.covariance)
 
 
-def _off(known: Pose | PosePrior, fit: PointSetFit, log_volume: float) -> _Off:
-    """How far fitted motions are from what is known of them."""
+def _off(known: Pose | PosePrior, fit: PointSetFit, length: float) -> _Off:
+    """How far fitted motions are from what is known of them; ``length``: edge of the volume in which they may lie."""
+    turns, places = np.full(3, ROTATIONS ** (1.0 / 3.0)), np.full(3, length)
     if isinstance(known, Pose):
         assert known.covariance is not None
         off = np.concatenate([_turns(known.R, fit), known.t - fit.shift], axis=1)
-        return _Off(off, np.eye(6), known.covariance, LOG_ROTATIONS + log_volume)
+        return _Off(off, np.eye(6), known.covariance, np.concatenate([turns, places]))
     parts = []
     if known.turn is not None:
         R, covariance = known.turn
-        parts.append(_Off(_turns(R, fit), np.eye(3, 6), covariance, LOG_ROTATIONS))
+        parts.append(_Off(_turns(R, fit), np.eye(3, 6), covariance, turns))
     elif known.down is not None:
         source, target, noise = known.down
         across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
         off = _tilts(fit.rotation @ source, target, across) @ across.T
         tilt = max(noise, LEAST_TILT) ** 2 * np.eye(2)
-        parts.append(_Off(off, np.pad(across, ((0, 0), (0, 3))), tilt, LOG_DIRECTIONS))
+        parts.append(_Off(off, np.pad(across, ((0, 0), (0, 3))), tilt, np.full(2, DIRECTIONS**0.5)))
     if known.place is not None:
         t, covariance = known.place
-        parts.append(_Off(t - fit.shift, np.eye(3, 6, 3), covariance, log_volume))
+        parts.append(_Off(t - fit.shift, np.eye(3, 6, 3), covariance, places))
     sizes = [len(one.covariance) for one in parts]
     whole, begin = np.zeros((sum(sizes), sum(sizes))), 0
     for one, size in zip(parts, sizes, strict=True):
@@ -165,7 +176,7 @@ def _off(known: Pose | PosePrior, fit: PointSetFit, log_volume: float) -> _Off:
         np.concatenate([one.off for one in parts], axis=1),
         np.concatenate([one.jacobian for one in parts]),
         whole,
-        sum(one.log_volume for one in parts),
+        np.concatenate([one.ranges for one in parts]),
     )
 
 

@@ -16,12 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
 from rootmatch.arrays import Floats, Integers
-from rootmatch.model.compiled.prior_terms import mixture_terms
-from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_prior import PosePrior
-from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.model.compiled.known_terms import prior_terms
 
 FIELD = 2.0
 """Solid angle in steradians in which a body may be, if the image's size is not known: about 80° by 80°. A round
@@ -38,16 +34,19 @@ TURNS = 2.0 * math.pi
 EXACT = 1e-6
 """Smallest standard deviation of a prediction: in radians, relative to the distance, and relative to other
 directions."""
-LEAST_TILT = 1e-4
-"""Standard deviation, in radians, used for a vertical that is stated as exact."""
 LEAST = 3
 """Matches of a mode: with fewer a pose is not determined unless it is predicted, and a body that shows no more is not
 told from clutter."""
 
 
 BroadNumbers = tuple[float, float, float, float, float]
-Mixture = tuple[tuple[Floats, ...], BroadNumbers]
-"""Predictions and a broad prior with their shares, see `rootmatch.model.compiled.prior_terms.mixture_terms`."""
+Knowledge = tuple[tuple[Floats, Floats], tuple[Floats, Floats, Floats], tuple[Floats, Floats, Floats], Floats]
+"""M pieces of partial knowledge, each a factor on the broad prior: rotations (M, 3, 3) with their precisions
+(M, 3, 3); directions (M, 3) in the frame of the points and in the camera's, with their concentrations (M,); positions
+(M, 3) of the origin with their precisions (M, 3, 3), and the centre (M, 3); zero where nothing is known. Last the
+logarithms (M,) of what they are at their peaks, of any rotation, and of the share of each."""
+Mixture = tuple[tuple[Floats, ...], BroadNumbers, Knowledge]
+"""Predictions, a broad prior, and partial knowledge, with their shares: `rootmatch.model.compiled.known_terms`."""
 
 
 class Terms(NamedTuple):
@@ -63,6 +62,11 @@ class Terms(NamedTuple):
     """c, (K,): logarithm of the density at its peak."""
 
 
+def largest(components: Terms) -> Integers:
+    """The largest of components (K, C, …) at each of K poses."""
+    return np.asarray(np.argmax(components.log_density - 0.5 * components.squared, axis=1))
+
+
 class PoseDensity(ABC):
     """A density over rotations R (left perturbation ω, rad) and positions of the body's centre in the camera frame."""
 
@@ -73,16 +77,49 @@ class PoseDensity(ABC):
 
     @property
     def for_kernels(self) -> Mixture | None:
-        """The density as kernels take it; None if it is not a mixture of predicted poses and a broad one."""
+        """The density as kernels take it; None if they do not."""
         return None
 
     @abstractmethod
+    def components(self, rotation: Floats, position: Floats) -> Terms:
+        """The logarithm of each component (K, C, …) about poses (K, 3, 3) and (K, 3).
+
+        Which of them counts about a pose is known only with its detections: a precise one is small about the pose of
+        few detections alone, and large about that of both.
+        """
+
     def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """The logarithm of the density about poses (K, 3, 3) and (K, 3)."""
+        """The logarithm of the largest component at each of some poses: (K, …)."""
+        every = self.components(rotation, position)
+        first = largest(every)
+        rows = np.arange(len(first))
+        return Terms(*(one[rows, first] for one in every))
+
+
+class Mixed(PoseDensity):
+    """A density that kernels take."""
+
+    @property
+    @abstractmethod
+    def for_kernels(self) -> Mixture:
+        """See `PoseDensity.for_kernels`."""
+
+    def components(self, rotation: Floats, position: Floats) -> Terms:
+        """See `PoseDensity.components`."""
+        return self._components(rotation, position)[0]
+
+    def _components(self, rotation: Floats, position: Floats) -> tuple[Terms, Integers]:
+        """Those, and the largest prediction (K,) in the first one; their number for the broad prior."""
+        known = self.for_kernels
+        count, rows = len(rotation), 1 + len(known[2][-1])
+        terms = Terms(*(np.empty((count, rows, *shape)) for shape in ((6, 6), (6,), (), ())))
+        which = np.empty(count, np.int64)
+        prior_terms((np.array(rotation), np.array(position)), known, tuple(terms), which)
+        return terms, which
 
 
 @dataclass(frozen=True)
-class Broad(PoseDensity):
+class Broad(Mixed):
     """Any rotation, at any place in the field of view, at any distance within two decades.
 
     p(R, t) = 1 / (8π²) · 1 / (Ω (‖t‖² + ρ²)^(3/2) log D) for a field of Ω steradians and distances within a factor D.
@@ -97,14 +134,10 @@ class Broad(PoseDensity):
 
     radius: float = 0.0
 
-    def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PoseDensity.terms`."""
-        return _mixture(self.for_kernels, rotation, position)[0]
-
     @cached_property
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
-        return NO_PREDICTIONS, self.with_share(0.0)
+        return NO_PREDICTIONS, self.with_share(0.0), NO_KNOWLEDGE
 
     def with_share(self, log_share: float) -> BroadNumbers:
         """Its numbers as one of several components."""
@@ -117,94 +150,7 @@ class Broad(PoseDensity):
 
 
 @dataclass(frozen=True, eq=False)
-class Known(PoseDensity):
-    """A rotation, a vertical or a position of the body's origin that is known, with a normal error; broad in the rest.
-
-    Parameters
-    ----------
-    prior : PosePrior
-    centre : (3,) array
-        Of the body, in its frame.
-    radius : float
-        As of `Broad`.
-    """
-
-    prior: PosePrior
-    centre: Floats
-    radius: float = 0.0
-
-    def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PoseDensity.terms`."""
-        count = len(rotation)
-        precision, slope = np.zeros((count, 6, 6)), np.zeros((count, 6))
-        precision[:, :3, :3], slope[:, :3], squared, log_density = self._of_rotation(rotation)
-        if self._place is None:
-            precision[:, 3:, 3:], log_position = Broad(self.radius).of_position(position)
-            return Terms(precision, slope, squared, log_density + log_position)
-        place, weight, log_peak = self._place
-        arm = rotation @ self.centre
-        off = place - (position - arm)
-        rows = np.zeros((count, 3, 6))  # how the origin moves with a step of the centre
-        rows[:, :, :3], rows[:, :, 3:] = cross_matrix(arm), np.eye(3)
-        precision += rows.swapaxes(1, 2) @ weight @ rows
-        slope += (rows.swapaxes(1, 2) @ (weight @ off[..., None]))[..., 0]
-        squared = squared + ((off @ weight) * off).sum(axis=1)
-        return Terms(precision, slope, squared, log_density + log_peak)
-
-    def about(self, pose: Pose) -> Pose:
-        """The normal distribution that it is about a pose, to first order; very wide in what is not known."""
-        position = pose.t + pose.R @ self.centre
-        terms = self.terms(pose.R[None], position[None])
-        scale = np.sqrt(np.diag(terms.precision[0]))
-        covariance = np.linalg.inv(terms.precision[0] / np.outer(scale, scale)) / np.outer(scale, scale)
-        step = covariance @ terms.slope[0]
-        R = rotation_from_vector(step[None, :3])[0] @ pose.R
-        return Pose.unchecked(R, *about_point(R, position + step[3:], covariance, -self.centre))
-
-    def _of_rotation(self, rotation: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Precision (K, 3, 3), slope (K, 3), squared deviation (K,) and log density (K,) of rotations (K, 3, 3)."""
-        count, down = len(rotation), self.prior.down
-        if self._turn is not None:
-            mean, weight, log_peak = self._turn
-            step = rotation_vector(mean @ rotation.swapaxes(1, 2))
-            slope = step @ weight
-            same = np.broadcast_to(weight, (count, 3, 3))
-            return same, slope, (slope * step).sum(axis=1), np.full(count, log_peak)
-        if down is None:
-            any_turn = np.broadcast_to(ANY_TURN * np.eye(3), (count, 3, 3))
-            return any_turn, np.zeros((count, 3)), np.zeros(count), np.full(count, -math.log(ROTATIONS))
-        source, camera, noise = down
-        sigma = max(noise, LEAST_TILT)
-        now = rotation @ source
-        off = camera - now
-        across = -cross_matrix(now)  # how the vertical moves with a turn
-        about = now[:, :, None] * now[:, None] * (2.0 * math.pi / TURNS**2)
-        weight = across.swapaxes(1, 2) @ across / sigma**2 + about
-        slope = (across.swapaxes(1, 2) @ off[..., None])[..., 0] / sigma**2
-        peak = -math.log(2.0 * math.pi * sigma**2 * TURNS)
-        return weight, slope, (off**2).sum(axis=1) / sigma**2, np.full(count, peak)
-
-    @cached_property
-    def _turn(self) -> tuple[Floats, Floats, float] | None:
-        """The rotation that is known, the precision of it, and the logarithm of its density at the peak."""
-        turn = self.prior.turn
-        return None if turn is None else (turn[0], *_peak(turn[1], EXACT))
-
-    @cached_property
-    def _place(self) -> tuple[Floats, Floats, float] | None:
-        """The position that is known, its precision, and the logarithm of its density at the peak."""
-        place = self.prior.place
-        return None if place is None else (place[0], *_peak(place[1], EXACT * float(np.linalg.norm(place[0]))))
-
-
-def _peak(covariance: Floats, least: float) -> tuple[Floats, float]:
-    """Precision and log density at the peak of a normal distribution no narrower than ``least``."""
-    whole = covariance + max(least, 1e-150) ** 2 * np.eye(len(covariance))
-    return np.asarray(np.linalg.inv(whole), np.float64), -0.5 * float(np.linalg.slogdet(2.0 * math.pi * whole)[1])
-
-
-@dataclass(frozen=True, eq=False)
-class Gaussian(PoseDensity):
+class Gaussian(Mixed):
     """A predicted pose: normal in all six parameters, with the tails of a t-distribution.
 
     The covariance may be too small, by any factor as probably as that of an estimate from some samples. So says a
@@ -227,14 +173,10 @@ class Gaussian(PoseDensity):
     covariance: Floats
     freedom: float = math.inf
 
-    def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PoseDensity.terms`."""
-        return _mixture(self.for_kernels, rotation, position)[0]
-
     @cached_property
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
-        return _packed([self], [0.0]), Broad().with_share(-math.inf)
+        return _packed([(self, 0.0)]), Broad().with_share(-math.inf), NO_KNOWLEDGE
 
     def tail_weight(self, squared: Floats) -> Floats:
         """How much the prediction counts at a squared deviation (K,) from it: 1 up to 6, the mean of six parameters."""
@@ -259,14 +201,15 @@ class Gaussian(PoseDensity):
 
 
 @dataclass(frozen=True, eq=False)
-class Doubted(PoseDensity):
+class Doubted(Mixed):
     """Predictions that may all be wrong: a mixture of them and of what is known without any.
 
-    About each pose the largest component stands for the mixture; the others are negligible where one of them is large.
+    The component that explains most with the detections stands for the mixture; of the predicted poses, from which fits
+    start, the one that is largest about a pose.
 
     Parameters
     ----------
-    predictions : sequence of Gaussian or Known
+    predictions : sequence of Gaussian or of `rootmatch.model.known_density.Known`
         At least one.
     log_shares : sequence of float
         Logarithm of the share of each; they add up to 1 less the doubt.
@@ -275,44 +218,55 @@ class Doubted(PoseDensity):
         Share of the latter.
     """
 
-    predictions: Sequence[Gaussian | Known]
+    predictions: Sequence[Mixed]
     log_shares: Sequence[float]
-    without: PoseDensity
+    without: Mixed
     doubt: float
-
-    def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PoseDensity.terms`."""
-        return self._terms(rotation, position)[0]
 
     @property
     def least(self) -> int:
         """See `PoseDensity`: one match is one coincidence, which a clutter point that stands still repeats."""
-        return 2 if any(isinstance(one, Gaussian) for one in self.predictions) else 3
+        return 2 if self._gaussian.size else 3
+
+    @cached_property
+    def _gaussian(self) -> Integers:
+        """Which of the predictions are normal in all six parameters."""
+        return np.flatnonzero([isinstance(one, Gaussian) for one in self.predictions])
 
     def prediction_of(self, rotation: Floats, position: Floats) -> Integers:
         """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""
-        first = self._terms(rotation, position)[1]
-        return np.where(first < len(self.predictions), first, -1)
+        every, which = self._components(rotation, position)
+        of_first, of_others = self._places
+        if len(of_others) == 1:
+            return of_first[which]
+        component = largest(every)
+        return np.where(component == 0, of_first[which], of_others[component])
 
     @cached_property
-    def for_kernels(self) -> Mixture | None:
-        """See `PoseDensity.for_kernels`."""
-        known = [one for one in self.predictions if isinstance(one, Gaussian)]
-        if len(known) < len(self.predictions) or not isinstance(self.without, Broad):
-            return None
-        return _packed(known, self.log_shares), self.without.with_share(math.log(self.doubt))
+    def _places(self) -> tuple[Integers, Integers]:
+        """Which prediction the first component is, −1 for none, by that of kernels, and each of the components."""
+        known = np.setdiff1d(np.arange(len(self.predictions)), self._gaussian)
+        others = np.full(1 + len(self.for_kernels[2][-1]), -1)
+        others[1 : 1 + len(known)] = known
+        return np.append(self._gaussian, -1), others
 
-    def _terms(self, rotation: Floats, position: Floats) -> tuple[Terms, Integers]:
-        """The terms of the largest component about each pose, and which it is."""
-        if self.for_kernels is not None:
-            return _mixture(self.for_kernels, rotation, position)
-        every, shares = [], [*self.log_shares, math.log(self.doubt)]
-        for prior, share in zip([*self.predictions, self.without], shares, strict=True):
-            precision, slope, squared, log_density = prior.terms(rotation, position)
-            every.append(Terms(precision, slope, squared, log_density + share))
-        first = np.asarray(np.argmax([one.log_density - 0.5 * one.squared for one in every], axis=0))
-        rows = np.arange(len(rotation))
-        return Terms(*(np.stack(column)[first, rows] for column in zip(*every, strict=True))), first
+    @cached_property
+    def for_kernels(self) -> Mixture:
+        """See `PoseDensity.for_kernels`."""
+        log_doubt, every = math.log(self.doubt), list[Knowledge]()
+        normal = [(one, share) for one, share in self._shared if isinstance(one, Gaussian)]
+        for one, share in [*self._shared, (self.without, log_doubt)]:
+            rotations, directions, places, peaks = one.for_kernels[2]
+            if len(peaks):
+                every.append((rotations, directions, places, peaks + share))
+        any_turn, field, depth, log_share, radius = self.without.for_kernels[1]
+        broad = any_turn, field, depth, log_share + log_doubt, radius
+        return _packed(normal), broad, _joined(every) if every else NO_KNOWLEDGE
+
+    @property
+    def _shared(self) -> list[tuple[Mixed, float]]:
+        """The predictions with their shares."""
+        return list(zip(self.predictions, self.log_shares, strict=True))
 
 
 def _log_mass(freedom: float) -> float:
@@ -325,25 +279,27 @@ def _log_mass(freedom: float) -> float:
     return math.log(within + tail * math.exp(-3.0) / inner**3)
 
 
-def _packed(predictions: Sequence[Gaussian], log_shares: Sequence[float]) -> tuple[Floats, ...]:
+def _packed(predictions: Sequence[tuple[Gaussian, float]]) -> tuple[Floats, ...]:
     """Predictions with their shares as arrays for the kernel."""
-    each = [one._precision for one in predictions]
+    if not predictions:
+        return NO_PREDICTIONS
+    each = [one._precision for one, _ in predictions]
     return (
-        np.array([one.rotation for one in predictions]),
-        np.array([one.position for one in predictions]),
+        np.array([one.rotation for one, _ in predictions]),
+        np.array([one.position for one, _ in predictions]),
         np.array([whole for whole, _ in each]),
-        np.array([peak + share for (_, peak), share in zip(each, log_shares, strict=True)]),
-        np.array([one.freedom for one in predictions], dtype=float),
+        np.array([peak + share for (_, peak), (_, share) in zip(each, predictions, strict=True)]),
+        np.array([one.freedom for one, _ in predictions], dtype=float),
     )
 
 
-def _mixture(mixture: Mixture, rotation: Floats, position: Floats) -> tuple[Terms, Integers]:
-    """The terms of the largest component about poses (K, 3, 3) and (K, 3), and which it is; the broad one is last."""
-    count = len(rotation)
-    terms = Terms(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count), np.empty(count))
-    which = np.empty(count, np.int64)
-    mixture_terms((np.array(rotation), np.array(position)), *mixture, tuple(terms), which)
-    return terms, which
+def _joined(every: Sequence[Knowledge]) -> Knowledge:
+    """Several pieces of knowledge."""
+    *parts, peaks = zip(*every, strict=True)
+    joined = (tuple(map(np.concatenate, zip(*part, strict=True))) for part in parts)
+    return *joined, np.concatenate(peaks)  # type: ignore[return-value]
 
 
 NO_PREDICTIONS = np.empty((0, 3, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.empty(0), np.empty(0)
+_NO_3, _NO_33 = np.empty((0, 3)), np.empty((0, 3, 3))
+NO_KNOWLEDGE: Knowledge = (_NO_33, _NO_33), (_NO_3, _NO_3, np.empty(0)), (_NO_3, _NO_33, _NO_3), np.empty(0)

@@ -37,8 +37,8 @@ class ZoomDensity(PoseDensity):
     upright: Upright
     broad: Broad
 
-    def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PoseDensity.terms`; rotations hold focal lengths."""
+    def components(self, rotation: Floats, position: Floats) -> Terms:
+        """See `PoseDensity.components`; rotations hold focal lengths."""
         log_zoom, _ = unstored(self.upright, rotation)
         across, along = self.upright.camera[0], rotation @ self.upright.world[1]
         idle = cross(np.broadcast_to(across, along.shape), along)
@@ -52,7 +52,8 @@ class ZoomDensity(PoseDensity):
         precision[:, 3:, 3:], log_position = self.broad.of_position(position)
         # the idle rotation has a normal distribution of its own, which integrates to 1
         peak = -math.log(TURNS) - math.log(ZOOM) - LOG_2PI
-        return Terms(precision, slope, (log_zoom / ZOOM) ** 2, log_position + peak)
+        terms = Terms(precision, slope, (log_zoom / ZOOM) ** 2, log_position + peak)
+        return Terms(*(one[:, None] for one in terms))
 
 
 def stored(upright: Upright, rotation: Floats, log_zoom: Floats) -> Floats:

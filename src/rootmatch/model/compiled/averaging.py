@@ -12,7 +12,8 @@ import numpy as np
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import scratch_for, weigh_one
-from rootmatch.model.compiled.prior_terms import terms_about, vector_of
+from rootmatch.model.compiled.known_terms import components_about, room_for_terms
+from rootmatch.model.compiled.prior_terms import vector_of
 from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.steps import step_of_one
 from rootmatch.model.compiled.visibility import see_one
@@ -72,7 +73,6 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     """
     assignments, lines, places, scene, known, out = borrowed((assignments, lines, places, scene, known, out))
     body, views, image, clutter, rates = scene
-    predictions, broad = known
     target, sigma, view_cosine = image[0], image[1], image[3]
     rotation, position, covariance = out
     n, count = assignments.shape[1], places.shape[0]
@@ -83,8 +83,8 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     images = pixels, jacobian, by_position, seen, cosine, expected
     whole = pixels, jacobian, seen, expected, cosine, np.empty((0, 0), np.int64), np.empty((0, 0))
     white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
-    terms = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty(1), np.empty(1)
-    which, corner = np.empty(1, np.int64), (np.empty((3, 3)), np.empty((2, 6)))
+    room = room_for_terms(known)
+    terms = room[0]
     scratch = scratch_for(n, image[4].shape[0], target.shape[0])
     step = np.empty((1, 6))
     one = np.empty(1)  # of what is not read
@@ -98,14 +98,16 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
                 step[0, p] = places[k] * lines[p, line]
             step_of_one(0, step, rotation, position, math.inf, poses[0], poses[1])
             linearise_one(0, body, poses, views, images)
-            terms_about(0, 0, poses, predictions, broad, corner, terms, which)
-            weigh_one(0, 0, 0, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
+            components_about(0, poses, known, room)
+            weigh_one(0, 0, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
             # to the valley, but along none of its weak directions
             leave_out(lines, scratch[0][0], step[0], work)
             step_of_one(0, step, poses[0], poses[1], math.inf, poses[0], poses[1])
             linearise_one(0, body, poses, views, images)
-            terms_about(0, 0, poses, predictions, broad, corner, terms, which)
+            components_about(0, poses, known, room)
             value = terms[3][0] - 0.5 * terms[2][0]
+            for c in range(1, terms[3].shape[0]):
+                value = max(value, terms[3][c] - 0.5 * terms[2][c])
             see_one(0, expected[0], cosine, view_cosine, 0.0, shown, visible)
             for i in range(n):
                 j = assignments[0, i]
@@ -114,7 +116,7 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
                     value += math.log(max(visible[i], 1e-300)) - 0.5 * (u * u + v * v) / (sigma[j] * sigma[j])
             values[k] = value if abs(value) < math.inf else -math.inf
             highest = max(highest, values[k])
-            vector_of(poses[0][0], rotation[0], corner[0], off[k])
+            vector_of(poses[0][0], rotation[0], room[2][0], off[k])
             for p in range(3):
                 off[k, 3 + p] = poses[1][0, p] - position[0, p]
         if highest == -math.inf:

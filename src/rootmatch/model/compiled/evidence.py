@@ -128,23 +128,51 @@ def scratch_for(n, images, n_target):  # type: ignore[no-untyped-def]
 
 
 @part
-def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rates, scratch, out):  # type: ignore[no-untyped-def]
-    """Evidence of the k-th assignment in one of the poses of ``at`` with one of ``terms``; otherwise as `weigh`."""
+def best_step(measured, slope, precision, prior_slope, whole, factor, scale, covariance, step):  # type: ignore[no-untyped-def]
+    """The step to the best pose by detections and a prior, to first order, and its covariance.
+
+    Returns
+    -------
+    float, float, float
+        Logarithm of the determinant of the precision; by how much the step decreases the squared deviation; and how
+        many parameters the detections determine.
+    """
+    for a in range(6):
+        for b in range(6):
+            whole[a, b] = measured[a, b] + precision[a, b]
+    log_precision = inverted(whole, factor, scale, covariance)
+    decrement, known = 0.0, 0.0
+    for a in range(6):
+        total = 0.0
+        for b in range(6):
+            total += covariance[a, b] * (slope[b] + prior_slope[b])
+            known += covariance[a, b] * measured[a, b]
+        step[a] = total
+        decrement += total * (slope[a] + prior_slope[a])
+    return log_precision, decrement, known
+
+
+@part
+def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scratch, out):  # type: ignore[no-untyped-def]
+    """Evidence of the k-th assignment in one of the poses of ``at``; otherwise as `weigh`.
+
+    Of a prior's components, rows of ``terms``, that counts which explains most at its own best pose.
+    """
     pixels, jacobian, seen, expected, cosine, blob, blob_variance = at
     rows, residuals, log_spreads = white
-    precisions, slopes, squares, log_densities = terms
     target, sigma, log_weights, view_cosine, log_counts, image_of = image
     nodes, log_nodes, noise_freedom = rates
     log_odds, steps, covariances, squared_out, freedom_out, visible, decrements, detected = out
     (whole, measured, factor), vectors, points, counts, taken, (odds, reaches) = scratch
     scale, slope, row = vectors[0], vectors[1], vectors[2]
+    precisions, slopes, squares, log_densities = terms
     missing, shown, left, in_sight = points[0], points[1], points[2], points[3:]
     n, images = assignments.shape[1], log_counts.shape[0]
     total, matches, possible = 0.0, 0, True
-    squared = squares[term]
+    of_image = 0.0
     counts[:] = 0
     for a in range(6):
-        slope[a] = slopes[term, a]
+        slope[a] = 0.0
         for b in range(6):
             measured[a, b] = 0.0
     for i in range(n):
@@ -171,7 +199,7 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
                 residual = residuals[k, i, q]
                 for a in range(6):
                     row[a] = rows[k, i, q, a]
-            squared += residual * residual
+            of_image += residual * residual
             for a in range(6):
                 slope[a] += residual * row[a]
                 for b in range(a + 1):
@@ -180,21 +208,24 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
         if log_weights.shape[0] > 0:
             total += log_weights[i, j]
     for a in range(6):
-        for b in range(a + 1):
+        for b in range(a):
             measured[b, a] = measured[a, b]
-            whole[a, b] = whole[b, a] = measured[a, b] + precisions[term, a, b]
-    covariance = covariances[k]
-    log_precision = inverted(whole, factor, scale, covariance)
-    decrement, known = 0.0, 0.0
-    for a in range(6):
-        step = 0.0
-        for b in range(6):
-            step += covariance[a, b] * slope[b]
-            known += covariance[a, b] * measured[a, b]
-        steps[k, a] = step
-        decrement += step * slope[a]
-    squared = max(squared - decrement, 0.0)
-    freedom = max(2.0 * matches - known, 0.0)
+    covariance, step = covariances[k], steps[k]
+    best, which, squared, decrement, freedom = -math.inf, 0, 0.0, 0.0, 0.0
+    count = log_densities.shape[0]
+    for turn in range(count + (1 if count > 1 else 0)):
+        one = turn if turn < count else which  # once more, for its covariance and step
+        if log_densities[one] == -math.inf:
+            continue
+        log_precision, decrement, known = best_step(
+            measured, slope, precisions[one], slopes[one], whole, factor, scale, covariance, step
+        )
+        squared = max(of_image + squares[one] - decrement, 0.0)
+        freedom = max(2.0 * matches - known, 0.0)
+        value = log_of_squared(squared, freedom, noise_freedom) - 0.5 * log_precision + log_densities[one]
+        if value > best:
+            best, which = value, one
+    total += 3.0 * LOG_2PI + best
     tilt = min(math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])), 1.0)
     edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
     highest, weights = -math.inf, 0.0
@@ -237,8 +268,6 @@ def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rate
     for one in range(images):
         total += log_counts[one, counts[one]]
     total += log_of_first(assignments[k], taken, clutter)
-    total += log_of_squared(squared, freedom, noise_freedom)
-    total += 3.0 * LOG_2PI - 0.5 * log_precision + log_densities[term]
     log_odds[k] = total if possible and total < math.inf else -math.inf
     squared_out[k], freedom_out[k], decrements[k] = squared, freedom, decrement
 
@@ -257,7 +286,7 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
         Jacobians, residuals and ½ log |S| in units of a noise that points share, as `Linearised`; without rows if each
         detection has its own alone.
     terms : tuple
-        Of `rootmatch.model.pose_density.Terms`.
+        Of `rootmatch.model.pose_density.Terms`, (K, C, …) of C components.
     image : tuple
         Detections (n', 2), their σ (n',), logarithms of the weights of matches (n, n'), −∞ where one is not allowed,
         and cosines of the view angles (n,), the last two empty if not given; logarithms (C, n' + 1) of the odds of
@@ -271,9 +300,11 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
     """
     assignments, at, white, terms = borrowed((assignments, at, white, terms))
     image, clutter, rates, out = borrowed((image, clutter, rates, out))
+    precisions, slopes, squares, log_densities = terms
     scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0])
     for k in range(assignments.shape[0]):
-        weigh_one(k, k, k, assignments, at, white, terms, image, clutter, rates, scratch, out)
+        own = precisions[k], slopes[k], squares[k], log_densities[k]
+        weigh_one(k, k, assignments, at, white, own, image, clutter, rates, scratch, out)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")

@@ -13,7 +13,7 @@ from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import scratch_for, weigh_one
 from rootmatch.model.compiled.gating import gate_about
-from rootmatch.model.compiled.prior_terms import terms_about
+from rootmatch.model.compiled.known_terms import components_about, room_for_terms
 from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.steps import step_of_one
 from rootmatch.model.compiled.visibility import see_one
@@ -60,7 +60,6 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
     covariance, scene, known, at, out, near = borrowed((covariance, scene, known, at, out, near))
     pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
     body, views, image, clutter, rates = scene
-    predictions, broad = known
     assignments, weighed = out
     first, first_visible, candidates, gains, row = near
     squared_gate, rate, hidden, most, longest = limits
@@ -71,8 +70,8 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
     white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
     isotropic = np.empty((0, 2, 2))
     exact, visible, shown = np.empty((0, 2, 2)), np.empty(n), np.empty(n)
-    terms = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty(1), np.empty(1)
-    which, corner = np.empty(1, np.int64), (np.empty((3, 3)), np.empty((2, 6)))
+    room = room_for_terms(known)
+    terms = room[0]
     scratch = scratch_for(n, image[4].shape[0], target.shape[0])
     for turn in range(assignments.shape[0]):
         linearise_one(turn, body, poses, views, images)
@@ -106,8 +105,8 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
         for before in range(turn):
             if is_same(assignments[before], row):
                 return turn, ENDED
-        terms_about(turn, 0, poses, predictions, broad, corner, terms, which)
-        weigh_one(turn, turn, 0, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
+        components_about(turn, poses, known, room)
+        weigh_one(turn, turn, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
         total = 0.0
         for i in range(n):
             total += weighed[5][turn, i]

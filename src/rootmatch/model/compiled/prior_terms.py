@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.jit.decorators import part
 
 NO_TURN = 1e-9
 """Sine of the angle of a rotation below which it is none, or a half turn."""
@@ -42,11 +39,38 @@ def vector_of(mean, R, turn, out):  # type: ignore[no-untyped-def]
 
 
 @part
+def broad_about(k, row, positions, broad, log_share, out):  # type: ignore[no-untyped-def]
+    """Terms of the broad prior about the k-th of some positions, into a row of ``out``.
+
+    ``log_share``: logarithm of its density of rotations, with its share.
+    """
+    any_turn, field, depth, _, radius = broad
+    precision, slope, squared, log_density = out
+    x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
+    distance2 = x * x + y * y + z * z
+    reach2 = distance2 + radius * radius
+    squared[row], log_density[row] = 0.0, log_share - math.log(field * depth) - 1.5 * math.log(reach2)
+    for a in range(6):
+        slope[row, a] = 0.0
+        for b in range(6):
+            precision[row, a, b] = 0.0
+    unit, across, along = 2.0 * math.pi / reach2, 1.0 / field, 1.0 / (depth * depth)
+    for a in range(3):
+        precision[row, a, a] = any_turn
+        for b in range(3):
+            ray = positions[k, a] * positions[k, b] / max(distance2, 1e-300)
+            precision[row, 3 + a, 3 + b] = unit * (((1.0 if a == b else 0.0) - ray) * across + ray * along)
+
+
+@part
 def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type: ignore[no-untyped-def]
-    """As `mixture_terms` about the k-th of some poses, into a row of ``out``; ``scratch``: (3, 3) and (2, 6)."""
+    """Terms of the largest of predicted poses and a broad prior about the k-th of some poses, into a row of ``out``.
+
+    ``which``: the prediction, or their number for the broad one; ``scratch``: (3, 3) and (2, 6).
+    """
     rotations, positions = poses
     means, places, wholes, peaks, freedoms = predictions
-    any_turn, field, depth, log_turn, radius = broad
+    _, field, depth, log_turn, radius = broad
     precision, slope, squared, log_density = out
     count = means.shape[0]
     turn, vectors = scratch
@@ -82,40 +106,5 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
                 slope[row, a] = weight * push[a]
                 for b in range(6):
                     precision[row, a, b] = weight * wholes[g, a, b]
-    if which[row] < count:
-        return
-    for a in range(6):
-        slope[row, a] = 0.0
-        for b in range(6):
-            precision[row, a, b] = 0.0
-    unit, across, along = 2.0 * math.pi / reach2, 1.0 / field, 1.0 / (depth * depth)
-    for a in range(3):
-        precision[row, a, a] = any_turn
-        for b in range(3):
-            ray = positions[k, a] * positions[k, b] / max(distance2, 1e-300)
-            precision[row, 3 + a, 3 + b] = unit * (((1.0 if a == b else 0.0) - ray) * across + ray * along)
-
-
-@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def mixture_terms(poses, predictions, broad, out, which):  # type: ignore[no-untyped-def]
-    """Terms of the largest component of a mixture about each of K poses.
-
-    Parameters
-    ----------
-    poses : tuple
-        Rotations (K, 3, 3), and positions (K, 3).
-    predictions : tuple
-        Of G normal distributions: rotations (G, 3, 3), positions (G, 3), precisions (G, 6, 6), logarithms (G,) of the
-        densities at their peaks with their shares, and degrees of freedom (G,) of their tails.
-    broad : tuple of float
-        Precision of a rotation, solid angle, logarithm of the ratio of distances, logarithm of the density of
-        rotations with the share of this component, −∞ for none, and radius of the body.
-    out : tuple
-        Of `rootmatch.model.pose_density.Terms`, filled.
-    which : (K,) int64 array
-        The largest component, G for the broad one; filled.
-    """
-    poses, predictions, out, which = borrowed((poses, predictions, out, which))
-    scratch = np.empty((3, 3)), np.empty((2, 6))
-    for k in range(poses[0].shape[0]):
-        terms_about(k, k, poses, predictions, broad, scratch, out, which)
+    if which[row] == count:
+        broad_about(k, row, positions, broad, log_turn, out)

@@ -13,7 +13,7 @@ import numpy as np
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
 from rootmatch.model.compiled.evidence import scratch_for, weigh_one
-from rootmatch.model.compiled.prior_terms import terms_about
+from rootmatch.model.compiled.known_terms import components_about, room_for_terms
 from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.steps import step_of_one
 
@@ -34,7 +34,7 @@ def settle(assignments, at, scene, known, limits, out):  # type: ignore[no-untyp
     scene : tuple
         The body and the cameras as `linearise` takes them, the image, clutter and rates as `weigh` does.
     known : tuple
-        The prior: predictions and broad, as `mixture_terms` takes them.
+        The prior, as `prior_terms` takes it.
     limits : tuple
         What is given; most steps, and those of every hypothesis; the decrease of Q from which one is taken among those
         and later; log-odds behind the best at which a hypothesis has no later ones; and the longest step.
@@ -44,7 +44,6 @@ def settle(assignments, at, scene, known, limits, out):  # type: ignore[no-untyp
     assignments, at, scene, known, out = borrowed((assignments, at, scene, known, out))
     pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
     body, views, image, clutter, rates = scene
-    predictions, broad = known
     given, most, first, small, far, behind, longest = limits
     log_odds, steps, decrements = out[0], out[1], out[6]
     count = assignments.shape[0]
@@ -52,8 +51,8 @@ def settle(assignments, at, scene, known, limits, out):  # type: ignore[no-untyp
     images = pixels, jacobian, by_position, seen, cosine, expected
     whole = pixels, jacobian, seen, expected, cosine, np.empty((0, 0), np.int64), np.empty((0, 0))
     white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
-    terms = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty(1), np.empty(1)
-    which, corner = np.empty(1, np.int64), (np.empty((3, 3)), np.empty((2, 6)))
+    room = room_for_terms(known)
+    terms = room[0]
     scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0])
     going = np.ones(count, np.bool_)
     for turn in range(0 if given == EVIDENCE else -1, most):  # −1: nothing is weighed, so no step is known
@@ -76,5 +75,5 @@ def settle(assignments, at, scene, known, limits, out):  # type: ignore[no-untyp
             if turn >= 0 or given == POSES:
                 linearise_one(pose, body, poses, views, images)
             if k == pose:
-                terms_about(pose, 0, poses, predictions, broad, corner, terms, which)
-            weigh_one(k, pose, 0, assignments, whole, white, terms, image, clutter, rates, scratch, out)
+                components_about(pose, poses, known, room)
+            weigh_one(k, pose, assignments, whole, white, terms, image, clutter, rates, scratch, out)
