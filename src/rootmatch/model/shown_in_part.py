@@ -1,12 +1,13 @@
-"""A body that is in view, but of which the image shows too little to recognise it.
+"""A body that is in view, but of which the image shows too little to recognise it; and two views in the same way.
 
-Fewer points than make a mode fit any image: under the prior of all poses each of them lies anywhere, so a sum over the
-poses and the detections that they may have is, in the mean, that of clutter. What is left is how probable it is that
-so few are detected, and that so many detections are clutter: with k of n points detected and n' detections,
+Fewer points than make a mode fit any image: under the prior of all poses each of them lies anywhere, so the sum over
+the poses, and over the detections that they may have, is in the mean that of clutter. What is left is how probable it
+is that so few are detected, and that so many detections are clutter: with k of the points and n' detections,
 
-    W = Σ_(k ≤ m) P(k | present) · n'! / (n' − k)! · Γ(n' − k + ½) / Γ(n' + ½),
+    W = Σ_(k ≤ m) P(k | present) · n'! / (n' − k)! · Γ(n' − k + ½) / Γ(n' + ½)
 
-the odds against clutter alone. P(k | present) is a mean over turns of the body, rates, and what is hidden as a whole.
+are the odds against clutter alone. P(k | present) is a mean over rates, over turns of the body, of those that show
+anything of it, and over what is hidden as a whole.
 """
 
 from __future__ import annotations
@@ -41,62 +42,56 @@ def undetected(model: DetectionModel, most: int, counts: Integers) -> Floats:
     counts : (C,) int array
         Detections that each image has for the body.
     """
-    odds, few = shown_in_part(model, most, counts)
+    visible, (rates, log_weights) = _visible(model), model.rates
+    some = 1.0 - np.prod(1.0 - visible, axis=1)  # what shows no point is not in view
+    sight = np.array([1.0, *IN_SIGHT])
+    shares = np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
+    chance = np.outer(sight, rates).reshape(-1, 1) * visible[:, None]
+    weights = np.outer(some / some.sum(), np.outer(shares, np.exp(log_weights)))
+    odds, few = few_detected(chance.reshape(weights.size, len(counts), -1), weights.reshape(-1), counts, most)
     odds *= math.exp(PRESENT_ODDS)
-    return (1.0 + odds * few) / (1.0 + odds)
+    return np.asarray((1.0 + odds * few) / (1.0 + odds))
 
 
-def shown_in_part(model: DetectionModel, most: int, counts: Integers) -> tuple[float, Floats]:
-    """Odds that an image shows the body with at most so few points, against clutter alone.
+def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -> tuple[float, Floats]:
+    """Odds W that at most so few points of each of C images are detected, against clutter alone.
 
     Parameters
     ----------
-    model : DetectionModel
-    most : int
-        Detected points, in each image of a rig, that make no mode.
+    chance : (H, C, n) array
+        Chance of each point to be detected, in each of H cases.
+    weights : (H,) array
+        Probabilities of the cases.
     counts : (C,) int array
-        Detections that each image has for it.
+        Detections of each image.
+    most : int
 
     Returns
     -------
     float
-        W, prior odds of the body's presence apart.
-    (n,) float array
+        W, prior odds of the presence apart.
+    (C n,) float array
         Probability that each point is not detected, if that is so.
     """
-    images, n = len(counts), len(model.points)
-    rates, log_weights = model.rates
-    sight = np.array([1.0, *IN_SIGHT])
-    shares = np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
-    visible = _visible(model)
-    some = 1.0 - np.prod(1.0 - visible, axis=1)  # what shows no point is not in view
-    chance = np.outer(sight, rates).reshape(-1, 1) * visible[:, None]
-    weights = np.outer(shares, np.exp(log_weights)).reshape(-1)
-    chance = np.minimum(chance, HIGHEST_RATE).reshape(len(chance), len(weights), images, n // images)
+    chance = np.minimum(chance, HIGHEST_RATE)
     odds = chance / (1.0 - chance)
-    sums = np.zeros((most + 1, *odds.shape[:3]))  # over the sets of 0, 1, … points: products of their odds
+    sums = np.zeros((most + 1, *odds.shape[:2]))  # over the sets of 0, 1, … points: products of their odds
     sums[0] = 1.0
-    for point in range(n // images):
-        sums[1:] += odds[..., point] * sums[:-1]
-    ways = _ways(counts, most)
-    whole = (ways[:, None, None] * sums).sum(axis=0)
-    each = (some / some.sum())[:, None] * weights * np.exp(np.log1p(-chance).sum(axis=(-2, -1)) + np.log(whole).sum(axis=-1))
-    others, with_it = np.ones_like(odds), np.zeros_like(odds)
-    for k in range(1, most + 1):
-        with_it += ways[k, :, None] * odds * others
-        others = sums[k, ..., None] - odds * others  # sets of k points without this one
-    detected = np.einsum("sq,sqcp->cp", each, with_it / whole[..., None]).reshape(-1)
-    total = max(float(each.sum()), 1e-300)
-    return total, np.clip(1.0 - detected / total, 0.0, 1.0)
-
-
-def _ways(counts: Integers, most: int) -> Floats:
-    """Ways (most + 1, C) to own 0, 1, … of the detections, times the odds that all the others are clutter."""
-    ways = np.ones((most + 1, len(counts)))
+    for point in range(odds.shape[2]):
+        sums[1:] += odds[:, :, point] * sums[:-1]
+    ways = np.ones((most + 1, 1, len(counts)))  # to own 0, 1, … detections, times the odds that the others are clutter
     for k in range(1, most + 1):
         left = np.maximum(counts - k + 1, 0)
         ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
-    return ways
+    whole = (ways * sums).sum(axis=0)
+    each = weights * np.exp(np.log1p(-chance).sum(axis=(1, 2)) + np.log(whole).sum(axis=1))
+    others, detected = np.ones_like(odds), np.zeros_like(odds)
+    for k in range(1, most + 1):
+        detected += ways[k, ..., None] * odds * others
+        others = sums[k, ..., None] - odds * others  # the sets of k points without this one
+    total = max(float(each.sum()), 1e-300)
+    share = np.einsum("h,hcp->cp", each, detected / whole[..., None]).reshape(-1) / total
+    return total, np.clip(1.0 - share, 0.0, 1.0)
 
 
 def _visible(model: DetectionModel) -> Floats:

@@ -20,9 +20,11 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
+from rootmatch.model.detection_model import RATE_NODES, beta_quadrature
 from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.shown_in_part import few_detected
 from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
@@ -100,8 +102,14 @@ class TwoViewPosterior:
     @cached_property
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no match."""
-        nothing = (1.0 - PRESENT) / (1.0 - PRESENT * (1.0 - MISSED))
-        absent = (1.0 - WRONG_MODEL - self.present) * nothing
+        n, n_target = self.model.shape
+        rate = self.model.detection_rate
+        rates, log_weights = beta_quadrature(1.0, 1.0, RATE_NODES) if rate is None else (np.array([rate]), np.zeros(1))
+        # a motion of which fewer matches than its parameters less one are shown is never proposed
+        chance = np.tile(rates[:, None, None], (1, 1, n))
+        odds, few = few_detected(chance, np.exp(log_weights), np.array([n_target]), self.model.size - 2)
+        without = (1.0 - PRESENT + PRESENT * odds * few) / (1.0 - PRESENT + PRESENT * (odds + MISSED))
+        absent = (1.0 - WRONG_MODEL - self.present) * without
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
 
     def confidence_in(self, assignment: Integers) -> Floats:
