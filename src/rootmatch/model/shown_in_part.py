@@ -44,11 +44,11 @@ def undetected(model: DetectionModel, most: int, counts: Integers) -> Floats:
     """
     visible, (rates, log_weights) = _visible(model), model.rates
     some = 1.0 - np.prod(1.0 - visible, axis=1)  # what shows no point is not in view
-    sight = np.array([1.0, *IN_SIGHT])
-    shares = np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
-    chance = np.outer(sight, rates).reshape(-1, 1) * visible[:, None]
-    weights = np.outer(some / some.sum(), np.outer(shares, np.exp(log_weights)))
-    odds, few = few_detected(chance.reshape(weights.size, len(counts), -1), weights.reshape(-1), counts, most)
+    mean = float(rates @ np.exp(log_weights))
+    each = np.concatenate([rates, mean * np.array(IN_SIGHT)])
+    shares = np.concatenate([(1.0 - OCCLUDED) * np.exp(log_weights), np.full(len(IN_SIGHT), OCCLUDED / len(IN_SIGHT))])
+    chance = (visible.T[:, :, None] * each).reshape(len(counts), -1, len(visible) * len(each))
+    odds, few = few_detected(chance, np.outer(some / some.sum(), shares).reshape(-1), counts, most)
     odds *= math.exp(PRESENT_ODDS)
     return np.asarray((1.0 + odds * few) / (1.0 + odds))
 
@@ -58,7 +58,7 @@ def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -
 
     Parameters
     ----------
-    chance : (H, C, n) array
+    chance : (C, n, H) array
         Chance of each point to be detected, in each of H cases.
     weights : (H,) array
         Probabilities of the cases.
@@ -75,23 +75,23 @@ def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -
     """
     chance = np.minimum(chance, HIGHEST_RATE)
     odds = chance / (1.0 - chance)
-    sums = np.zeros((most + 1, *odds.shape[:2]))  # over the sets of 0, 1, … points: products of their odds
+    sums = np.zeros((most + 1, len(odds), len(weights)))  # over the sets of 0, 1, … points: products of their odds
     sums[0] = 1.0
-    for point in range(odds.shape[2]):
-        sums[1:] += odds[:, :, point] * sums[:-1]
-    ways = np.ones((most + 1, 1, len(counts)))  # to own 0, 1, … detections, times the odds that the others are clutter
+    for point in range(odds.shape[1]):
+        sums[1:] += odds[:, point] * sums[:-1]
+    ways = np.ones((most + 1, len(counts), 1))  # to own 0, 1, … detections, times the odds that the others are clutter
     for k in range(1, most + 1):
-        left = np.maximum(counts - k + 1, 0)
+        left = np.maximum(counts - k + 1, 0)[:, None]
         ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
     whole = (ways * sums).sum(axis=0)
-    each = weights * np.exp(np.log1p(-chance).sum(axis=(1, 2)) + np.log(whole).sum(axis=1))
-    others, detected = np.ones_like(odds), np.zeros_like(odds)
-    for k in range(1, most + 1):
-        detected += ways[k, ..., None] * odds * others
-        others = sums[k, ..., None] - odds * others  # the sets of k points without this one
+    each = weights * np.exp(np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0))
     total = max(float(each.sum()), 1e-300)
-    share = np.einsum("h,hcp->cp", each, detected / whole[..., None]).reshape(-1) / total
-    return total, np.clip(1.0 - share, 0.0, 1.0)
+    others, detected = np.ones_like(odds), np.zeros(odds.shape[:2])
+    for k in range(1, most + 1):
+        with_it = odds * others
+        detected += np.einsum("cph,ch->cp", with_it, each * ways[k] / whole)
+        others = sums[k][:, None] - with_it  # the sets of k points without this one
+    return total, np.clip(1.0 - detected.reshape(-1) / total, 0.0, 1.0)
 
 
 def _visible(model: DetectionModel) -> Floats:

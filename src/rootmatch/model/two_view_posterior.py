@@ -106,7 +106,7 @@ class TwoViewPosterior:
         rate = self.model.detection_rate
         rates, log_weights = beta_quadrature(1.0, 1.0, RATE_NODES) if rate is None else (np.array([rate]), np.zeros(1))
         # a motion of which fewer matches than its parameters less one are shown is never proposed
-        chance = np.tile(rates[:, None, None], (1, 1, n))
+        chance = np.tile(rates, (1, n, 1))
         odds, few = few_detected(chance, np.exp(log_weights), np.array([n_target]), self.model.size - 2)
         without = (1.0 - PRESENT + PRESENT * odds * few) / (1.0 - PRESENT + PRESENT * (odds + MISSED))
         absent = (1.0 - WRONG_MODEL - self.present) * without
