@@ -87,7 +87,7 @@ class TwoViewModel:
     tilt : float
         Standard deviation in radians of the one common direction against the other, on each of two axes.
     log_weights : (n, n') array, optional
-        Of correspondences before anything is seen: zero for the likeliest, −∞ for those that cannot be.
+        Of correspondences before anything is seen, over their mean for a point; −∞ for those that cannot be.
     detection_rate : float, optional
         Probability that a point of the first image is in the second; unknown by default.
     """
