@@ -90,7 +90,8 @@ def told_by(
         Detections of other bodies: the result is a mode without any of them, or nothing.
     """
     model, modes, prior = body.model, told.modes, body.model.prior
-    told = with_parts(told, model, base.task.minimal, taken)
+    if base.task.weighs_parts:
+        told = with_parts(told, model, base.task.minimal, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability(MIN_PROBABILITY)
     scoreless = base.evaluated == 0

@@ -65,6 +65,7 @@ def model_of(task: MatchingTask) -> TwoViewModel | None:
         tilt=tilt,
         log_weights=log_weights,
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
+        weighs_parts=task.weighs_parts,
     )
 
 

@@ -102,15 +102,20 @@ class TwoViewPosterior:
     @cached_property
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no match."""
-        n, n_target = self.model.shape
-        rate = self.model.detection_rate
-        rates, log_weights = beta_quadrature(1.0, 1.0, RATE_NODES) if rate is None else (np.array([rate]), np.zeros(1))
-        # a motion of which fewer matches than its parameters less one are shown is never proposed
-        chance = np.tile(rates, (1, n, 1))
-        odds, few = few_detected(chance, np.exp(log_weights), np.array([n_target]), self.model.size - 2)
+        odds, few = self._shown_in_part
         without = (1.0 - PRESENT + PRESENT * odds * few) / (1.0 - PRESENT + PRESENT * (odds + MISSED))
         absent = (1.0 - WRONG_MODEL - self.present) * without
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
+
+    @property
+    def _shown_in_part(self) -> tuple[float, Floats]:
+        """Odds, against clutter, of a motion with fewer matches than are proposed; (n,) how often each point has none."""
+        (n, n_target), rate = self.model.shape, self.model.detection_rate
+        if not self.model.weighs_parts:
+            return 0.0, np.ones(n)
+        rates, log_weights = beta_quadrature(1.0, 1.0, RATE_NODES) if rate is None else (np.array([rate]), np.zeros(1))
+        chance = np.tile(rates, (1, n, 1))
+        return few_detected(chance, np.exp(log_weights), np.array([n_target]), self.model.size - 2)
 
     def confidence_in(self, assignment: Integers) -> Floats:
         """Probability (n,) that each point's match, or its being unmatched, is right."""
