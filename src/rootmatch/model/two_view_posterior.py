@@ -103,13 +103,14 @@ class TwoViewPosterior:
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no match."""
         odds, few = self._shown_in_part
-        without = (1.0 - PRESENT + PRESENT * odds * few) / (1.0 - PRESENT + PRESENT * (odds + MISSED))
+        missed = MISSED * max(1.0 - odds, 0.0)  # of what shows enough
+        without = (1.0 - PRESENT + PRESENT * odds * few) / (1.0 - PRESENT + PRESENT * (odds + missed))
         absent = (1.0 - WRONG_MODEL - self.present) * without
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
 
     @property
     def _shown_in_part(self) -> tuple[float, Floats]:
-        """Odds, against clutter, of a motion with fewer matches than are proposed; (n,) how often each point has none."""
+        """Odds, against clutter, of a motion of fewer matches than are proposed; how often each point (n,) has none."""
         (n, n_target), rate = self.model.shape, self.model.detection_rate
         if not self.model.weighs_parts:
             return 0.0, np.ones(n)
