@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations, permutations
 from math import lgamma
 
@@ -11,7 +12,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.explain.finding import nothing_found
+from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.posterior import unknown
 from rootmatch.model.shown_in_part import few_detected, undetected
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior
@@ -76,6 +82,22 @@ def test_confidence_in_unmatched_points_is_right_as_often_as_told() -> None:
     assert len(told) > 300
     assert np.mean(right) < 0.9, "else it is no test"
     assert np.mean(told) == pytest.approx(np.mean(right), abs=0.06)
+
+
+def test_only_who_asks_for_one_body_is_told_of_parts_and_fewer_detections_show_fewer() -> None:
+    """Of several motions in an image `rootmatch.explain.missing_motions` says how many are asked for."""
+    points, target, _ = scene(0)
+    task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.3)
+
+    def confidence(task: MatchingTask, taken: NDArray[np.bool_] | None = None) -> Floats:
+        told = told_by(nothing_found(task, ""), unknown(6), Candidate.of(task, []), taken=taken).confidence
+        assert told is not None
+        return told
+
+    np.testing.assert_allclose(confidence(replace(task, weighs_parts=False)), 0.999)
+    alone, beside = confidence(task), confidence(task, np.arange(len(target)) > 0)  # others have all but one
+    assert alone.max() < 0.9
+    assert beside.min() > alone.max(), "one detection is one point at most"
 
 
 def test_what_faces_away_is_not_in_view() -> None:
