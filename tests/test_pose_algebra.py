@@ -117,3 +117,13 @@ def test_what_is_no_pose() -> None:
             getattr(flat, name)
         with pytest.raises(rm.InputError, match="reflection has no"):
             getattr(drawn(np.random.default_rng(4), mirrored=True), name)
+
+
+def test_poses_of_points_far_from_the_origin_have_inverses() -> None:
+    """Of a position of 10⁸ with an error of metres little but rounding is left of some covariances."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        near = drawn(rng)
+        far = near @ rm.Pose(np.eye(3), np.array([0.1, 1.0, 0.3]) * 5e7)
+        for one in (far.inverse(), far.inverse().inverse(), far @ far.inverse(), far.in_axes("opengl")):
+            np.testing.assert_array_equal(one.covariance, one.covariance.T)

@@ -147,7 +147,8 @@ def match(
         Posterior probability from which a match is trusted: its pose, and those of its matches that remain when
         doubtful ones are left out. By default 0.95.
     candidates : (n, n') array, optional
-        Bool: the possible correspondences. Numbers: prior weights; 0 excludes a correspondence.
+        Bool: the possible correspondences. Numbers: weights, such as likelihood ratios of a measurement, that choose
+        and count as evidence: only their ratios within a row do. 0 excludes a correspondence.
     bodies : (n,) array of whole numbers or strings, optional
         The rigid body that each source point belongs to: bodies move independently, hyper-edges stay within a body, and
         no detection is used twice. `Match.bodies` has the match of each body; the whole is as trustworthy as the least

@@ -31,6 +31,7 @@ from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Others, Posterior
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.shown_in_part import undetected
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
@@ -38,6 +39,9 @@ from rootmatch.solvers.base import Solution
 KEPT = 0.8
 """Part of its matches that has to remain of a trusted body: a pose that is certain with fewer is called ambiguous,
 because too much of what it shows is unknown. A round value."""
+
+BEYOND_DOUBT = 1e-6
+"""Probability that there is no mode below which no confidence depends on why: a thousandth of `WRONG_MODEL`."""
 
 
 def is_modelled(task: MatchingTask) -> bool:
@@ -86,7 +90,8 @@ def told_by(
         Detections of other bodies: the result is a mode without any of them, or nothing.
     """
     model, modes, prior = body.model, told.modes, body.model.prior
-    count = len(told.probabilities)
+    if base.task.weighs_parts:
+        told = with_parts(told, model, base.task.minimal, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability(MIN_PROBABILITY)
     scoreless = base.evaluated == 0
@@ -101,7 +106,7 @@ def told_by(
             facts=Facts(present=present, contested=True, min_probability=least, probability=0.0, lead=0.0),
             scores=None,
             scoreless=scoreless,
-            confidence=told.confidence_in(nothing) if count else np.full(len(nothing), told.clutter),
+            confidence=told.confidence_in(nothing),
             log_odds=0.0,
             prior_holds=None,
             pose=None,
@@ -159,6 +164,19 @@ def told_by(
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
         pose=pose_of_mode(model, modes, k) if believed else None,
     )
+
+
+def with_parts(told: Posterior, model: DetectionModel, minimal: int, taken: NDArray[np.bool_] | None) -> Posterior:
+    """A posterior in which an image without a mode may also show too little of the body to recognise it.
+
+    Not about predicted poses, of which one or two matches are a mode.
+    """
+    least = model.prior.least
+    if told.clutter < BEYOND_DOUBT or least < LEAST:
+        return told
+    most = least - 1 if isinstance(model.prior, Doubted) else max(minimal, least - 1)
+    free = model.image_of if taken is None else model.image_of[~taken]
+    return replace(told, undetected=undetected(model, most, np.bincount(free, minlength=max(len(model.images), 1))))
 
 
 def lead_by_odds(probability: float | None) -> float:

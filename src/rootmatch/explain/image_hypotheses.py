@@ -242,13 +242,14 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
 def model_of(task: MatchingTask) -> DetectionModel:
     """The model of a task of one body."""
     points, problem, allowed, centre = task.points, task.problem, task.allowed, task.points.source.mean(axis=0)
-    log_weights = None if task.weights is None else candidate_log_odds(task)
+    log_weights = None if task.weights is None else candidate_log_odds(task.weights)
     camera: CameraModel
     if task.rig is not None:
         (camera, points), repeats = task.sightings, (len(task.rig.views), 1)
         own = np.repeat(np.arange(len(task.rig.views)), task.shape[0])[:, None] == task.camera_of
         allowed = own if allowed is None else own & np.tile(allowed, repeats)
-        log_weights = None if log_weights is None else np.tile(log_weights, repeats)
+        if task.weights is not None:
+            log_weights = candidate_log_odds(np.tile(task.weights, repeats), own)
         target, sigma = points.target, points.detection_noise
     else:
         camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]

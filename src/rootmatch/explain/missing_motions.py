@@ -109,7 +109,7 @@ def _searched(
         few = few[: min(alone.minimal, len(detections)) + 1]
     if min(len(points), len(detections)) < alone.problem.order:
         return Rest(points, detections, None, few, max(missing, 1))
-    part = replace(alone.subset(points, detections), budget=BUDGET)
+    part = replace(alone.subset(points, detections), budget=BUDGET, weighs_parts=False)
     told = solve(replace(part, options=replace(part.options, solver=None)))
     return Rest(points, detections, told, few, max(missing, 1))
 

@@ -12,6 +12,7 @@ from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
+from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_decision import lead_by_odds
@@ -53,7 +54,7 @@ def model_of(task: MatchingTask) -> PointSetModel | None:
         clouds,
         mirror=bool(getattr(task.problem, "mirror", False)),
         allowed=task.allowed,
-        weights=task.weights,
+        weights=None if task.weights is None else np.exp(candidate_log_odds(task.weights)),
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
         prior=_prior_of(task),
         present=PRESENT if task.present is None else task.present,

@@ -73,10 +73,10 @@ class MatchingTask:
         Those of several bodies, by label.
     prior_freedom : float
         Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`.
-    present : float, optional
-        Probability that the body is among the targets in space, before they are seen; that of the model if not given.
-    present_of : dict
-        That of several bodies, by label.
+    present, present_of : float, optional, and dict
+        Probability that the body, or each of several, is among targets in space; that of the model if not given.
+    weighs_parts : bool
+        Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised.
     known, known_of : PosePrior, optional, and dict
         Partial knowledge of the pose, and of those of several bodies, by label.
     budget : int, optional
@@ -106,6 +106,7 @@ class MatchingTask:
     prior_freedom: float = math.inf
     present: float | None = None
     present_of: dict[Label, float] = field(default_factory=dict)
+    weighs_parts: bool = True
     known: PosePrior | None = None
     known_of: dict[Label, PosePrior] = field(default_factory=dict)
     budget: int | None = None

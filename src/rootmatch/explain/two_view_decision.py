@@ -50,7 +50,7 @@ def model_of(task: MatchingTask) -> TwoViewModel | None:
     camera = getattr(task.problem, "camera2", None) or task.problem.camera  # type: ignore[attr-defined]
     areas = camera.image_areas(task.points.target)
     clutter = clutter_of(pixels, sigma, clutter_areas(pixels, sigma) if areas is None else areas)
-    log_weights = None if task.weights is None else candidate_log_odds(task)
+    log_weights = None if task.weights is None else candidate_log_odds(task.weights)
     if task.allowed is not None:
         log_weights = np.where(task.allowed, 0.0 if log_weights is None else log_weights, -np.inf)
     rate = task.options.detection_rate
@@ -65,6 +65,7 @@ def model_of(task: MatchingTask) -> TwoViewModel | None:
         tilt=tilt,
         log_weights=log_weights,
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
+        weighs_parts=task.weighs_parts,
     )
 
 

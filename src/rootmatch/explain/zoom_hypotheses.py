@@ -52,7 +52,7 @@ class ZoomCandidate(Candidate):
         return ZoomModel.of(
             np.array(problem.centre), problem.upright, points.source, points.target, sigma=points.target_noise,
             rate=task.options.detection_rate, allowed=task.allowed,
-            log_weights=None if task.weights is None else candidate_log_odds(task),
+            log_weights=None if task.weights is None else candidate_log_odds(task.weights),
         )  # fmt: skip
 
     def poses_of(self, rows: Integers) -> Proposals:

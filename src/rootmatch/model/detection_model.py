@@ -81,7 +81,7 @@ class DetectionModel:
     allowed : (n, n') bool array, optional
         Possible correspondences.
     log_weights : (n, n') array, optional
-        Logarithm of the prior weight of each correspondence.
+        Logarithm of the weight of each correspondence, over its mean for a point's detections.
     size : (float, float), optional
         Width and height of the image.
     resolution : float

@@ -168,7 +168,7 @@ class PointSetModel:
         gains += np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
         if self.weights is not None:
             with np.errstate(divide="ignore"):
-                gains += np.log(self.weights / self.weights.max())
+                gains += np.log(self.weights)
         if self.allowed is not None:
             gains[~self.allowed] = -np.inf
         places = np.flatnonzero(own), fit.assignments[k][own]
@@ -181,12 +181,12 @@ class PointSetModel:
         return _log_counts(len(self.clouds.source), len(self.clouds.target), self.detection_rate)
 
     def _log_weights(self, assignments: Integers) -> Floats:
-        """Sum (K,) of the logarithms of the prior weights of an assignment's matches, over the largest."""
+        """Sum (K,) of the logarithms of the prior weights of an assignment's matches."""
         if self.weights is None:
             return np.zeros(len(assignments))
         matched = assignments >= 0
         with np.errstate(divide="ignore"):
-            log = np.log(self.weights / self.weights.max())
+            log = np.log(self.weights)
         return np.asarray(
             np.where(matched, log[np.arange(log.shape[0]), np.where(matched, assignments, 0)], 0.0).sum(1)
         )

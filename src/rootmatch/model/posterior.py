@@ -41,12 +41,15 @@ class Posterior:
     probabilities : (M,) float64
         Of each mode's pose, whatever its matches.
     clutter : float
-        Probability that the image does not show the body.
+        Probability that the image does not show the body, or shows too little of it to recognise it.
+    undetected : (n,) float64 or 1.0
+        Probability that each point has no detection, if that is so: see `rootmatch.model.shown_in_part`.
     """
 
     modes: Modes
     probabilities: Floats
     clutter: float
+    undetected: Floats | float = 1.0
 
     @property
     def probability(self) -> float:
@@ -69,12 +72,12 @@ class Posterior:
         unmatched = assignment < 0
         otherwise = np.where(unmatched, self.modes.unmatched, 0.0)
         each = np.where(self.modes.assignments == assignment, self.modes.local, otherwise)
-        return np.asarray(self.probabilities @ each + np.where(unmatched, self.clutter, 0.0))
+        return np.asarray(self.probabilities @ each + np.where(unmatched, self.clutter * self.undetected, 0.0))
 
     @property
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no detection."""
-        return np.asarray(self.probabilities @ self.modes.unmatched + self.clutter)
+        return np.asarray(self.probabilities @ self.modes.unmatched + self.clutter * self.undetected)
 
     def used(self, count: int) -> Floats:
         """Probability (n',) that each of so many detections is of the body."""

@@ -87,9 +87,11 @@ class TwoViewModel:
     tilt : float
         Standard deviation in radians of the one common direction against the other, on each of two axes.
     log_weights : (n, n') array, optional
-        Of correspondences before anything is seen: zero for the likeliest, −∞ for those that cannot be.
+        Of correspondences before anything is seen, over their mean for a point; −∞ for those that cannot be.
     detection_rate : float, optional
         Probability that a point of the first image is in the second; unknown by default.
+    weighs_parts : bool
+        Whether unmatched points may be those of a motion that shows too few matches to be proposed.
     """
 
     first: Floats
@@ -101,6 +103,7 @@ class TwoViewModel:
     tilt: float = 0.0
     log_weights: Floats | None = None
     detection_rate: float | None = None
+    weighs_parts: bool = True
 
     @cached_property
     def views(self) -> tuple[Floats, ...]:

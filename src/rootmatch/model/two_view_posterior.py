@@ -20,9 +20,11 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
+from rootmatch.model.detection_model import RATE_NODES, beta_quadrature
 from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.shown_in_part import few_detected
 from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
@@ -100,9 +102,21 @@ class TwoViewPosterior:
     @cached_property
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no match."""
-        nothing = (1.0 - PRESENT) / (1.0 - PRESENT * (1.0 - MISSED))
-        absent = (1.0 - WRONG_MODEL - self.present) * nothing
+        odds, few = self._shown_in_part
+        missed = MISSED * max(1.0 - odds, 0.0)  # of what shows enough
+        without = (1.0 - PRESENT + PRESENT * odds * few) / (1.0 - PRESENT + PRESENT * (odds + missed))
+        absent = (1.0 - WRONG_MODEL - self.present) * without
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
+
+    @property
+    def _shown_in_part(self) -> tuple[float, Floats]:
+        """Odds, against clutter, of a motion of fewer matches than are proposed; how often each point (n,) has none."""
+        (n, n_target), rate = self.model.shape, self.model.detection_rate
+        if not self.model.weighs_parts:
+            return 0.0, np.ones(n)
+        rates, log_weights = beta_quadrature(1.0, 1.0, RATE_NODES) if rate is None else (np.array([rate]), np.zeros(1))
+        chance = np.tile(rates, (1, n, 1))
+        return few_detected(chance, np.exp(log_weights), np.array([n_target]), self.model.size - 2)
 
     def confidence_in(self, assignment: Integers) -> Floats:
         """Probability (n,) that each point's match, or its being unmatched, is right."""

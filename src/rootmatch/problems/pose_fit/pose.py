@@ -16,6 +16,7 @@ from rootmatch.problems.pose_fit.pose_checks import (
     ROUNDED,
     checked_covariance,
     checked_rotation,
+    nearest_covariance,
     numbers,
     rotation_of_quaternion,
 )
@@ -224,7 +225,7 @@ class Pose:
             if self._scale_is_estimated:
                 jacobian[-1, -1] = -1.0 / self.scale**2
                 jacobian[turns : turns + k, -1] = back @ self.t / self.scale
-            covariance = jacobian @ self.covariance @ jacobian.T
+            covariance = nearest_covariance(jacobian @ self.covariance @ jacobian.T)  # a remote origin rounds it
         return Pose(
             self.R.T, -back @ self.t, covariance, scale=1.0 / self.scale, focal=self.focal, mirrored=self.mirrored
         )
@@ -259,7 +260,7 @@ class Pose:
                 first[turns : turns + k, -1] = moved / self.scale
                 first[-1, -1], second[-1, -1] = other.scale, self.scale
             parts = [j @ one._rigid_covariance(size) @ j.T for j, one in ((first, self), (second, other))]
-            covariance = parts[0] + parts[1]
+            covariance = nearest_covariance(parts[0] + parts[1])
         return Pose(
             self.R @ other.R,
             moved + self.t,

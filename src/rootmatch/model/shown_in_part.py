@@ -1,0 +1,106 @@
+"""A body that is in view, but of which the image shows too little to recognise it; and two views in the same way.
+
+Fewer points than make a mode fit any image: under the prior of all poses each of them lies anywhere, so the sum over
+the poses, and over the detections that they may have, is in the mean that of clutter. What is left is how probable it
+is that so few are detected, and that so many detections are clutter: with k of the points and n' detections,
+
+    W = Σ_(k ≤ m) P(k | present) · n'! / (n' − k)! · Γ(n' − k + ½) / Γ(n' + ½)
+
+are the odds against clutter alone. P(k | present) is a mean over rates, over turns of the body, of those that show
+anything of it, and over what is hidden as a whole.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.algebra.rotation import spread_rotations
+from rootmatch.arrays import Floats, Integers
+from rootmatch.model.compiled.occluder import OCCLUDED
+from rootmatch.model.detection_model import HIGHEST_RATE, DetectionModel
+from rootmatch.model.priors import PRESENT_ODDS
+from rootmatch.model.views import frames_of
+
+TURNS = 64
+"""Turns of a body with normals over which a mean is taken. A round value."""
+IN_SIGHT = (1.0 / 6.0, 0.5, 5.0 / 6.0)
+"""Parts of a body that an edge or a window leaves in sight, equally probable: any point may be the first it hides."""
+RADII = 10.0
+"""Distance of a body in its radii at which its normals are looked at. A round value between 1 and 100."""
+
+
+def undetected(model: DetectionModel, most: int, counts: Integers) -> Floats:
+    """Probability (n,) that each point has no detection, if the image shows no mode: the body is absent, or shows few.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    most : int
+        Detected points, in each image of a rig, that make no mode.
+    counts : (C,) int array
+        Detections that each image has for the body.
+    """
+    visible, (rates, log_weights) = _visible(model), model.rates
+    some = 1.0 - np.prod(1.0 - visible, axis=1)  # what shows no point is not in view
+    mean = float(rates @ np.exp(log_weights))
+    each = np.concatenate([rates, mean * np.array(IN_SIGHT)])
+    shares = np.concatenate([(1.0 - OCCLUDED) * np.exp(log_weights), np.full(len(IN_SIGHT), OCCLUDED / len(IN_SIGHT))])
+    chance = (visible.T[:, :, None] * each).reshape(len(counts), -1, len(visible) * len(each))
+    odds, few = few_detected(chance, np.outer(some / some.sum(), shares).reshape(-1), counts, most)
+    odds *= math.exp(PRESENT_ODDS)
+    return np.asarray((1.0 + odds * few) / (1.0 + odds))
+
+
+def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -> tuple[float, Floats]:
+    """Odds W that at most so few points of each of C images are detected, against clutter alone.
+
+    Parameters
+    ----------
+    chance : (C, n, H) array
+        Chance of each point to be detected, in each of H cases.
+    weights : (H,) array
+        Probabilities of the cases.
+    counts : (C,) int array
+        Detections of each image.
+    most : int
+
+    Returns
+    -------
+    float
+        W, prior odds of the presence apart.
+    (C n,) float array
+        Probability that each point is not detected, if that is so.
+    """
+    chance = np.minimum(chance, HIGHEST_RATE)
+    odds = chance / (1.0 - chance)
+    sums = np.zeros((most + 1, len(odds), len(weights)))  # over the sets of 0, 1, … points: products of their odds
+    sums[0] = 1.0
+    for point in range(odds.shape[1]):
+        sums[1:] += odds[:, point] * sums[:-1]
+    ways = np.ones((most + 1, len(counts), 1))  # to own 0, 1, … detections, times the odds that the others are clutter
+    for k in range(1, most + 1):
+        left = np.maximum(counts - k + 1, 0)[:, None]
+        ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
+    whole = (ways * sums).sum(axis=0)
+    each = weights * np.exp(np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0))
+    total = max(float(each.sum()), 1e-300)
+    others, detected = np.ones_like(odds), np.zeros(odds.shape[:2])
+    for k in range(1, most + 1):
+        with_it = odds * others
+        detected += np.einsum("cph,ch->cp", with_it, each * ways[k] / whole)
+        others = sums[k][:, None] - with_it  # the sets of k points without this one
+    return total, np.clip(1.0 - detected.reshape(-1) / total, 0.0, 1.0)
+
+
+def _visible(model: DetectionModel) -> Floats:
+    """Visibility (S, n) of the points in poses anywhere: of all turns alike, before each camera."""
+    rotations, translations = frames_of(model.camera)
+    if model.normals is None and len(rotations) == 1:
+        return np.ones((1, len(model.points)))
+    radius = math.sqrt(float((model.about_centre[0] ** 2).sum(axis=1).mean()))
+    which = np.arange(TURNS) % len(rotations)
+    ahead = np.array([0.0, 0.0, RADII * radius]) - translations[which]
+    at = model.linearised(spread_rotations(TURNS), (ahead[:, None] @ rotations[which])[:, 0])
+    return model.visibility(at, np.zeros(TURNS))

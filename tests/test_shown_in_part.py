@@ -1,0 +1,131 @@
+"""Unmatched points where nothing is recognised: the body may be absent, or be there and show too little."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations, permutations
+from math import lgamma
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.explain.finding import nothing_found
+from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.posterior import unknown
+from rootmatch.model.shown_in_part import few_detected, undetected
+from rootmatch.model.two_view_model import TwoViewModel
+from rootmatch.model.two_view_posterior import TwoViewPosterior
+
+Floats = NDArray[np.float64]
+CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
+
+
+def test_few_detected_points_by_enumeration() -> None:
+    rng = np.random.default_rng(0)
+    chance, weights, counts, most = rng.uniform(0.1, 0.9, (3, 2, 4)), np.array([0.2, 0.5, 0.3]), (3, 1), 2
+
+    def of_image(case: int, image: int) -> tuple[float, Floats]:
+        """Sum over what is detected of an image, and over that without each point."""
+        total, without = 0.0, np.zeros(4)
+        for k in range(most + 1):
+            ways = len(list(permutations(range(counts[image]), k)))
+            odds = np.exp(lgamma(counts[image] - k + 0.5) - lgamma(counts[image] + 0.5)) if ways else 0.0
+            for some in combinations(range(4), k):
+                own = np.isin(np.arange(4), some)
+                value = ways * odds * np.prod(np.where(own, chance[case, image], 1.0 - chance[case, image]))
+                total += value
+                without += value * ~own
+        return total, without
+
+    whole, without = 0.0, np.zeros((2, 4))
+    for case, weight in enumerate(weights):
+        (first, of_first), (second, of_second) = of_image(case, 0), of_image(case, 1)
+        whole += weight * first * second
+        without += weight * np.array([of_first * second, first * of_second])
+    odds, share = few_detected(chance.transpose(1, 2, 0), weights, np.array(counts), most)
+    assert odds == pytest.approx(whole)
+    np.testing.assert_allclose(share, without.reshape(-1) / whole)
+
+
+def scene(seed: int, rate: float = 0.6, clutter: int = 2) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Six LEDs in some turn, or in one of five images none, with clutter; where each is."""
+    rng = np.random.default_rng([seed, 77])
+    points = rng.uniform(-0.1, 0.1, (6, 3))
+    place = np.array([*rng.uniform(-0.1, 0.1, 2), rng.uniform(0.8, 1.2)])
+    pixels = CAMERA.project(points @ Rotation.random(random_state=seed).as_matrix().T + place)
+    shown = np.flatnonzero(rng.random(6) < rate)
+    target = np.concatenate([pixels[shown], rng.uniform((0, 0), (640, 480), (clutter, 2))])
+    truth = np.full(6, -1)
+    if rng.random() < 0.2:
+        return points, rng.uniform((0, 0), (640, 480), target.shape), truth
+    truth[shown] = np.arange(len(shown))
+    return points, target + rng.normal(0.0, 0.3, target.shape), truth
+
+
+def test_confidence_in_unmatched_points_is_right_as_often_as_told() -> None:
+    told, right = list[float](), list[bool]()
+    for seed in range(150):
+        points, target, truth = scene(seed)
+        if len(target) < 4:
+            continue
+        match = rm.match(points, target, rm.P3P(CAMERA), noise=0.3, detection_rate=0.6)
+        if not match:
+            unmatched = match.assignment < 0
+            told += match.confidence[unmatched].tolist()
+            right += (truth[unmatched] < 0).tolist()
+    assert len(told) > 300
+    assert np.mean(right) < 0.9, "else it is no test"
+    assert np.mean(told) == pytest.approx(np.mean(right), abs=0.06)
+
+
+def test_only_who_asks_for_one_body_is_told_of_parts_and_fewer_detections_show_fewer() -> None:
+    """Of several motions in an image `rootmatch.explain.missing_motions` says how many are asked for."""
+    points, target, _ = scene(0)
+    task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.3)
+
+    def confidence(task: MatchingTask, taken: NDArray[np.bool_] | None = None) -> Floats:
+        told = told_by(nothing_found(task, ""), unknown(6), Candidate.of(task, []), taken=taken).confidence
+        assert told is not None
+        return told
+
+    np.testing.assert_allclose(confidence(replace(task, weighs_parts=False)), 0.999)
+    alone, beside = confidence(task), confidence(task, np.arange(len(target)) > 0)  # others have all but one
+    assert alone.max() < 0.9
+    assert beside.min() > alone.max(), "one detection is one point at most"
+
+
+def test_what_faces_away_is_not_in_view() -> None:
+    """A body is in view by the points that face the camera: half of its turns say nothing of a rate of .97."""
+    rng = np.random.default_rng(1)
+    points, flat = rng.uniform(-0.05, 0.05, (5, 3)), np.tile([0.0, 0.0, 1.0], (5, 1))
+    target = rng.uniform((0, 0), (640, 480), (6, 2))
+
+    def of(normals: Floats) -> Floats:
+        given = {"normals": normals, "view_cosine": np.full(5, 0.5), "rate": 0.97}
+        return undetected(DetectionModel(CAMERA, points, target, np.full(6, 0.3), **given), 3, np.array([6]))
+
+    one_side, all_sides = of(flat), of(points / np.linalg.norm(points, axis=1)[:, None])
+    assert 0.75 < one_side.mean() < 0.88, "it would show nearly all of its points, but from beside"
+    assert all_sides.mean() < 0.78, "it never shows more than half of them"
+
+
+def test_two_views_that_share_too_few_points() -> None:
+    """Of six points with a rate of .5 most motions show three matches at most; of 1 none does."""
+    rays = np.random.default_rng(0).normal(size=(6, 3)) * 0.2 + (0.0, 0.0, 1.0)
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    noise = np.full(6, 1e-6)
+
+    def unmatched(rate: float) -> float:
+        model = TwoViewModel(rays, rays[:5], noise, noise[:5], np.zeros(5), detection_rate=rate)
+        told = TwoViewPosterior(model, -np.inf, []).unmatched
+        assert np.ptp(told) < 1e-12
+        return float(told[0])
+
+    assert unmatched(0.999) == pytest.approx(0.999 * 0.5 / 0.55, abs=1e-3)
+    assert 0.7 < unmatched(0.5) < 0.85  # the absence, .5, and what shows three of six
