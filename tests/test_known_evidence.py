@@ -153,10 +153,10 @@ def test_the_vaguer_the_knowledge_the_nearer_to_none(kind: str) -> None:
     _, *alone = integral(scene)
     before, R, t = fitted(scene, None, (alone[0], alone[1]))
     worth = []
-    for sigma in (0.1, 0.3, 1.0, 3.0, *((10.0, 100.0, 1e4) if kind == "position" else ())):
+    for sigma in (0.1, 0.3, 1.0, *((3.0, 10.0, 100.0, 1e4) if kind == "position" else ())):
         found, turned, moved = fitted(scene, scene.prior(kind, sigma), (alone[0], alone[1]))
         worth.append(found - before - math.log1p(-DOUBT))
     assert np.all(np.diff(worth) < 0.01)
-    assert -0.01 <= worth[-1] < 0.5
+    assert -0.01 <= worth[-1] < (0.5 if kind == "position" else 2.1)  # 1 rad, the most, is a seventh of all turns
     np.testing.assert_allclose(turned, R, atol=1e-3)
     np.testing.assert_allclose(moved, t, atol=1e-3)
