@@ -18,7 +18,7 @@ from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.posterior import unknown
-from rootmatch.model.shown_in_part import few_detected, undetected
+from rootmatch.model.shown_in_part import FewShown, few_detected
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior
 
@@ -90,7 +90,7 @@ def test_only_who_asks_for_one_body_is_told_of_parts_and_fewer_detections_show_f
     task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.3)
 
     def confidence(task: MatchingTask, taken: NDArray[np.bool_] | None = None) -> Floats:
-        told = told_by(nothing_found(task, ""), unknown(6), Candidate.of(task, []), taken=taken).confidence
+        told = told_by(nothing_found(task, ""), unknown(6), Candidate.of(task, []), taken=taken).every_confidence
         assert told is not None
         return told
 
@@ -108,7 +108,8 @@ def test_what_faces_away_is_not_in_view() -> None:
 
     def of(normals: Floats) -> Floats:
         given = {"normals": normals, "view_cosine": np.full(5, 0.5), "rate": 0.97}
-        return undetected(DetectionModel(CAMERA, points, target, np.full(6, 0.3), **given), 3, np.array([6]))
+        model = DetectionModel(CAMERA, points, target, np.full(6, 0.3), **given)
+        return FewShown(model, 3, np.array([6])).undetected()
 
     one_side, all_sides = of(flat), of(points / np.linalg.norm(points, axis=1)[:, None])
     assert 0.75 < one_side.mean() < 0.88, "it would show nearly all of its points, but from beside"

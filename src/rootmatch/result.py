@@ -245,7 +245,7 @@ class Match:
 
         Between point sets in space it names the usual mistake that explains them, such as a left-handed set.
         """
-        confidence = None if self.finding.confidence is None else self.confidence
+        confidence = None if self.finding.every_confidence is None else self.confidence
         told = advice(self.shown, confidence, self.stopped_early, self._is_undetermined)
         asked = isinstance(self.problem, Similarity) and self.status is Status.UNTRUSTED and self.bodies is None
         fits = self.diagnose(ADVISED).fits if asked and self.finding.reason is None else ()

@@ -133,6 +133,8 @@ class Finding:
     @property
     def every_confidence(self) -> Floats | None:
         """Confidence (n,) in each match, of several bodies in those of each; None if none is known."""
+        if self.confidence is None and self.parts is None and self.posterior is not None:
+            return self.posterior.confidence_in(self.assignment)
         if self.confidence is not None or self.parts is None:
             return self.confidence
         out = np.full(self.task.rows, np.nan)

@@ -31,7 +31,7 @@ from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Others, Posterior
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.model.shown_in_part import undetected
+from rootmatch.model.shown_in_part import FewShown
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
@@ -106,7 +106,7 @@ def told_by(
             facts=Facts(present=present, contested=True, min_probability=least, probability=0.0, lead=0.0),
             scores=None,
             scoreless=scoreless,
-            confidence=told.confidence_in(nothing),
+            confidence=None,
             log_odds=0.0,
             prior_holds=None,
             pose=None,
@@ -176,7 +176,7 @@ def with_parts(told: Posterior, model: DetectionModel, minimal: int, taken: NDAr
         return told
     most = least - 1 if isinstance(model.prior, Doubted) else max(minimal, least - 1)
     free = model.image_of if taken is None else model.image_of[~taken]
-    return replace(told, undetected=undetected(model, most, np.bincount(free, minlength=max(len(model.images), 1))))
+    return replace(told, few=FewShown(model, most, np.bincount(free, minlength=max(len(model.images), 1))))
 
 
 def lead_by_odds(probability: float | None) -> float:

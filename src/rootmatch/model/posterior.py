@@ -15,6 +15,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.shown_in_part import FewShown
 
 WRONG = 0.001
 """Part of the matches of a large assignment that may be expected to be wrong. A round value."""
@@ -42,14 +43,19 @@ class Posterior:
         Of each mode's pose, whatever its matches.
     clutter : float
         Probability that the image does not show the body, or shows too little of it to recognise it.
-    undetected : (n,) float64 or 1.0
-        Probability that each point has no detection, if that is so: see `rootmatch.model.shown_in_part`.
+    few : FewShown, optional
+        What tells how probably it shows too little; it is taken to be absent without.
     """
 
     modes: Modes
     probabilities: Floats
     clutter: float
-    undetected: Floats | float = 1.0
+    few: FewShown | None = None
+
+    @cached_property
+    def undetected(self) -> Floats | float:
+        """Probability (n,) that each point has no detection, if the image shows no mode."""
+        return 1.0 if self.few is None else self.few.undetected()
 
     @property
     def probability(self) -> float:

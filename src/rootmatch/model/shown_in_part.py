@@ -13,6 +13,7 @@ anything of it, and over what is hidden as a whole.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,8 +32,9 @@ RADII = 10.0
 """Distance of a body in its radii at which its normals are looked at. A round value between 1 and 100."""
 
 
-def undetected(model: DetectionModel, most: int, counts: Integers) -> Floats:
-    """Probability (n,) that each point has no detection, if the image shows no mode: the body is absent, or shows few.
+@dataclass(frozen=True, eq=False)
+class FewShown:
+    """A body of which an image shows too little, if it is in view.
 
     Parameters
     ----------
@@ -42,15 +44,24 @@ def undetected(model: DetectionModel, most: int, counts: Integers) -> Floats:
     counts : (C,) int array
         Detections that each image has for the body.
     """
-    visible, (rates, log_weights) = _visible(model), model.rates
-    some = 1.0 - np.prod(1.0 - visible, axis=1)  # what shows no point is not in view
-    mean = float(rates @ np.exp(log_weights))
-    each = np.concatenate([rates, mean * np.array(IN_SIGHT)])
-    shares = np.concatenate([(1.0 - OCCLUDED) * np.exp(log_weights), np.full(len(IN_SIGHT), OCCLUDED / len(IN_SIGHT))])
-    chance = (visible.T[:, :, None] * each).reshape(len(counts), -1, len(visible) * len(each))
-    odds, few = few_detected(chance, np.outer(some / some.sum(), shares).reshape(-1), counts, most)
-    odds *= math.exp(PRESENT_ODDS)
-    return np.asarray((1.0 + odds * few) / (1.0 + odds))
+
+    model: DetectionModel
+    most: int
+    counts: Integers
+
+    def undetected(self) -> Floats:
+        """Probability (n,) that each point has no detection, if there is no mode: the body is absent, or shows few."""
+        visible, (rates, log_weights) = _visible(self.model), self.model.rates
+        some = 1.0 - np.prod(1.0 - visible, axis=1)  # what shows no point is not in view
+        mean = float(rates @ np.exp(log_weights))
+        each = np.concatenate([rates, mean * np.array(IN_SIGHT)])
+        hidden = np.full(len(IN_SIGHT), OCCLUDED / len(IN_SIGHT))
+        shares = np.concatenate([(1.0 - OCCLUDED) * np.exp(log_weights), hidden])
+        chance = (visible.T[:, :, None] * each).reshape(len(self.counts), -1, len(visible) * len(each))
+        cases = np.outer(some / some.sum(), shares).reshape(-1)
+        odds, few = few_detected(chance, cases, self.counts, self.most)
+        odds *= math.exp(PRESENT_ODDS)
+        return np.asarray((1.0 + odds * few) / (1.0 + odds))
 
 
 def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -> tuple[float, Floats]:
