@@ -21,6 +21,8 @@ LASTS = 0.25
 """Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
 LIT = 0.8
 """Probability that a point is lit of which nothing is known. A round value."""
+NOTICED = 1e-3
+"""Part of a probability below which nothing is changed: that of a wrong model. A round value."""
 FACING = 1e-3
 """Visibility of a point below which nothing is learned of it. A round value."""
 
@@ -48,9 +50,11 @@ class DarkPoints:
         whole = max(float(sure[matched].max()), 1e-300)
         local = np.minimum(sure[matched] / whole, 1.0)
         told = local * lit[matched] / (local * lit[matched] + 1.0 - local)
-        confidence = sure.copy()
+        less = float(np.prod(told / np.maximum(local, 1e-300)))
+        if less > 1.0 - NOTICED:
+            return found
+        confidence, chance = sure.copy(), chance * less
         confidence[matched] = whole * told
-        chance *= float(np.prod(told / np.maximum(local, 1e-300)))
         found = replace(found, confidence=confidence)
         if chance >= found.facts.min_probability:
             return found.with_facts(probability=chance)
