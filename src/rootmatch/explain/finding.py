@@ -133,10 +133,10 @@ class Finding:
     @property
     def every_confidence(self) -> Floats | None:
         """Confidence (n,) in each match, of several bodies in those of each; None if none is known."""
-        if self.confidence is None and self.parts is None and self.posterior is not None:
-            return self.posterior.confidence_in(self.assignment)
-        if self.confidence is not None or self.parts is None:
+        if self.confidence is not None:
             return self.confidence
+        if self.parts is None:
+            return None if self.posterior is None else self.posterior.confidence_in(self.assignment)
         out = np.full(self.task.rows, np.nan)
         for rows, part in self._rows_of_parts:
             own = part.every_confidence

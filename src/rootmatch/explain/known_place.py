@@ -15,10 +15,12 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.known_rotation import (
     GATE,
-    MOST_PAIRS,
     MOST_POSES,
     assigned_about,
+    drawn,
     lines_of_sight,
+    packed,
+    pairs_of,
 )
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
@@ -57,21 +59,15 @@ def _agreeing(task: MatchingTask, place: tuple[Floats, Floats], rng: np.random.G
     """
     i, j, towards, variance = _directions(task, *place)
     row = task.camera_of[j] * task.shape[0] + i
-    first, second = np.triu_indices(len(i), 1)
-    if len(first) > MOST_PAIRS:
-        some = np.sort(rng.choice(len(first), MOST_PAIRS, replace=False))
-        first, second = first[some], second[some]
+    first, second = pairs_of(row, j, rng)
     of_points = task.points.source / np.maximum(np.linalg.norm(task.points.source, axis=1), 1e-300)[:, None]
     seen, there = _between(towards[first], towards[second]), _between(of_points[i[first]], of_points[i[second]])
     gate = GATE * np.sqrt(variance[first] + variance[second])
-    right = (np.abs(seen - there) <= gate) & (there > gate) & (there < math.pi - gate)
-    agrees = np.flatnonzero(right & (j[first] != j[second]) & (row[first] != row[second]))
-    if len(agrees) > MOST_POSES:
-        agrees = np.sort(rng.choice(agrees, MOST_POSES, replace=False))
+    agrees = np.flatnonzero((np.abs(seen - there) <= gate) & (there > gate) & (there < math.pi - gate))
+    agrees = agrees[drawn(len(agrees), MOST_POSES, rng)]
     first, second = first[agrees], second[agrees]
     own, others = _frames(of_points[i[first]], of_points[i[second]]), _frames(towards[first], towards[second])
-    pairs = np.stack([np.stack([row[first], row[second]], axis=1), np.stack([j[first], j[second]], axis=1)], axis=1)
-    return pairs, others @ own.swapaxes(1, 2)
+    return packed(row, j, first, second), others @ own.swapaxes(1, 2)
 
 
 def _directions(task: MatchingTask, t: Floats, covariance: Floats) -> tuple[Integers, Integers, Floats, Floats]:

@@ -114,10 +114,8 @@ def _searches(task: MatchingTask) -> Iterator[tuple[MatchingTask, Integers]]:
     if upright is not None:
         pairs = replace(narrowed, problem=upright, known=None)
         if task.budget is None and triples_for(pairs.sampling_task) is not None:
-            yield (
-                replace(narrowed, budget=LIMITS.quick, known=None),
-                columns,
-            )  # pairs would not be searched first either
+            # pairs would not be searched first either
+            yield replace(narrowed, budget=LIMITS.quick, known=None), columns
         yield pairs, columns
     elif narrowed is not task:
         yield replace(narrowed, known=None), columns

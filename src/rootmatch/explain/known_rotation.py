@@ -116,12 +116,7 @@ def _agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) ->
     turned = task.points.source @ R.T
     i, j = np.nonzero(_possible(task, known, turned, rays, origins=origins, sigma=sigma))
     row = task.camera_of[j] * task.shape[0] + i
-    first, second = np.triu_indices(len(i), 1)
-    if len(first) > MOST_PAIRS:
-        some = np.sort(rng.choice(len(first), MOST_PAIRS, replace=False))
-        first, second = first[some], second[some]
-    different = (j[first] != j[second]) & (row[first] != row[second])
-    first, second = first[different], second[different]
+    first, second = pairs_of(row, j, rng)
     a, b = rays[j[first]], rays[j[second]]
     apart = turned[i[first]] - turned[i[second]] + origins[j[second]] - origins[j[first]]
     cosine = (a * b).sum(axis=1)
@@ -135,13 +130,30 @@ def _agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) ->
         own = mean_deviation(task.points.source_covariance) ** 2
         variance = variance + own[i[first]] + own[i[second]]
     agrees = np.flatnonzero((off <= GATE * np.sqrt(variance)) & (depth_a > 0.0) & (depth_b > 0.0))
-    if len(agrees) > MOST_POSES:
-        agrees = np.sort(rng.choice(agrees, MOST_POSES, replace=False))
+    agrees = agrees[drawn(len(agrees), MOST_POSES, rng)]
     first, second = first[agrees], second[agrees]
     one = origins[j[first]] + depth_a[agrees, None] * a[agrees] - turned[i[first]]
     other = origins[j[second]] + depth_b[agrees, None] * b[agrees] - turned[i[second]]
-    pairs = np.stack([np.stack([row[first], row[second]], axis=1), np.stack([j[first], j[second]], axis=1)], axis=1)
-    return pairs, 0.5 * (one + other)
+    return packed(row, j, first, second), 0.5 * (one + other)
+
+
+def pairs_of(row: Integers, j: Integers, rng: np.random.Generator) -> tuple[Integers, Integers]:
+    """Pairs (K,), (K,) of matches of different points and detections, `MOST_PAIRS` of all pairs if there are more."""
+    first, second = np.triu_indices(len(j), 1)
+    some = drawn(len(first), MOST_PAIRS, rng)
+    first, second = first[some], second[some]
+    different = (j[first] != j[second]) & (row[first] != row[second])
+    return first[different], second[different]
+
+
+def drawn(count: int, most: int, rng: np.random.Generator) -> Integers | slice:
+    """Which of so many to take: all, or as many as ``most``, in order."""
+    return slice(None) if count <= most else np.sort(rng.choice(count, most, replace=False))
+
+
+def packed(row: Integers, j: Integers, first: Integers, second: Integers) -> Integers:
+    """Pairs of matches (K, 2, 2): rows of an assignment come before detections."""
+    return np.stack([np.stack([one[first], one[second]], axis=1) for one in (row, j)], axis=1)
 
 
 def _possible(

@@ -57,14 +57,13 @@ def match_predicted(
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
-    columns = np.arange(task.shape[1])
     if part.rest and found.posterior is not None:
         columns = np.flatnonzero(found.posterior.used(task.shape[1]) < SURE)
-    if len(columns) < task.problem.order:
-        return found
-    of_rest = task.subset(np.arange(task.shape[0]), columns) if part.rest else task
-    searched = solve(replace(of_rest, prior_pose=None, rival_poses=()))
-    searched = among_all(searched, task, columns) if part.rest else searched
+        if len(columns) < task.problem.order:
+            return found
+        searched = among_all(solve(task.subset(np.arange(task.shape[0]), columns)), task, columns)
+    else:
+        searched = solve(replace(task, prior_pose=None, rival_poses=()))
     with suppress(OutOfTime):
         named = searched.named if choice is None else searched.named[:NAMED]
         body = body.proposed(named or searched.every, predicted)

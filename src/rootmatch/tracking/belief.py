@@ -328,21 +328,19 @@ class Belief:
             return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose, log_other = averaged_pose(model, modes, step.mode), FLOOR
         if step.origin < 0:
-            filter_ = MotionFilter(self.source, pose, time, self.motion)
-            since, log_absent = time, absent
+            last = FollowedPose(MotionFilter(self.source, pose, time, self.motion), since=time, log_absent=absent)
         else:
-            since, log_absent = self.poses[step.origin].since, self.poses[step.origin].log_absent
-            filter_ = self.poses[step.origin].filter.copy()
-            filter_.update(pose, time, step.chance)
+            last = self.poses[step.origin]
+            last = replace(last, filter=last.filter.copy())
+            last.filter.update(pose, time, step.chance)
             if step.mode == found.mode and (factor := found.noise_factor) is not None:
                 misfit = Misfit(factor**2, factor, found.noise_dof)
             else:
                 misfit = misfit_of(model, modes, step.mode)
-            log_other = after_frame(self.poses[step.origin].log_other, misfit, TEMPER, len(model.images) > 1)
-        return FollowedPose(
-            filter_, step.log_weight, step.shown, log_other, place=step.place, alone=step.alone, since=since,
-            log_absent=log_absent,
-        )  # fmt: skip
+            log_other = after_frame(last.log_other, misfit, TEMPER, len(model.images) > 1)
+        return replace(
+            last, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place, alone=step.alone
+        )
 
 
 def _log(chance: Floats) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.explain.finding import Finding
 from rootmatch.model.detection_model import USUAL_RATE
+from rootmatch.tracking.two_states import chance_later
 
 LASTS = 0.25
 """Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
@@ -39,7 +40,7 @@ class DarkPoints:
         """Probability (n,) that each point is lit at a time, before the frame is seen; None if nothing is known."""
         if self.lit is None:
             return None
-        return LIT + (self.lit - LIT) * math.exp(-(time - self.time) / LASTS)
+        return chance_later(self.lit, LIT, time - self.time, LASTS)
 
     def weighed(self, found: Finding, time: float) -> Finding:
         """A finding whose matches of points that may be dark are less probable by that."""

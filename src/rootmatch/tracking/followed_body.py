@@ -18,6 +18,7 @@ from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.dark_points import DarkPoints
 from rootmatch.tracking.followed_places import RETURN
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
+from rootmatch.tracking.two_states import chance_later
 
 LONGEST = 8
 """Times `TrackingOptions.search_every` that may lie between two searches for a followed body. A round value: bodies are
@@ -88,7 +89,7 @@ class FollowedBody:
         self.left = 0
         """Detections that were left unexplained in the frame of the last search."""
         self.rest = False
-        """Whether the next search is among what is left: more than at the last search, so that something appeared."""
+        """Whether the search under way is among what is left, see `appeared`."""
         self.absent: tuple[float, float] | None = None
         """Probability that it is in view after all by the last search for it, and its time; None if it was found."""
         self.forget()
@@ -121,7 +122,7 @@ class FollowedBody:
         if self.absent is None or self.belief:
             return None
         chance, then = self.absent
-        return PRESENT + (chance - PRESENT) * math.exp(-(time - then) / RETURN)
+        return chance_later(chance, PRESENT, time - then, RETURN)
 
     def is_due(self, frame: int) -> bool:
         """Whether to search again for a body that is not followed: soon at first, since each frame shows other points.
@@ -136,15 +137,18 @@ class FollowedBody:
 
         ``gap``: seconds since the frame before.
         """
-        self.rest = False
         if not self.belief:
             return found.status is not Status.MATCHED  # what the caller knows may have found it
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return (self.missed >= self.options.patience or gap > BRIEF) and shown
-        self.rest = _left(found) - self.left > found.task.minimal
-        interval = self.options.search_every if self.rest else self._interval
+        interval = self.options.search_every if self.appeared(found) else self._interval
         return frame - self.searched >= interval and not _is_enough(found)
+
+    def appeared(self, found: Finding) -> bool:
+        """Whether more is left beside a body that holds than at the last search: that is searched by itself."""
+        holds = bool(self.belief) and found.status is not Status.UNTRUSTED
+        return holds and _left(found) - self.left > found.task.minimal
 
     @property
     def _interval(self) -> int:

@@ -31,6 +31,7 @@ from rootmatch.model.point_set_model import PRESENT
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.priors import COPY, PRESENT_ODDS
 from rootmatch.tracking.followed_pose import FollowedPose
+from rootmatch.tracking.two_states import chance_later
 
 RETURN = 1.0
 """Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five
@@ -153,7 +154,7 @@ def chance_of_copy(alone: float) -> float:
 
 def chance_absent(before: float, seconds: float) -> float:
     """Probability that a body is not in view, some seconds after it was not with another probability."""
-    return 1.0 - IN_VIEW + (before - 1.0 + IN_VIEW) * math.exp(-seconds / RETURN)
+    return chance_later(before, 1.0 - IN_VIEW, seconds, RETURN)
 
 
 def log_back(followed: FollowedPose, now: float) -> float:

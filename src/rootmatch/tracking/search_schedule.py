@@ -23,7 +23,7 @@ def next_part(
     each = list(bodies.values())
     for body, part in zip(each, parts.values(), strict=True):
         if not body.waiting and body.wants_search_of_several(part, frame, gap):
-            body.waiting = images_of(part)
+            body.waiting, body.rest = images_of(part), body.appeared(part)
     waiting = [number for number, body in enumerate(each) if body.waiting]
     if not waiting:
         return None

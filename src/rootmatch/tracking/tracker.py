@@ -303,7 +303,7 @@ max_evaluations
                 if not self._bodies[None].wants_search(near, self._frame, gap):
                     return None
                 searched.add(None)
-                return SearchPart(0, rest=self._bodies[None].rest)
+                return SearchPart(0, rest=self._bodies[None].appeared(near))
 
             found = explained(choice)
         parts = {

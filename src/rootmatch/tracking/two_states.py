@@ -1,0 +1,15 @@
+"""What is known of something that is so or not so, and changes now and then."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeVar
+
+from rootmatch.arrays import Floats
+
+Chance = TypeVar("Chance", float, Floats)
+
+
+def chance_later(chance: Chance, usual: float, seconds: float, lasts: float) -> Chance:
+    """A probability some seconds later: it goes back to the ``usual`` one, by e within ``lasts`` seconds."""
+    return usual + (chance - usual) * math.exp(-seconds / lasts)
