@@ -20,6 +20,7 @@ from rootmatch.tracking.followed_places import (
     GonePlaces,
     chance_absent,
     chance_of_copy,
+    log_absent,
     log_back,
     log_gone,
     log_weight,
@@ -155,6 +156,14 @@ def test_weights_are_those_of_copies_and_clutter_enumerated() -> None:
     np.testing.assert_allclose([chance_of_copy(math.log(one)) for one in odds], COPY * odds / (1.0 + COPY * odds))
     assert log_gone(50.0, 1.0 / 60.0) == pytest.approx(0.0, abs=1e-6)  # a copy leaves as the body does
     assert log_gone(0.0, 1.0 / 60.0) < -4.0  # and clutter for no reason
+
+
+def test_what_came_in_since_a_search_may_be_the_body_or_a_copy() -> None:
+    """Both come as seldom, so that it is absent tells little of what appears now but not a moment ago."""
+    step = 1.0 / 60.0
+    assert log_absent(1.0, step, step) == pytest.approx(-math.log(IN_VIEW), abs=0.05)
+    assert log_absent(1.0, step, math.inf) == pytest.approx(-math.log(IN_VIEW * step), abs=0.1)
+    assert log_absent(1.0 - IN_VIEW, math.inf, math.inf) == pytest.approx(math.log(1.0 - IN_VIEW) - math.log(IN_VIEW))
 
 
 def test_places_are_told_by_most_of_their_detections() -> None:

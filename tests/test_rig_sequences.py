@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 import rootmatch as rm
 from rig_scenes import LABELS, NOISE, VIEW, RigScene, controllers, four_about, frame, headset
+from rootmatch.arrays import Integers
 from rootmatch.cli import app
 from rootmatch.errors import InputError
 from rootmatch.explain import image_bodies
@@ -26,6 +27,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.io import Calibration, PointSet, read_camera, write_camera, write_points, write_table
 from rootmatch.model.clutter import clutter_areas
 from rootmatch.report.json_record import match_record
+from rootmatch.tracking.followed_body import MISSING
 
 SPREAD = np.repeat([0.03, 0.01], 3)
 RIG = headset()
@@ -313,7 +315,7 @@ def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely_a_camera_a_frame
     assert len(set(cameras)) == len(cameras) == len(rounds[-1])
     pauses = [int(after[0] - before[-1]) for before, after in itertools.pairwise(rounds)]
     assert pauses == sorted(pauses)
-    assert pauses[-1] == 10
+    assert pauses[-1] == MISSING
 
 
 def test_a_search_that_a_tracker_asks_for_meets_all_but_other_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -327,6 +329,29 @@ def test_a_search_that_a_tracker_asks_for_meets_all_but_other_bodies(monkeypatch
     np.testing.assert_array_equal(found.assignment.reshape(scene.truth.shape), scene.truth)
     of_right = scene.truth[:, LEDS:][scene.truth[:, LEDS:] >= 0]
     np.testing.assert_array_equal(np.flatnonzero(~free[0]), np.sort(of_right))
+
+
+def test_a_body_found_elsewhere_is_weighed_against_those_that_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No body takes detections before all others that may have them were tried on them."""
+    scene = frame(2, 0, RIG, hands=2)
+    calls: list[tuple[int, Integers]] = []
+    search = image_bodies._Body.search
+
+    def noted(body: image_bodies._Body, *rest: Any) -> None:
+        calls.append((body.number, np.flatnonzero(body.free)))
+        search(body, *rest)
+
+    monkeypatch.setattr(image_bodies._Body, "search", noted)
+    matcher = rm.Matcher(POINTS, rm.P3P(RIG), bodies=NAMES, **KNOWN | {"normals": NORMALS})
+    found = matcher.explained(scene.rows, searching=lambda _: image_bodies.SearchPart(0, 1))
+    assert found.parts is not None
+    own = found.parts["left"].assignment
+    assert [number for number, _ in calls] == [0, 1]
+    np.testing.assert_array_equal(calls[1][1], np.sort(own[own >= 0]))
+    calls.clear()
+    prior = {"right": predicted(scene, 3, SPREAD / 5.0, 1)}  # what is predicted competes by itself
+    matcher.explained(scene.rows, prior=prior, searching=lambda _: image_bodies.SearchPart(0, 1))
+    assert [number for number, _ in calls] == [0]
 
 
 def test_two_bodies_share_no_detection() -> None:

@@ -23,6 +23,7 @@ from rootmatch.explain.body_labels import Label, twin_points
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import (
+    LIKELY,
     NAMED,
     PREDICTION,
     Candidate,
@@ -32,6 +33,7 @@ from rootmatch.explain.image_hypotheses import (
 )
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.proposals import Proposals
 
@@ -92,6 +94,19 @@ class _Body:
     def pose(self) -> float:
         """Probability of its best pose."""
         return float(self.told.probabilities[0]) if len(self.told.probabilities) else 0.0
+
+    @property
+    def is_new(self) -> bool:
+        """Whether it is most probably where no prediction expects it."""
+        modes, prior = self.told.modes, self.candidate.model.prior
+        if self.pose < LIKELY:
+            return False
+        return not isinstance(prior, Doubted) or bool(prior.prediction_of(modes.rotation[:1], modes.position[:1]) < 0)
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether it is neither predicted nor was searched for."""
+        return self.predicted is None and self.among < 0
 
     @property
     def is_known(self) -> bool:
@@ -168,9 +183,15 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             body, before = bodies[part.body], bodies[part.body].candidate
             if not part.rest:  # what the prediction explains may be explained better by a pose elsewhere
                 body.free = np.sum([one.used for one in bodies], axis=0) - body.used < SURE
-            body.search(replace(task, search_camera=part.camera), solve, budgets_of(task)[0])
+            task_of_part = replace(task, search_camera=part.camera)
+            body.search(task_of_part, solve, budgets_of(task)[0])
             if body.candidate is not before:
                 _weigh(bodies)
+                for rival in bodies:
+                    if body.is_new and rival.is_lost:
+                        rival.free = body.told.modes.uses(task.shape[1])[0]
+                        rival.search(task_of_part, solve, budgets_of(task)[0])
+                        _weigh(bodies)
     return _finding(task, bodies)
 
 

@@ -20,7 +20,7 @@ from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.predicted_poses import about_prediction, polished_pose
-from rootmatch.explain.rig_triples import most_triples
+from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import candidate_of, has_image_model
 from rootmatch.hypergraph.affinity import NOISE_KINDS
@@ -125,8 +125,7 @@ def told_by(
     sure = None if trusted is None else trusted.assignment
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
-    minimal, triples = base.task.minimal, most_triples(base.task)
-    met = sure is not None and model.is_met(sure, minimal, minimal + 1, triples=triples)
+    met = sure is not None and search_meets(base.task, model, sure)
     points = int((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0).sum())  # a rig sees one several times
     of_the_rest = (met or (holds and kept >= LEAST)) and trusted is not None and trusted.known >= KEPT * matched
     facts = Facts(

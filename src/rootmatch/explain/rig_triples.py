@@ -67,6 +67,15 @@ def most_triples(task: MatchingTask) -> int:
     return TRIPLES if task.budget is None else FEW
 
 
+def search_meets(task: MatchingTask, model: DetectionModel, assignment: Integers, points: int | None = None) -> bool:
+    """Whether a search meets poses with as many matches as an assignment; of a rig, if of so many ``points`` at least.
+
+    See `DetectionModel.is_met`; one more than a minimal set of points by default.
+    """
+    least = task.minimal + 1 if points is None else points
+    return model.is_met(assignment, task.minimal, least, triples=most_triples(task))
+
+
 def _visible(part: MatchingTask, options: GuidedOptions) -> tuple[Integers, Integers, bool] | None:
     """Triples of points (T, 3) that may be visible together, with images (T, 3), and whether these are all.
 

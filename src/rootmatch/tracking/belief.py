@@ -15,13 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.image_hypotheses import DOUBT
-from rootmatch.explain.rig_triples import most_triples
+from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.task import Rivals
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
@@ -35,9 +35,9 @@ from rootmatch.tracking.flipped_poses import flipped_poses
 from rootmatch.tracking.followed_places import (
     IN_VIEW,
     GonePlaces,
-    chance_absent,
     chance_of_copy,
     in_places,
+    log_absent,
     log_back,
     log_gone,
     met_beside,
@@ -87,6 +87,8 @@ class Belief:
         """Largest number of matches with which a single place was weighed for itself alone."""
         self.absent = 1.0 - IN_VIEW
         """Probability that the body was not in view in that frame, while none is followed."""
+        self.excluded = -math.inf
+        """Time of the last search that met nothing but what is followed."""
 
     def __bool__(self) -> bool:
         return bool(self.poses)
@@ -160,7 +162,7 @@ class Belief:
     def forget(self) -> None:
         """Give up all, and know nothing of the body any more."""
         self.poses, self.unfollowed, self.gone = [], 0.0, GonePlaces()
-        self.time, self.absent, self.most = -math.inf, 1.0 - IN_VIEW, 0
+        self.time, self.absent, self.most, self.excluded = -math.inf, 1.0 - IN_VIEW, 0, -math.inf
 
     def keep_best(self, time: float) -> None:
         """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
@@ -198,17 +200,23 @@ class Belief:
         if len(self.poses) < MOST and not known:
             self.poses.append(replace(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
 
-    def take(self, found: Finding, time: float) -> None:
+    def take(self, found: Finding, time: float, searched: bool = False) -> None:
         """Take in a frame's posterior: its modes continue the hypotheses about which they lie, or are new ones.
 
         A hypothesis that no mode continues stays as predicted; for it, the frame counts as one that does not show the
-        body.
+        body. ``searched``: whether a search for the body ended in this frame.
         """
+        met = self._take(found, time)
+        if searched and not met:
+            self.excluded = time
+
+    def _take(self, found: Finding, time: float) -> bool:
+        """Take in a frame's posterior; whether it has something beside what is followed."""
         told, model = found.posterior, found.model
         if found.task.problem.takes_motion_prior:
             self._take_motion(found, time)
         if told is None or model is None or not len(told.probabilities):
-            return
+            return False
         modes = told.modes.take(slice(LOOKED_AT))
         log_share = np.log([*self.shares, DOUBT if self.poses else 1.0])  # the last is that of a new one
         origin = np.full(len(modes.log_odds), -1)
@@ -234,7 +242,7 @@ class Belief:
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
                 continue  # what is left of another mode
             if of < 0:
-                many = model.is_met(modes.assignments[k], found.task.minimal, triples=most_triples(found.task))
+                many = search_meets(found.task, model, modes.assignments[k], points=0)
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
                 # the best one may be a prediction that does not fit: what a search met beside it is followed
                 shows = found.status is not Status.UNTRUSTED or (k > 0 and is_shown)
@@ -260,17 +268,13 @@ class Belief:
         share = np.exp([step.total - after[0].total for step in after])
         kept = np.array([step in likely for step in after], np.bool_)
         left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
-        if origin[0] < 0 and found.facts.missed > EXISTS and self._is_met(found, modes.assignments[0]):
+        if origin[0] < 0 and found.facts.missed > EXISTS and search_meets(found.task, model, modes.assignments[0]):
             left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
         if not known and len({one.place for one in self.poses if chance_of_copy(one.alone) >= LIKELY}) > 1:
             self.gone = GonePlaces()  # they are in view again
         self.time = time
-
-    def _is_met(self, found: Finding, assignment: Integers) -> bool:
-        """Whether a search would have met other poses of as many matches."""
-        minimal, triples = found.task.minimal, most_triples(found.task)
-        return found.model is not None and found.model.is_met(assignment, minimal, minimal + 1, triples=triples)
+        return bool(new.any())
 
     def _stays(self, k: int, more: float, go_on: Sequence[Step], time: float) -> Step:
         """A hypothesis that no mode continues; ``more``: what the frame adds to its log-weight, if it tells of it.
@@ -317,8 +321,7 @@ class Belief:
         if seen:
             return log_back(self.poses[0], time)
         before, last = (1.0, self.best.time) if self.poses else (self.absent, self.time)
-        absent = chance_absent(before, time - last)
-        return math.log(absent) - math.log1p(-absent)
+        return log_absent(before, time - last, time - self.excluded)
 
     def _after(self, step: Step, found: Finding, modes: Modes, time: float, absent: float) -> FollowedPose:
         """The hypothesis that a step leads to; ``absent``: `FollowedPose.log_absent` of a new one."""

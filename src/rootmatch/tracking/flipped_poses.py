@@ -31,7 +31,7 @@ def flipped_poses(found: Finding) -> list[tuple[Pose, float]]:
         return []
     lead = np.full(len(of_few.log_odds), -np.inf)
     possible = np.isfinite(of_few.log_odds)
-    lead[possible] = (of_few.log_odds - of_few.detected)[possible]
+    lead[possible] = of_few.log_odds[possible] - of_few.detected[possible]
     lead -= lead[0]
     every = []
     for k in np.argsort(-lead, kind="stable")[: possible.sum()].tolist():

@@ -157,6 +157,24 @@ def chance_absent(before: float, seconds: float) -> float:
     return chance_later(before, 1.0 - IN_VIEW, seconds, RETURN)
 
 
+def log_absent(before: float, seconds: float, unsearched: float) -> float:
+    """Log-odds that a body is not in view where it seems to be found: that a copy came, to that the body came back.
+
+    A copy is there at any time with the same probability, and comes as seldom as the body does: since a search that met
+    none there was less time for it.
+
+    Parameters
+    ----------
+    before : float
+        Probability that the body was not in view some ``seconds`` ago.
+    seconds : float
+    unsearched : float
+        Seconds since the last search that would have met a copy.
+    """
+    absent = chance_absent(before, seconds)
+    return math.log(absent) - math.log1p(-absent) + math.log(-math.expm1(-unsearched / RETURN))
+
+
 def log_back(followed: FollowedPose, now: float) -> float:
     """Log-odds that the body was not in view when a place was found that is followed, and comes back only now."""
     return followed.log_absent - IN_VIEW / RETURN * (now - followed.since)

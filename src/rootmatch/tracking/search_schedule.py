@@ -6,7 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from rootmatch.arrays import Bools
 from rootmatch.explain.body_labels import Label
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import SearchPart
 from rootmatch.tracking.followed_body import FollowedBody
@@ -21,9 +23,13 @@ def next_part(
     images; bodies take turns. ``gap``: seconds since the frame before.
     """
     each = list(bodies.values())
+    explained = np.zeros(next(iter(parts.values())).task.shape[1], np.bool_)
+    for part in parts.values():
+        if part.status is Status.MATCHED:
+            explained[part.assignment[part.assignment >= 0]] = True
     for body, part in zip(each, parts.values(), strict=True):
         if not body.waiting and body.wants_search_of_several(part, frame, gap):
-            body.waiting, body.rest = images_of(part), body.appeared(part)
+            body.waiting, body.rest = images_of(part, explained), body.appeared(part)
     waiting = [number for number, body in enumerate(each) if body.waiting]
     if not waiting:
         return None
@@ -32,9 +38,13 @@ def next_part(
     return SearchPart(number, each[number].waiting.pop(0), each[number].rest)
 
 
-def images_of(found: Finding) -> list[int | None]:
-    """The images in which a body can be searched for: cameras of a rig that show enough, those that show most first."""
+def images_of(found: Finding, explained: Bools) -> list[int | None]:
+    """The images in which a body can be searched for: cameras of a rig that show enough.
+
+    Those with the most detections that are not ``explained`` (n') come first.
+    """
     if found.task.rig is None:
         return [None]
     shown = np.bincount(found.task.camera_of)
-    return [k for k in np.argsort(-shown, kind="stable").tolist() if shown[k] >= found.task.minimal]
+    left = np.bincount(found.task.camera_of[~explained], minlength=len(shown))
+    return [k for k in np.lexsort([-shown, -left]).tolist() if shown[k] >= found.task.minimal]
