@@ -51,6 +51,11 @@ def test_three_points_that_stay_in_view_are_trusted() -> None:
     assert wrong == 0
 
 
+def test_a_hidden_point_is_not_taken_for_a_neighbour_in_frame_after_frame() -> None:
+    """Each frame leaves open which of two it is; the prediction must not follow one of them (six frames, once)."""
+    assert flight(139, 3)[1] == 0
+
+
 def finding(assignment: list[int], confidence: list[float], probability: float = 0.99) -> Any:
     """What `DarkPoints` looks at."""
     told = SimpleNamespace(probabilities=np.ones(1), clutter=0.001, modes=SimpleNamespace(visible=np.ones((1, 3))))

@@ -12,9 +12,11 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.model import prediction
 from rootmatch.model.compiled.averaging import leave_out
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import settled_about, stepped
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.model.proposals import Proposals
+from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.tracking.averaged_pose import averaged_pose
 from test_compiled_model import FISHEYE, PINHOLE, SIZES, Floats, rig, scene
 from test_settled import by_numpy
@@ -100,6 +102,41 @@ def test_a_step_without_its_part_along_lines(weak: int) -> None:
     np.testing.assert_allclose(lines.T @ precision @ across, 0.0, atol=1e-8)
     taken = np.linalg.lstsq(lines, step - across, rcond=None)[0]
     np.testing.assert_allclose(lines @ taken, step - across, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", [1031, 1036, 1040])
+def test_an_average_is_over_the_changes_of_the_assignment(seed: int) -> None:
+    """Each change settled by itself, without what the mode knows of it: which of two points a detection is of."""
+    model, guess = predicted("bare", seed, 0.004, shown=3)
+    every = model.linearised(guess.rotation[None], guess.position[None]).pixels[0]
+    apart = np.linalg.norm(every[:, None] - every, axis=2) + 1e9 * np.eye(len(every))
+    pair = np.unravel_index(apart.argmin(), apart.shape)
+    extra = int(np.flatnonzero(np.linalg.norm(model.target[:, None] - every, axis=2).min(axis=1) > 30.0)[0])
+    model.target[extra] = every[list(pair)].mean(axis=0)
+    model = replace(model)
+    start = prediction.proposals_about(model, guess)
+    assert start is not None
+    modes = modes_of(model, start.take(np.arange(1)))
+    changed = modes.near[0][0]
+    rows = np.concatenate([modes.assignments[:1], changed])
+    turns = np.repeat(modes.rotation[:1], len(rows), axis=0), np.repeat(modes.position[:1], len(rows), axis=0)
+    settled, at = settled_about(by_numpy(model), rows, *turns)
+    rotation, position = stepped(settled, at)
+    steps = np.hstack([Rotation.from_matrix(rotation @ modes.rotation[0].T).as_rotvec(), position - modes.position[0]])
+    weight = np.exp(settled.log_odds - settled.log_odds.max())
+    weight /= weight.sum()
+    mean = weight @ steps
+    spread = (weight[:, None] * (steps - mean)).T @ (steps - mean)
+    pose = averaged_pose(model, modes, 0)
+    place = pose.R @ model.centre + pose.t
+    told = np.append(Rotation.from_matrix(pose.R @ modes.rotation[0].T).as_rotvec(), place - modes.position[0])
+    assert pose.covariance is not None
+    _, covariance = about_point(pose.R, pose.t, pose.covariance, model.centre)
+    deviations = np.sqrt(np.diagonal(modes.covariance[0]))
+    assert weight.max() < 0.99, "more than one assignment counts"
+    np.testing.assert_allclose(told / deviations, mean / deviations, atol=1e-3)
+    unit = np.outer(deviations, deviations)
+    np.testing.assert_allclose((covariance - modes.covariance[0]) / unit, spread / unit, atol=1e-3)
 
 
 def test_a_prediction_with_nothing_near() -> None:

@@ -1,4 +1,8 @@
-"""Mean and covariance of a pose along the directions that its detections hardly determine.
+"""Mean and covariance of a pose, over the changes of its assignment and along what its detections hardly determine.
+
+A frame may leave open which of two points a detection is of. A filter that is told the pose of one of them predicts
+that one, so that the next frame is certain of it: it gets the mean of both (joint probabilistic data association,
+Fortmann, Bar-Shalom and Scheffe 1983).
 
 A fit ends where the residuals are least; its covariance is that of a linear image, and knows nothing of which points
 can be seen. Where few points are seen both are wrong by degrees in some directions, and a filter that is told so in
@@ -29,12 +33,14 @@ WEAK = 0.02
 """Standard deviation in radians, or over the distance, from which a direction is averaged over. A round value."""
 PLACES = np.linspace(-3.0, 3.0, 7)
 """Poses on the line, in standard deviations of the fit. A round value."""
+NOTICED = 1e-3
+"""Probability of changes of an assignment below which they are not averaged over: that of a wrong model."""
 LEAST = 0.25
 """Least variance along the line, over that of the fit: the poses on it are no closer. By construction."""
 
 
 def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
-    """The pose of one of some modes, averaged along its weak directions, one after another.
+    """The pose of one of some modes, averaged over its changes, then along its weak directions, one after another.
 
     Parameters
     ----------
@@ -47,7 +53,7 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     Pose
         Of the points as they were given, with its covariance.
     """
-    R, position, covariance = modes.rotation[k], modes.position[k], modes.covariance[k]
+    R, position, covariance = _over_changes(modes, k)
     lines = _weak(covariance, max(math.sqrt(position @ position), 1e-300))
     if lines.shape[1]:
         about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
@@ -59,6 +65,19 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
             average(row, np.array(lines), PLACES, model.scene_for_kernels, prior, LEAST, about)
             R, position, covariance = about[0][0], about[1][0], about[2]
     return Pose.unchecked(R, *about_point(R, position, 0.5 * (covariance + covariance.T), -model.centre))
+
+
+def _over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]:
+    """Rotation, position and covariance of a mode over all changes of its assignment, the first two moments of all."""
+    R, position, covariance = modes.rotation[k], modes.position[k], modes.covariance[k]
+    _, values, steps = modes.near[k]
+    weight = np.exp(np.minimum(values - modes.log_odds[k], 0.0))
+    weight /= 1.0 + weight.sum()
+    if float(weight.sum()) < NOTICED:
+        return R, position, covariance
+    mean = weight @ steps
+    spread = (weight[:, None] * steps).T @ steps - np.outer(mean, mean)
+    return one_rotation_matrix(mean[:3]) @ R, position + mean[3:], covariance + spread
 
 
 def _averaged(
