@@ -37,7 +37,7 @@ def test_three_markers_are_a_tool_only_where_one_may_be() -> None:
 def test_time_makes_its_return_probable() -> None:
     body = FollowedBody(TOOL, TrackingOptions())
     assert body.present(5.0) is None
-    body.absent = 0.02, 5.0
+    body.presence = 0.02, 5.0
     assert body.present(5.0) == pytest.approx(0.02)
     assert body.present(5.0 + RETURN) == pytest.approx(PRESENT + (0.02 - PRESENT) / np.e)
     assert body.present(1e6) == pytest.approx(PRESENT)

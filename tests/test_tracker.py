@@ -20,6 +20,7 @@ from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.mode_search import modes_of
+from rootmatch.model.modes import none_near
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
 from rootmatch.tracking.averaged_pose import averaged_pose
@@ -443,7 +444,7 @@ def test_a_pose_that_few_points_determine_is_averaged_over_what_they_leave_open(
     assignment = np.full(8, -1)
     assignment[shown] = np.arange(3)
     modes = modes_of(model, Proposals(assignment[None], R[None], position[None]))
-    pose = averaged_pose(model, modes, 0)
+    pose = averaged_pose(model, modes._replace(near=none_near(len(modes.near), 8)), 0)  # of this assignment alone
     fitted = pose_of_mode(model, modes, 0)
     # samples of the fit, twice as wide, weighed by the posterior
     wide = 4.0 * modes.covariance[0]

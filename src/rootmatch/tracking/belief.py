@@ -23,11 +23,9 @@ from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.task import Rivals
-from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
-from rootmatch.model.parallel_poses import between
 from rootmatch.model.pose_density import LEAST, Doubted
-from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.priors import COPY, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
@@ -43,7 +41,7 @@ from rootmatch.tracking.followed_places import (
     met_beside,
     odds_alone,
 )
-from rootmatch.tracking.followed_pose import FollowedPose, Step
+from rootmatch.tracking.followed_pose import FollowedPose, Step, moved_alike
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 
@@ -98,13 +96,18 @@ class Belief:
         """The filter of the most probable hypothesis."""
         return self.poses[0].filter
 
-    def certainty_of(self, found: Finding) -> float:
-        """Probability that the hypothesis which holds in a frame is right, as far as the frame does not tell.
+    def certainty_of(self, found: Finding, time: float) -> float:
+        """Probability that what holds in a frame is right, as far as the frame does not tell.
 
-        That it is of the body, that no pose was left out, and that the body is not where nothing is seen any more.
+        That it is the body itself rather than a copy, that no pose was left out, and that the body is not where nothing
+        is seen any more.
         """
-        other = math.exp(self.poses[0].log_other) if self.poses else 0.0
-        return (1.0 - self.unfollowed) * (1.0 - self.gone.share) * (1.0 - self._hidden(found)) / (1.0 + other)
+        holds = bool(found.prior_holds) and bool(self.poses)
+        absent = log_back(self.poses[0], time) if holds else self._log_absent(time, False)
+        sure = (1.0 - self.gone.share) / (1.0 + COPY * math.exp(absent))
+        if holds:
+            sure *= (1.0 - self.unfollowed) * (1.0 - self._hidden(found)) / (1.0 + math.exp(self.poses[0].log_other))
+        return sure
 
     def _hidden(self, found: Finding) -> float:
         """Share of the places of which a frame shows nothing, if it shows another that is followed."""
@@ -263,7 +266,7 @@ class Belief:
         # an average takes several evaluations of the posterior: only poses that are followed have one
         absent = self._log_absent(time, any(step.origin >= 0 for step in go_on))
         every = [self._after(step, found, modes, time, absent) for step in likely]
-        self._move_alike(every, [step.mode for step in likely], model, modes)
+        every = moved_alike(every, [step.mode for step in likely], model, modes)
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
         share = np.exp([step.total - after[0].total for step in after])
         kept = np.array([step in likely for step in after], np.bool_)
@@ -288,19 +291,6 @@ class Belief:
             if last.filter.time == self.time:
                 more += log_gone(last.alone, time - last.filter.time)
         return Step(log_shares[k] + more, shown, k, None, 0.0, place=last.place, alone=last.alone)
-
-    def _move_alike(
-        self, poses: list[FollowedPose], of: Sequence[int | None], model: DetectionModel, modes: Modes
-    ) -> None:
-        """Let poses between which the body looks the same move as the best one of them does.
-
-        Such poses differ by how far the body's centre is moved, which tells nothing: it may be the camera that moves.
-        """
-        for k, mode in enumerate(of[1:], 1):
-            if mode is None or of[0] is None:
-                continue
-            if (motion := between(model, modes, of[0], mode)) is not None:
-                poses[k] = replace(poses[k], filter=poses[0].filter.turned(*motion))
 
     def _take_motion(self, found: Finding, time: float) -> None:
         """Take in a match of two point sets: only one that is trusted tells a pose."""

@@ -95,7 +95,7 @@ class FollowedBody:
         """Detections that were left unexplained in the frame of the last search."""
         self.rest = False
         """Whether the search under way is among what is left, see `appeared`."""
-        self.absent: tuple[float, float] | None = None
+        self.presence: tuple[float, float] | None = None
         """Probability that it is in view after all by the last search for it, and its time; None if it was found."""
         self.forget()
 
@@ -124,9 +124,9 @@ class FollowedBody:
         What was not in view a moment ago hardly is now: the probability of the last search goes back to that of a body
         of which no frame is known, within `RETURN` seconds.
         """
-        if self.absent is None or self.belief:
+        if self.presence is None or self.belief:
             return None
-        chance, then = self.absent
+        chance, then = self.presence
         return chance_later(chance, PRESENT, time - then, RETURN)
 
     def is_due(self, frame: int) -> bool:
@@ -188,8 +188,7 @@ class FollowedBody:
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        told = bool(found.prior_holds) or self.belief.gone.share > 0.0
-        unsure |= told and self.belief.certainty_of(found) < found.facts.min_probability
+        unsure |= self.belief.certainty_of(found, time) < found.facts.min_probability
         if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found
@@ -204,9 +203,9 @@ class FollowedBody:
         self.belief.take(found, time, searched)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:
-            self.absent = None
+            self.presence = None
         elif searched and in_space:  # the search of an image is bounded: what it did not find may be there
-            self.absent = found.facts.present or 0.0, time
+            self.presence = found.facts.present or 0.0, time
         if found.status is Status.MATCHED:
             self.settled, self.matched = True, time
         elif time - self.matched > self.options.coasting:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.modes import Modes
+from rootmatch.model.parallel_poses import between
 from rootmatch.tracking.mistaken_identity import FLOOR
 from rootmatch.tracking.motion_filter import MotionFilter
 
@@ -55,3 +59,19 @@ class Step(NamedTuple):
     def total(self) -> float:
         """See `FollowedPose.total`."""
         return self.log_weight + self.shown
+
+
+def moved_alike(
+    poses: Sequence[FollowedPose], of: Sequence[int | None], model: DetectionModel, modes: Modes
+) -> list[FollowedPose]:
+    """Hypotheses of which those between which the body looks the same move as the first does; ``of``: their modes.
+
+    Such poses differ by how far the body's centre is moved, which tells nothing: it may be the camera that moves.
+    """
+    out = list(poses)
+    for k, mode in enumerate(of[1:], 1):
+        if mode is None or of[0] is None:
+            continue
+        if (motion := between(model, modes, of[0], mode)) is not None:
+            out[k] = replace(out[k], filter=out[0].filter.turned(*motion))
+    return out
