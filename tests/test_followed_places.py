@@ -189,6 +189,38 @@ def test_what_is_found_next_may_be_of_any_place_that_is_gone() -> None:
     assert other.share == pytest.approx(0.03)
 
 
+def test_a_place_that_is_gone_fades_while_the_body_does_not_come_back_there() -> None:
+    gone = GonePlaces()
+    gone.add({0: 0.3, 1: 0.7}, {1: 1.0})
+    for _ in range(30):
+        gone.fade(0.1)
+    assert gone.share / (1.0 - gone.share) == pytest.approx(0.3 / 0.7 * math.exp(-3.0 * IN_VIEW))
+
+
+@pytest.mark.parametrize("seed", [3, 12, 15])
+def test_a_body_that_is_elsewhere_after_a_pause_is_trusted_again(seed: int) -> None:
+    """Nothing is seen where it was predicted: that it is hidden there, and a copy came, is no matter of tempering."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(20, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    axes = rng.uniform(0.06, 0.15, 3)
+    points, normals = directions * axes, directions / axes
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    first, turn, time = Rotation.random(rng=rng), rng.normal(0.0, 1.0, 3), 0.0
+    tracker = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3, normals=normals, view_angle=math.radians(70.0))
+    found = []
+    for k in range(60):
+        time += 2.0 if k == 30 else 1.0 / 60.0
+        R = (Rotation.from_rotvec(turn * time) * first).as_matrix()
+        seen = points @ R.T + (0.2 * math.sin(time), 0.1 * math.cos(1.3 * time), 1.0 + 0.1 * math.sin(0.7 * time))
+        facing = -((normals @ R.T) * seen).sum(axis=1) / np.linalg.norm(seen, axis=1)
+        shown = (facing > math.cos(math.radians(70.0))) & (rng.random(20) > 0.07)
+        target = CAMERA.project(seen[shown])
+        found.append(tracker.update(target + rng.normal(0.0, 0.3, target.shape), time=time))
+    assert sum(map(bool, found[:30])) >= 25
+    assert sum(map(bool, found[40:])) >= 17
+
+
 def test_a_turned_filter_expects_the_same() -> None:
     """Its prediction has the density at a pose after the motion that the other one's has at the pose."""
     rng = np.random.default_rng(2)

@@ -33,6 +33,7 @@ from rootmatch.tracking.flipped_poses import flipped_poses
 from rootmatch.tracking.followed_places import (
     IN_VIEW,
     GonePlaces,
+    chance_absent,
     chance_of_copy,
     in_places,
     log_absent,
@@ -84,7 +85,7 @@ class Belief:
         self.most = 0
         """Largest number of matches with which a single place was weighed for itself alone."""
         self.absent = 1.0 - IN_VIEW
-        """Probability that the body was not in view in that frame, while none is followed."""
+        """Probability that the body is not in view, as of that frame, if it is not where it is followed."""
         self.excluded = -math.inf
         """Time of the last search that met nothing but what is followed."""
 
@@ -209,9 +210,11 @@ class Belief:
         A hypothesis that no mode continues stays as predicted; for it, the frame counts as one that does not show the
         body. ``searched``: whether a search for the body ended in this frame.
         """
-        met = self._take(found, time)
-        if searched and not met:
+        others = self._take(found, time)
+        if searched and not others:
             self.excluded = time
+        if self.poses:  # were it not seen again where it is followed
+            self.absent = chance_absent(1.0, time - self.best.time)
 
     def _take(self, found: Finding, time: float) -> bool:
         """Take in a frame's posterior; whether it has something beside what is followed."""
@@ -231,6 +234,8 @@ class Belief:
         if count > self.most and len(set(place.tolist())) == 1:
             self.most, alone[:] = count, max(alone[0], odds_alone(model, modes.take(slice(1)))[0])
         each = _log(told.probabilities[: len(origin)])
+        elsewhere = ~np.isin(place, [one.place for one in self.poses])
+        others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
         weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown) + more
         first = int((origin >= 0).argmax())
         known_places = {int(place[first]), *(one.place for one in self.poses)}
@@ -240,6 +245,9 @@ class Belief:
             met = met_beside(model, modes, each, alone, first)
             weight[new] = weight[first] + log_back(self.poses[origin[first]], time) + met[new]
         nothing, present, go_on = float(_log(np.array(told.clutter))), found.facts.present, []
+        often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
+        if origin[first] < 0:
+            weight = each - shown
         is_shown = present is not None and present >= found.facts.min_probability
         for k, of in enumerate(origin.tolist()):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
@@ -257,7 +265,7 @@ class Belief:
             if chance >= LIKELY:
                 where = int(place[k])
                 go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=float(alone[k])))
-        stay = [self._stays(k, TEMPER * nothing, go_on, time) for k in range(len(self.poses))]
+        stay = [self._stays(k, often * nothing, go_on, time) for k in range(len(self.poses))]
         gone = {step.origin for step in go_on}
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
         # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
@@ -276,8 +284,10 @@ class Belief:
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
         if not known and len({one.place for one in self.poses if chance_of_copy(one.alone) >= LIKELY}) > 1:
             self.gone = GonePlaces()  # they are in view again
+        if known and any(one.filter.time == time for one in self.poses):
+            self.gone.fade(time - self.time)
         self.time = time
-        return bool(new.any())
+        return others
 
     def _stays(self, k: int, more: float, go_on: Sequence[Step], time: float) -> Step:
         """A hypothesis that no mode continues; ``more``: what the frame adds to its log-weight, if it tells of it.

@@ -9,7 +9,6 @@ independent; several that come back together, as from behind a hand, are doubted
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -54,12 +53,9 @@ class DarkPoints:
         less = float(np.prod(told / np.maximum(local, 1e-300)))
         if less > 1.0 - NOTICED:
             return found
-        confidence, chance = sure.copy(), chance * less
+        confidence = sure.copy()
         confidence[matched] = whole * told
-        found = replace(found, confidence=confidence)
-        if chance >= found.facts.min_probability:
-            return found.with_facts(probability=chance)
-        return found.with_facts(probability=chance, contested=True, sure_of_the_rest=False)
+        return found.doubted(chance * less, confidence)
 
     def take(self, found: Finding, time: float) -> None:
         """Learn from a frame, if the body is more probably in it than not."""

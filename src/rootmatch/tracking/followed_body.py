@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
+
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_enough
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.model.point_set_model import PRESENT
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.options import Options, option
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.dark_points import DarkPoints
@@ -188,7 +191,10 @@ class FollowedBody:
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        unsure |= self.belief.certainty_of(found, time) < found.facts.min_probability
+        certain, chance, sure = self.belief.certainty_of(found, time), found.facts.probability, found.every_confidence
+        unsure |= certain < found.facts.min_probability
+        if certain < 1.0 - WRONG_MODEL and chance is not None and sure is not None:
+            found = found.doubted(certain * chance, np.where(found.assignment >= 0, certain * sure, sure))
         if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found
@@ -215,7 +221,7 @@ class FollowedBody:
             self.missed += 1
             self.belief.forget_before(time - self.options.coasting)
             if not self.belief:
-                self._lose()
+                self._lose(1.0 - (found.facts.present or 0.0) if searched else self.belief.absent)
             return
         self.belief.leave_before(time - self.options.coasting)
         self.missed, self.detections = 0, found.task.shape[1]

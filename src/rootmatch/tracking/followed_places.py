@@ -24,6 +24,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.modes import Modes, same_place
@@ -66,6 +67,13 @@ class GonePlaces:
         self.share += sum(every)
         if not after:
             self.share, self._most = 1.0 - self._most, 0.0
+
+    def fade(self, seconds: float) -> None:
+        """Count that the body has not come back there for some seconds in which what is followed was seen."""
+        if self.share < 1.0:
+            stays = math.exp(-IN_VIEW / RETURN * seconds)
+            left = 1.0 - self.share * (1.0 - stays)
+            self.share, self._most = self.share * stays / left, self._most * stays / left
 
 
 def in_places(
@@ -183,13 +191,15 @@ def log_back(followed: FollowedPose, now: float) -> float:
 def met_beside(model: DetectionModel, modes: Modes, each: Floats, alone: Floats, first: int) -> Floats:
     """Log-weights (M,) of modes in other places relative to the followed one, whose first mode is given.
 
-    By what each shows for itself, and by how much less probable it is than that as other bodies explain it as well.
+    By what each shows for itself, and by how much less probable it is because other bodies explain it as well.
     ``each`` (M,): logarithms of the probabilities of the modes in the frame; ``alone`` (M,): as of `in_places`.
     """
     own = np.array([log_weight(one) for one in alone.tolist()])
-    as_copy = np.logaddexp(0.0, math.log(COPY) + odds_alone(model, modes))
-    lone = modes.log_mass - as_copy
-    shared = each - each[first] - (lone - lone[first])
+    (told,) = joint_posterior([model], [modes])  # as if there was no other body
+    same = (told.modes.assignments == modes.assignments[:, None]).all(axis=2)
+    same &= (told.modes.position == modes.position[:, None]).all(axis=2)
+    without = np.log(np.maximum((same * told.probabilities).max(axis=1), 1e-300))
+    shared = each - each[first] - (without - without[first])
     return np.asarray(own - own[first] + np.minimum(shared, 0.0))
 
 
