@@ -262,12 +262,13 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
 
 
 def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pose | None:
-    """The pose of one labelling and of what is known of its motion, if that holds; none with a scale."""
+    """The pose of one labelling and of what is known of its motion, if that holds."""
     which = int(judged.held[0])
-    if model.prior is None or which < 0 or model.clouds.scaled:
+    if model.prior is None or which < 0:
         return None
     points, fit, known = task.points, judged.fit, model.prior.predictions[which][0]
     if not points.has_covariances:
-        return fused(Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0]), known)
+        spread = motion_covariances(fit)[0]
+        return fused(Pose.unchecked(fit.rotation[0], fit.shift[0], spread, float(fit.scale[0])), known)
     (pose,) = task.problem.poses(points, fit.assignments)
     return None if pose is None else fused(pose, known)
