@@ -56,7 +56,8 @@ Camera = Annotated[
 StatedNoise = Annotated[
     str | None,
     option.points(
-        "Standard deviation of a coordinate, in pixels; rigid, similarity: in the points' unit, of model and detections.",
+        "Standard deviation of a coordinate, in pixels; rigid, similarity: in the points' unit, two numbers if the "
+        "model is noisy.",
         metavar="PX|SOURCE,TARGET",
         default="1, or the columns sigma or sxx,sxy,syy",
     ),

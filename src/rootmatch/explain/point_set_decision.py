@@ -23,7 +23,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
-from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances
+from rootmatch.model.motion_prior import MotionPrior, common_covariance, fused, motion_covariances
 from rootmatch.model.point_set_model import PRESENT, Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, posterior
 from rootmatch.problems.pose_fit.pose import Pose
@@ -267,8 +267,10 @@ def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pos
     if model.prior is None or which < 0:
         return None
     points, fit, known = task.points, judged.fit, model.prior.predictions[which][0]
-    if not points.has_covariances:
-        spread = motion_covariances(fit)[0]
-        return fused(Pose.unchecked(fit.rotation[0], fit.shift[0], spread, float(fit.scale[0])), known)
-    (pose,) = task.problem.poses(points, fit.assignments)
-    return None if pose is None else fused(pose, known)
+    pose: Pose | None = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
+    if points.has_covariances:
+        (pose,) = task.problem.poses(points, fit.assignments)
+    if pose is None:
+        return None
+    # what a tracker predicts was measured by the same points
+    return fused(pose, known, common_covariance(model.clouds, pose) if math.isfinite(task.prior_freedom) else 0.0)

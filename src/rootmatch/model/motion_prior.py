@@ -2,13 +2,18 @@
 
 The model of `rootmatch.model.point_set_model` integrates the motion of a labelling out under a flat prior. About its
 best motion the likelihood is normal, with a covariance Σ; knowledge of the motion is a measurement of some of its six
-parameters, seven with an unknown scale, that is off by d, with Jacobian J and covariance C. Its prior therefore multiplies the odds by
+parameters (seven, where the scale is unknown) that is off by d, with Jacobian J and covariance C. Its prior therefore
+multiplies the odds by
 
     N(d; 0, J Σ Jᵀ + C) / N(0; 0, F + C)
 
 where F is the covariance of a normal distribution with the volume that the flat prior gives what is known: 8π² for a
-rotation, 4π for a direction, V for a position, and for a scale s that times the range of its logarithm. Precise knowledge is worth that volume, and vague knowledge is worth
-nothing, so it takes nothing away either. It takes no second fit.
+rotation, 4π for a direction, V for a position, and for a scale s that times the range of its logarithm. Precise
+knowledge is worth that volume, and vague knowledge is worth nothing, so it takes nothing away either. It takes no
+second fit.
+
+What a tracker predicts was measured by the same source points. Their errors change all poses alike, so no number of
+frames averages them out: they are left out where a fit and its prediction are fused, and added to both together.
 """
 
 from __future__ import annotations
@@ -22,7 +27,7 @@ import numpy as np
 from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit
+from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit, fitted_point_sets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
 
@@ -30,6 +35,8 @@ ROTATIONS = 8.0 * math.pi**2
 """Volume of all rotations, by rotation vectors."""
 DIRECTIONS = 4.0 * math.pi
 """Area of all directions."""
+EXACT = 1e-6
+"""Smallest variance, relative to others."""
 GATE = 21.0
 """Squared deviation, in three coordinates, up to which a target may be a predicted point: chance 10⁻⁴ beyond."""
 
@@ -140,14 +147,41 @@ def motion_covariances(fit: PointSetFit) -> Floats:
     return np.asarray(change @ whole @ change.swapaxes(1, 2))
 
 
-def fused(fit: Pose, known: Pose | PosePrior) -> Pose:
-    """A fitted motion and what is known of it together, to first order."""
+def fused(fit: Pose, known: Pose | PosePrior, common: Floats | float = 0.0) -> Pose:
+    """A fitted motion and what is known of it together, to first order.
+
+    ``common``: covariance of errors that a known pose has in common with the fit, so that both together have them too.
+    """
     if isinstance(known, PosePrior):
         return known.with_prediction(fit)
+    assert fit.covariance is not None
     assert known.covariance is not None
     size = len(known.covariance)
     off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), known.scale - fit.scale])
-    return updated(fit, np.eye(size), off[:size], known.covariance)
+    if isinstance(common, float):
+        return updated(fit, np.eye(size), off[:size], known.covariance)
+    fit = Pose.unchecked(fit.R, fit.t, _less(fit.covariance, common), fit.scale)
+    both = updated(fit, np.eye(size), off[:size], _less(known.covariance, common[:size, :size]))
+    assert both.covariance is not None
+    return Pose.unchecked(both.R, both.t, both.covariance + common, both.scale)
+
+
+def common_covariance(clouds: PointClouds, pose: Pose) -> Floats | float:
+    """Covariance of what the errors of the source points change in all poses alike; 0 if these are nearly exact."""
+    most = float(clouds.source_variance.max())
+    if pose.scale**2 * most <= EXACT * float(clouds.target_variance.max()):
+        return 0.0
+    variance = np.maximum(clouds.source_variance, EXACT * most)
+    exact = clouds._replace(target=pose.transform(clouds.source), target_variance=0.0 * variance)
+    there = exact._replace(source_variance=variance)
+    return np.asarray(motion_covariances(fitted_point_sets(there, np.arange(len(variance))[None], False))[0])
+
+
+def _less(covariance: Floats, part: Floats) -> Floats:
+    """A covariance without a part of it, positive definite."""
+    size = np.sqrt(np.diagonal(covariance))
+    values, vectors = np.linalg.eigh((covariance - part) / (size[:, None] * size))
+    return np.asarray((vectors * np.maximum(values, EXACT)) @ vectors.T * (size[:, None] * size))
 
 
 def _tells_scale(pose: Pose) -> bool:

@@ -17,9 +17,7 @@ def body_radius(source: Floats) -> float:
     return math.sqrt(float(np.vdot(centred, centred)) / len(source))
 
 
-def about_point(
-    R: Floats, t: Floats, covariance: Floats, point: Floats, scale: float = 1.0
-) -> tuple[Floats, Floats]:
+def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats, scale: float = 1.0) -> tuple[Floats, Floats]:
     """Position (3,) of a point of the body in the target's frame, and the covariance of the pose with it for t.
 
     Parameters
