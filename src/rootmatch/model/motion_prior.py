@@ -154,16 +154,33 @@ def fused(fit: Pose, known: Pose | PosePrior, common: Floats | float = 0.0) -> P
     """
     if isinstance(known, PosePrior):
         return known.with_prediction(fit)
-    assert fit.covariance is not None
-    assert known.covariance is not None
-    size = len(known.covariance)
-    off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), known.scale - fit.scale])
-    if isinstance(common, float):
-        return updated(fit, np.eye(size), off[:size], known.covariance)
-    fit = Pose.unchecked(fit.R, fit.t, _less(fit.covariance, common), fit.scale)
-    both = updated(fit, np.eye(size), off[:size], _less(known.covariance, common[:size, :size]))
+    fit = _without_bias(fit)
+    spread, certain = fit.covariance, known.covariance
+    assert spread is not None
+    assert certain is not None
+    size = len(certain)
+    longer = fit.scale * math.log(
+        known.scale / fit.scale
+    )  # as `updated` takes it, or each frame would add to the scale
+    off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), longer])[:size]
+    if not isinstance(common, float):
+        fit = Pose.unchecked(fit.R, fit.t, _less(spread, common), fit.scale)
+        certain = _less(certain, common[:size, :size])
+    both = updated(fit, np.eye(size), off, certain)
     assert both.covariance is not None
     return Pose.unchecked(both.R, both.t, both.covariance + common, both.scale)
+
+
+def _without_bias(fit: Pose) -> Pose:
+    """A fit whose scale is the most likely one with rotations integrated out: the best rotation fits noise as well.
+
+    The likelihood of each rotation falls with the square of its angle, times the scale: so a power −3/2 of it stands beside the fit.
+    """
+    if not _tells_scale(fit):
+        return fit
+    assert fit.covariance is not None
+    less = 1.5 / fit.scale * fit.covariance[:, 6]
+    return Pose.unchecked(fit.R, fit.t - less[3:6], fit.covariance, fit.scale - less[6])
 
 
 def common_covariance(clouds: PointClouds, pose: Pose) -> Floats | float:

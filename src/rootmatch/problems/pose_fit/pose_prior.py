@@ -155,7 +155,7 @@ def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> P
 def updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
     """A pose after a Kalman update with a measurement off by (k,), of covariance (k, k).
 
-    ``jacobian`` (k, p): by the first p rows of the pose's covariance.
+    ``jacobian`` (k, p): by the first p rows of the pose's covariance. A scale changes in its logarithm.
     """
     assert prior.covariance is not None
     size = jacobian.shape[1]
@@ -164,7 +164,7 @@ def updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
     kalman = gain @ np.linalg.pinv(total, hermitian=True)
     step, covariance = kalman @ off, prior.covariance - kalman @ gain.T
     R = one_rotation_matrix(step[:3]) @ prior.R
-    scale = prior.scale * math.exp(float(step[6:].sum()) / prior.scale)  # it stays positive
+    scale = prior.scale * math.exp(float(step[6:].sum()) / prior.scale)
     return Pose.unchecked(R, prior.t + step[3:6], 0.5 * (covariance + covariance.T), scale)
 
 
