@@ -80,7 +80,7 @@ def test_a_flight_in_an_unknown_unit() -> None:
 
 
 def test_a_scale_that_many_frames_tell_is_not_biased() -> None:
-    """Errors of second order in each frame would add up: of 2e-4 here, where 200 frames tell the scale to 1e-3."""
+    """Errors of second order in each frame would add up: of 1e-4 here, where 200 frames tell the scale to 1e-3."""
     errors = []
     for seed in range(5):
         rng = np.random.default_rng([seed, 19])

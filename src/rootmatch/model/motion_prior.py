@@ -174,13 +174,15 @@ def fused(fit: Pose, known: Pose | PosePrior, common: Floats | float = 0.0) -> P
 def _without_bias(fit: Pose) -> Pose:
     """A fit whose scale is the most likely one with rotations integrated out: the best rotation fits noise as well.
 
-    The likelihood of each rotation falls with the square of its angle, times the scale: so a power −3/2 of it stands beside the fit.
+    The likelihood of a rotation falls with its squared angle times the scale, so their integral has the factor s^(−3/2).
     """
     if not _tells_scale(fit):
         return fit
     assert fit.covariance is not None
-    less = 1.5 / fit.scale * fit.covariance[:, 6]
-    return Pose.unchecked(fit.R, fit.t - less[3:6], fit.covariance, fit.scale - less[6])
+    with_scale, variance = fit.covariance[:, 6], float(fit.covariance[6, 6])
+    scale = fit.scale * math.exp(-1.5 * variance / fit.scale**2)
+    shift = (scale - fit.scale) / variance * with_scale[3:6]
+    return Pose.unchecked(fit.R, fit.t + shift, fit.covariance, scale)
 
 
 def common_covariance(clouds: PointClouds, pose: Pose) -> Floats | float:
