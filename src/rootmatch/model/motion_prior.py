@@ -174,7 +174,7 @@ def fused(fit: Pose, known: Pose | PosePrior, common: Floats | float = 0.0) -> P
 def _without_bias(fit: Pose) -> Pose:
     """A fit whose scale is the most likely one with rotations integrated out: the best rotation fits noise as well.
 
-    The likelihood of a rotation falls with its squared angle times the scale, so their integral has the factor s^(−3/2).
+    The likelihood of a rotation falls with its squared angle times the scale, so the integral has a factor s^(−3/2).
     """
     if not _tells_scale(fit):
         return fit
