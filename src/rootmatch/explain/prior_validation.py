@@ -45,6 +45,8 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
     if prior.R.shape != (3, 3) or prior.covariance is None or len(prior.covariance) not in sizes:
         shapes = " or ".join(f"({size}, {size})" for size in sizes)
         raise InputError(f"{name}: a pose in space with a covariance {shapes} is needed; give Pose(R, t, covariance)")
+    if len(sizes) == 1 and prior.scale != 1.0:
+        raise InputError(f"{name}: a scale of {prior.scale:g} given, and {problem.name} has none; leave it out")
 
 
 def check_space(problem: Problem, name: str = "prior") -> None:

@@ -159,9 +159,8 @@ def fused(fit: Pose, known: Pose | PosePrior, common: Floats | float = 0.0) -> P
     assert spread is not None
     assert certain is not None
     size = len(certain)
-    longer = fit.scale * math.log(
-        known.scale / fit.scale
-    )  # as `updated` takes it, or each frame would add to the scale
+    # as `updated` takes it: were it the difference, each frame would add to the scale
+    longer = fit.scale * math.log(known.scale / fit.scale)
     off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), longer])[:size]
     if not isinstance(common, float):
         fit = Pose.unchecked(fit.R, fit.t, _less(spread, common), fit.scale)
