@@ -128,8 +128,9 @@ def point_by_point(match: rm.Match, truth: Integers) -> str:
     return " ".join(f"{confidence:.5f}/{int(good)}" for confidence, good in pairs)
 
 
-def squared_error(pose: rm.Pose, R: Floats, t: Floats) -> float:
+def squared_error(pose: rm.Pose, R: Floats, t: Floats, scale: float = 1.0) -> float:
     """Squared deviation of a pose from the true one over its covariance, which has full rank (NEES)."""
     assert pose.covariance is not None
-    off = np.concatenate([Rotation.from_matrix(R @ pose.R.T).as_rotvec(), t - pose.t])
+    off = np.array([*Rotation.from_matrix(R @ pose.R.T).as_rotvec(), *(t - pose.t), scale - pose.scale])
+    off = off[: len(pose.covariance)]
     return float(off @ np.linalg.solve(pose.covariance, off))

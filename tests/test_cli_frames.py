@@ -511,9 +511,9 @@ def test_a_trajectory_of_the_frames_is_written(folder: Path, tmp_path: Path) -> 
 
 def test_a_tracker_names_the_problems_that_it_takes(folder: Path) -> None:
     both, options = (folder / "model.csv", folder / "frames.csv"), OPTIONS[2:]
-    assert "'p3p', 'up2p', 'rigid'" in run("track", *both, "--problem", "3p1", *options).stderr
+    assert "'p3p', 'up2p', 'rigid', 'similarity'" in run("track", *both, "--problem", "3p1", *options).stderr
     shown = run("track", "--help").stdout
-    assert not any(name in shown for name in ("3p1", "planar", "similarity", "up2pf"))
+    assert not any(name in shown for name in ("3p1", "planar", "up2pf"))
     assert "--noise: auto given" in run("track", *both, *OPTIONS, "--noise", "auto").stderr
 
 

@@ -132,7 +132,7 @@ def test_priors_that_do_not_go_with_the_rest_are_refused() -> None:
         rm.match(TOOL[:, :2], target[:, :2], rm.Rigid(), prior=prior)
     with pytest.raises(rm.InputError, match=r"^problem: .*dimension=2.* given; a tracker follows .* in space"):
         rm.Tracker(TOOL[:, :2], rm.Rigid())
-    for problem in (rm.Similarity(), rm.Rigid(mirror=True)):
+    for problem in (rm.Similarity(mirror=True), rm.Rigid(mirror=True)):
         with pytest.raises(rm.InputError, match=r"^problem: .* given; a tracker follows"):
             rm.Tracker(TOOL, problem)
     with pytest.raises(rm.InputError, match=r"^prior: it is weighed by the model of one motion"):

@@ -12,12 +12,12 @@ from rootmatch.report.text import match_weights
 
 if TYPE_CHECKING:
     from rootmatch.io.point_files import PointSet
+    from rootmatch.problems.base import Problem
     from rootmatch.problems.pose_fit.pose import Pose
     from rootmatch.result import Match
     from rootmatch.tracking.tracker import TrackingState
 
 POSE_COLUMNS = ("frame", "body", "status", "probability", "matched", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-COVARIANCES = tuple(covariance_columns(IN_SPACE))
 TRAJECTORY = ("#", "time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 """The first line of TUM's trajectories: a comment."""
 MATCH_COLUMNS = ("frame", "source", "target", "weight", "motion")
@@ -28,6 +28,12 @@ def counted(statuses: Counter[str]) -> str:
     return ", ".join(f"{statuses[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
 
 
+def pose_columns(problem: Problem) -> tuple[str, ...]:
+    """The columns of `pose_rows`: with the scale and its covariances where that is unknown."""
+    names = (*IN_SPACE, "scale")[: problem.predicted_rows]
+    return *POSE_COLUMNS, *names[len(IN_SPACE) :], *covariance_columns(names)
+
+
 def pose_rows(frame: int, match: Match) -> list[list[Any]]:
     """A row for each body of a frame: its status, and its pose where it is known."""
     each: list[tuple[Any, Match]] = [("", match)] if match.bodies is None else list(match.bodies.items())
@@ -35,7 +41,7 @@ def pose_rows(frame: int, match: Match) -> list[list[Any]]:
     for label, one in each:
         probability = finite(one.finding.probability)
         told = [frame, label, one.status.name.lower(), probability, int((one.assignment >= 0).sum())]
-        rows.append([*told, *_cells(_pose(one))])
+        rows.append([*told, *_cells(_pose(one), match.problem.predicted_rows)])
     return rows
 
 
@@ -88,11 +94,12 @@ def _pose(match: Match) -> Pose | None:
     return match.poses[0] if match.poses else None
 
 
-def _cells(pose: Pose | None) -> list[Any]:
-    """The cells of a pose in space with its covariance; empty for what is absent."""
+def _cells(pose: Pose | None, rows: int) -> list[Any]:
+    """The cells of a pose in space with its covariance (rows, rows); empty for what is absent."""
+    pairs, with_scale = upper_triangle(rows), rows > len(IN_SPACE)
     if pose is None or len(pose.R) != 3:
-        return [""] * (7 + len(COVARIANCES))
+        return [""] * (7 + with_scale + len(pairs))
     spread = pose.covariance
-    known = spread is not None and spread.shape == (6, 6)
-    covariance = [float(spread[a, b]) for a, b in upper_triangle(6)] if known else [""] * len(COVARIANCES)  # type: ignore[index]
-    return [*pose.t.tolist(), *pose.quaternion.tolist(), *covariance]
+    known = spread is not None and len(spread) == rows
+    covariance = [float(spread[a, b]) for a, b in pairs] if known else [""] * len(pairs)  # type: ignore[index]
+    return [*pose.t.tolist(), *pose.quaternion.tolist(), *[pose.scale][:with_scale], *covariance]

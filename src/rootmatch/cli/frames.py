@@ -97,7 +97,7 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
 
     Frames that an earlier run has written are left out where ``outputs`` resumes.
     """
-    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, counted
+    from rootmatch.cli.frame_outputs import MATCH_COLUMNS, counted, pose_columns
     from rootmatch.io import is_standard_output
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.research.sweep import check_jobs
@@ -106,7 +106,7 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
     if outputs.paths:
         leaves("what was written is kept, and --resume continues")
 
-    headers = {"--output": MATCH_COLUMNS, "--poses": (*POSE_COLUMNS, *COVARIANCES)}
+    headers = {"--output": MATCH_COLUMNS, "--poses": pose_columns(job.problem)}
     count: Counter[str] = Counter()
     unmatched: int | None = None
     with ExitStack() as files:

@@ -34,7 +34,7 @@ FIRST_FRAMES = 50
 if TYPE_CHECKING:
     ProblemName = StrEnum
 else:
-    ProblemName = StrEnum("ProblemName", {name: name for name in ("p3p", "up2p", "rigid")})
+    ProblemName = StrEnum("ProblemName", {name: name for name in ("p3p", "up2p", "rigid", "similarity")})
 
 
 class PoseFormatName(StrEnum):
@@ -56,7 +56,8 @@ Camera = Annotated[
 StatedNoise = Annotated[
     str | None,
     option.points(
-        "Standard deviation of a coordinate, in pixels; rigid: in the points' unit, two numbers if the model is noisy.",
+        "Standard deviation of a coordinate, in pixels; rigid, similarity: in the points' unit, two numbers if the "
+        "model is noisy.",
         metavar="PX|SOURCE,TARGET",
         default="1, or the columns sigma or sxx,sxy,syy",
     ),
@@ -170,13 +171,12 @@ def track(
         raise InputError("--noise: auto given; a tracker needs a number, and `rootmatch match` estimates it of a frame")
     posed = build_problem(str(problem), given)
     from rootmatch.cli.frame_outputs import (
-        COVARIANCES,
         MATCH_COLUMNS,
-        POSE_COLUMNS,
         TRAJECTORY,
         counted,
         frame_record,
         match_rows,
+        pose_columns,
         pose_rows,
         trajectory_rows,
     )
@@ -193,7 +193,7 @@ def track(
     subjects = {name: flag(name) for name in (*options, "noise")}
     if of_tum and source.bodies is not None:
         raise InputError(f"--pose-format: tum is a trajectory of one body, and {model} has a column body; give csv")
-    header, delimiter = (TRAJECTORY, " ") if of_tum else ((*POSE_COLUMNS, *COVARIANCES, "time"), ",")
+    header, delimiter = (TRAJECTORY, " ") if of_tum else ((*pose_columns(posed), "time"), ",")
     count: Counter[str] = Counter()
     times: list[float] = []
     timed = False

@@ -23,7 +23,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
-from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances
+from rootmatch.model.motion_prior import MotionPrior, common_covariance, fused, motion_covariances
 from rootmatch.model.point_set_model import PRESENT, Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, posterior
 from rootmatch.problems.pose_fit.pose import Pose
@@ -262,12 +262,15 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
 
 
 def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pose | None:
-    """The pose of one labelling and of what is known of its motion, if that holds; none with a scale."""
+    """The pose of one labelling and of what is known of its motion, if that holds."""
     which = int(judged.held[0])
-    if model.prior is None or which < 0 or model.clouds.scaled:
+    if model.prior is None or which < 0:
         return None
     points, fit, known = task.points, judged.fit, model.prior.predictions[which][0]
-    if not points.has_covariances:
-        return fused(Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0]), known)
-    (pose,) = task.problem.poses(points, fit.assignments)
-    return None if pose is None else fused(pose, known)
+    pose: Pose | None = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
+    if points.has_covariances:
+        (pose,) = task.problem.poses(points, fit.assignments)
+    if pose is None:
+        return None
+    # what a tracker predicts was measured by the same points
+    return fused(pose, known, common_covariance(model.clouds, pose) if math.isfinite(task.prior_freedom) else 0.0)

@@ -72,8 +72,9 @@ def _scaled(factor: float, known: Prior) -> Prior | None:
     """What is known with another unit of its position; None if it has none."""
     if isinstance(known, Pose):
         assert known.covariance is not None
-        sizes = np.repeat([1.0, factor], 3)
-        return Pose(known.R, factor * known.t, known.covariance * sizes * sizes[:, None])
+        sizes = np.ones(len(known.covariance))
+        sizes[3:6] = factor
+        return replace(known, t=factor * known.t, covariance=known.covariance * sizes * sizes[:, None])
     if known.place is None:
         return None
     t, covariance = known.place

@@ -41,8 +41,12 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
         raise InputError(
             f"{name}: {type(prior).__name__} given; give rootmatch.Pose(R, t, covariance) or rootmatch.PosePrior"
         )
-    if prior.R.shape != (3, 3) or prior.covariance is None or prior.covariance.shape != (6, 6):
-        raise InputError(f"{name}: a pose in space with a covariance (6, 6) is needed; give Pose(R, t, covariance)")
+    sizes = sorted({6, problem.predicted_rows})
+    if prior.R.shape != (3, 3) or prior.covariance is None or len(prior.covariance) not in sizes:
+        shapes = " or ".join(f"({size}, {size})" for size in sizes)
+        raise InputError(f"{name}: a pose in space with a covariance {shapes} is needed; give Pose(R, t, covariance)")
+    if len(sizes) == 1 and prior.scale != 1.0:
+        raise InputError(f"{name}: a scale of {prior.scale:g} given, and {problem.name} has none; leave it out")
 
 
 def check_space(problem: Problem, name: str = "prior") -> None:
@@ -52,14 +56,14 @@ def check_space(problem: Problem, name: str = "prior") -> None:
 
 
 def check_followed(problem: Problem) -> None:
-    """Refuse what a tracker does not follow: no pose of a body, or one in a plane, of unknown scale, or reflected."""
+    """Refuse what a tracker does not follow: no pose of a body, or one in a plane, or reflected."""
     followed = problem.takes_prior
     if problem.takes_motion_prior and problem.source_dimension != 2:
-        followed = getattr(problem, "scale", 1.0) == 1.0 and not getattr(problem, "mirror", False)
+        followed = not getattr(problem, "mirror", False)
     if not followed:
         raise InputError(
-            f"problem: {problem!r} given; a tracker follows rotations and translations in space: give P3P, UP2P or "
-            "Rigid() with points in space"
+            f"problem: {problem!r} given; a tracker follows rotations and translations in space: give P3P, UP2P, or "
+            "Rigid() or Similarity() with points in space"
         )
 
 

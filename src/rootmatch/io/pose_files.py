@@ -88,7 +88,7 @@ def _read_pose(path: Path, record: Any) -> Pose:
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing; give an object with R, t and covariance")
     with errors_at(path):
-        return Pose(record["R"], record["t"], record["covariance"])
+        return Pose(record["R"], record["t"], record["covariance"], scale=record.get("scale", 1.0))
 
 
 def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> None:

@@ -2,13 +2,18 @@
 
 The model of `rootmatch.model.point_set_model` integrates the motion of a labelling out under a flat prior. About its
 best motion the likelihood is normal, with a covariance Σ; knowledge of the motion is a measurement of some of its six
-parameters that is off by d, with Jacobian J and covariance C. Its prior therefore multiplies the odds by
+parameters (seven, where the scale is unknown) that is off by d, with Jacobian J and covariance C. Its prior therefore
+multiplies the odds by
 
     N(d; 0, J Σ Jᵀ + C) / N(0; 0, F + C)
 
 where F is the covariance of a normal distribution with the volume that the flat prior gives what is known: 8π² for a
-rotation, 4π for a direction and V for a position. Precise knowledge is worth that volume, and vague knowledge is worth
-nothing, so it takes nothing away either. It takes no second fit.
+rotation, 4π for a direction, V for a position, and for a scale s that times the range of its logarithm. Precise
+knowledge is worth that volume, and vague knowledge is worth nothing, so it takes nothing away either. It takes no
+second fit.
+
+What a tracker predicts was measured by the same source points. Their errors change all poses alike, so no number of
+frames averages them out: they are left out where a fit and its prediction are fused, and added to both together.
 """
 
 from __future__ import annotations
@@ -22,7 +27,7 @@ import numpy as np
 from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
+from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit, fitted_point_sets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
 
@@ -30,6 +35,8 @@ ROTATIONS = 8.0 * math.pi**2
 """Volume of all rotations, by rotation vectors."""
 DIRECTIONS = 4.0 * math.pi
 """Area of all directions."""
+EXACT = 1e-6
+"""Smallest variance, relative to others."""
 GATE = 21.0
 """Squared deviation, in three coordinates, up to which a target may be a predicted point: chance 10⁻⁴ beyond."""
 
@@ -40,7 +47,7 @@ class _Off(NamedTuple):
     off: Floats
     """(K, k)."""
     jacobian: Floats
-    """(k, 6): of a turn and a shift of the motion."""
+    """(k, 6) or (k, 7): of a turn, a shift and, where it is unknown, the scale of the motion."""
     covariance: Floats
     """(k, k)."""
     ranges: Floats
@@ -61,7 +68,7 @@ class MotionPrior:
     Parameters
     ----------
     predictions : sequence of (Pose or PosePrior, share)
-        Shares add up to 1. A pose has a covariance (6, 6).
+        Shares add up to 1. A pose has a covariance (6, 6), or (7, 7) if it tells the scale.
     doubt : float
         Probability that none of them holds.
     freedom : float
@@ -89,7 +96,7 @@ class MotionPrior:
         every = []
         for known, _ in self.predictions:
             pose = known.pose if isinstance(known, PosePrior) else known
-            if pose is None or clouds.scaled:
+            if pose is None or (clouds.scaled and not _tells_scale(pose)):
                 continue
             squared = _deviations(clouds, pose)
             near = squared < GATE
@@ -124,49 +131,105 @@ class MotionPrior:
 
 
 def motion_covariances(fit: PointSetFit) -> Floats:
-    """Covariances (K, 6, 6) of a turn (ω, rad) and of the translation of fitted motions of space."""
-    count = len(fit.scale)
-    arm = fit.scale[:, None] * (fit.rotation @ fit.centre[:, :, None])[:, :, 0]
-    whole = np.zeros((count, 6, 6))
+    """Covariances (K, 6, 6) of a turn (ω, rad) and of the translation of fitted motions of space.
+
+    (K, 7, 7) where the scale is fitted too.
+    """
+    count, size = len(fit.scale), 7 if fit.clouds.scaled else 6
+    turned = (fit.rotation @ fit.centre[:, :, None])[:, :, 0]
+    whole = np.zeros((count, size, size))
     whole[:, :3, :3] = (fit.frame * fit.spread[:, None]) @ fit.frame.swapaxes(1, 2)
-    whole[:, 3:, 3:] = np.eye(3) / fit.total[:, None, None]
-    change = np.tile(np.eye(6), (count, 1, 1))  # from the centre of the matches to the origin
-    change[:, 3:, :3] = cross_matrix(arm)
-    covariance = change @ whole @ change.swapaxes(1, 2)
+    whole[:, 3:6, 3:6] = np.eye(3) / fit.total[:, None, None]
+    change = np.tile(np.eye(size), (count, 1, 1))  # from the centre of the matches to the origin
+    change[:, 3:6, :3] = cross_matrix(fit.scale[:, None] * turned)
     if fit.clouds.scaled:
-        covariance[:, 3:, 3:] += arm[:, :, None] * arm[:, None] * _scale_variance(fit)[:, None, None]
-    return np.asarray(covariance)
+        whole[:, 6, 6], change[:, 3:6, 6] = _scale_variance(fit), -turned
+    return np.asarray(change @ whole @ change.swapaxes(1, 2))
 
 
-def fused(fit: Pose, known: Pose | PosePrior) -> Pose:
-    """A fitted motion and what is known of it together, to first order."""
+def fused(fit: Pose, known: Pose | PosePrior, common: Floats | float = 0.0) -> Pose:
+    """A fitted motion and what is known of it together, to first order.
+
+    ``common``: covariance of errors that a known pose has in common with the fit, so that both together have them too.
+    """
     if isinstance(known, PosePrior):
         return known.with_prediction(fit)
-    assert known.covariance is not None
-    off = np.concatenate([one_rotation_vector(known.R @ fit.R.T), known.t - fit.t])
-    return updated(fit, np.eye(6), off, known.covariance)
+    fit = _without_bias(fit)
+    spread, certain = fit.covariance, known.covariance
+    assert spread is not None
+    assert certain is not None
+    size = len(certain)
+    # as `updated` takes it: were it the difference, each frame would add to the scale
+    longer = fit.scale * math.log(known.scale / fit.scale)
+    off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), longer])[:size]
+    if not isinstance(common, float):
+        fit = Pose.unchecked(fit.R, fit.t, _less(spread, common), fit.scale)
+        certain = _less(certain, common[:size, :size])
+    both = updated(fit, np.eye(size), off, certain)
+    assert both.covariance is not None
+    return Pose.unchecked(both.R, both.t, both.covariance + common, both.scale)
+
+
+def _without_bias(fit: Pose) -> Pose:
+    """A fit whose scale is the most likely one with rotations integrated out: the best rotation fits noise as well.
+
+    The likelihood of a rotation falls with its squared angle times the scale, so the integral has a factor s^(−3/2).
+    """
+    if not _tells_scale(fit):
+        return fit
+    assert fit.covariance is not None
+    with_scale, variance = fit.covariance[:, 6], float(fit.covariance[6, 6])
+    scale = fit.scale * math.exp(-1.5 * variance / fit.scale**2)
+    shift = (scale - fit.scale) / variance * with_scale[3:6]
+    return Pose.unchecked(fit.R, fit.t + shift, fit.covariance, scale)
+
+
+def common_covariance(clouds: PointClouds, pose: Pose) -> Floats | float:
+    """Covariance of what the errors of the source points change in all poses alike; 0 if these are nearly exact."""
+    most = float(clouds.source_variance.max())
+    if pose.scale**2 * most <= EXACT * float(clouds.target_variance.max()):
+        return 0.0
+    variance = np.maximum(clouds.source_variance, EXACT * most)
+    exact = clouds._replace(target=pose.transform(clouds.source), target_variance=0.0 * variance)
+    there = exact._replace(source_variance=variance)
+    return np.asarray(motion_covariances(fitted_point_sets(there, np.arange(len(variance))[None], False))[0])
+
+
+def _less(covariance: Floats, part: Floats) -> Floats:
+    """A covariance without a part of it, positive definite."""
+    size = np.sqrt(np.diagonal(covariance))
+    values, vectors = np.linalg.eigh((covariance - part) / (size[:, None] * size))
+    return np.asarray((vectors * np.maximum(values, EXACT)) @ vectors.T * (size[:, None] * size))
+
+
+def _tells_scale(pose: Pose) -> bool:
+    """Whether the scale is one of the predicted parameters."""
+    return pose.covariance is not None and len(pose.covariance) == 7
 
 
 def _off(known: Pose | PosePrior, fit: PointSetFit, length: float) -> _Off:
     """How far fitted motions are from what is known of them; ``length``: edge of the volume in which they may lie."""
     turns, places = np.full(3, ROTATIONS ** (1.0 / 3.0)), np.full(3, length)
+    fitted = 7 if fit.clouds.scaled else 6
     if isinstance(known, Pose):
         assert known.covariance is not None
-        off = np.concatenate([_turns(known.R, fit), known.t - fit.shift], axis=1)
-        return _Off(off, np.eye(6), known.covariance, np.concatenate([turns, places]))
+        size, scales = len(known.covariance), [known.scale * DECADES * math.log(10.0)]
+        longer = (known.scale - fit.scale)[:, None]
+        off = np.concatenate([_turns(known.R, fit), known.t - fit.shift, longer], axis=1)[:, :size]
+        return _Off(off, np.eye(size, fitted), known.covariance, np.concatenate([turns, places, scales])[:size])
     parts = []
     if known.turn is not None:
         R, covariance = known.turn
-        parts.append(_Off(_turns(R, fit), np.eye(3, 6), covariance, turns))
+        parts.append(_Off(_turns(R, fit), np.eye(3, fitted), covariance, turns))
     elif known.down is not None:
         source, target, noise = known.down
         across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
         off = _tilts(fit.rotation @ source, target, across) @ across.T
         tilt = max(noise, LEAST_TILT) ** 2 * np.eye(2)
-        parts.append(_Off(off, np.pad(across, ((0, 0), (0, 3))), tilt, np.full(2, DIRECTIONS**0.5)))
+        parts.append(_Off(off, across @ np.eye(3, fitted), tilt, np.full(2, DIRECTIONS**0.5)))
     if known.place is not None:
         t, covariance = known.place
-        parts.append(_Off(t - fit.shift, np.eye(3, 6, 3), covariance, places))
+        parts.append(_Off(t - fit.shift, np.eye(3, fitted, 3), covariance, places))
     sizes = [len(one.covariance) for one in parts]
     whole, begin = np.zeros((sum(sizes), sum(sizes))), 0
     for one, size in zip(parts, sizes, strict=True):
@@ -198,18 +261,21 @@ def _deviations(clouds: PointClouds, pose: Pose) -> Floats:
     """Squared deviations (n, n') of targets from the places that a pose predicts, by their covariances."""
     assert pose.covariance is not None
     turned = clouds.source @ pose.R.T
-    rows = np.concatenate([-cross_matrix(turned), np.broadcast_to(np.eye(3), (len(turned), 3, 3))], axis=2)
-    moved = rows @ pose.covariance @ rows.swapaxes(1, 2)
-    both = clouds.source_variance[:, None] + clouds.target_variance
-    whole = moved[:, None] + both[:, :, None, None] * np.eye(3)
-    off = clouds.target - (turned + pose.t)[:, None]
+    moved = pose.scale * turned
+    rows = np.concatenate(
+        [-cross_matrix(moved), np.broadcast_to(np.eye(3), (len(turned), 3, 3)), turned[:, :, None]], axis=2
+    )[:, :, : len(pose.covariance)]
+    spread = rows @ pose.covariance @ rows.swapaxes(1, 2)
+    both = pose.scale**2 * clouds.source_variance[:, None] + clouds.target_variance
+    whole = spread[:, None] + both[:, :, None, None] * np.eye(3)
+    off = clouds.target - (moved + pose.t)[:, None]
     return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
 
 
 def _scale_variance(fit: PointSetFit) -> Floats:
-    """Variance (K,) of the logarithm of the scale."""
+    """Variance (K,) of the scale."""
     clouds, matched = fit.clouds, fit.assignments >= 0
     variance = clouds.target_variance[np.where(matched, fit.assignments, 0)]
     weight = matched / (variance + fit.scale[:, None] ** 2 * clouds.source_variance)
     squares = ((clouds.source - fit.centre[:, None]) ** 2).sum(axis=2)
-    return np.asarray(1.0 / np.maximum(fit.scale**2 * (weight * squares).sum(axis=1), 1e-300))
+    return np.asarray(1.0 / np.maximum((weight * squares).sum(axis=1), 1e-300))

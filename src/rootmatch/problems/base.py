@@ -59,6 +59,8 @@ class Problem(ABC):
     """Whether a pose of its camera can be predicted: source points in space, and ``camera``."""
     takes_motion_prior: ClassVar[bool] = False
     """Whether the motion between two sets of points in space can be predicted."""
+    predicted_rows: ClassVar[int] = 6
+    """Rows of the covariance of a whole predicted pose: rotation and translation in space, and the scale if unknown."""
     noisy_source: ClassVar[bool] = False
     """Whether source points carry noise of their own, as those of an image do."""
     least_for_pose: ClassVar[int] = 0

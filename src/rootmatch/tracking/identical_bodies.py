@@ -113,7 +113,9 @@ def _now(followed: MotionFilter) -> Pose:
 
 def _is_same_place(first: Pose, second: Pose, radius: float) -> bool:
     """Whether two poses are of one body: no two are so near each other."""
-    return bool((first.R * second.R).sum() > ALIKE) and float(np.linalg.norm(first.t - second.t)) <= radius
+    return (
+        bool((first.R * second.R).sum() > ALIKE) and float(np.linalg.norm(first.t - second.t)) <= radius * first.scale
+    )
 
 
 def _is_same(points: Floats, normals: Floats | None, first: Integers, second: Integers) -> bool:

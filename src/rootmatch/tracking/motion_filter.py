@@ -16,7 +16,8 @@ from rootmatch.problems.pose_fit.reference_point import about_point, body_radius
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
 State = tuple[Floats, Floats, Floats, Floats]
-"""Rotation, position of the centre, velocity with acceleration (12,), and the covariance (18, 18) of all."""
+"""Rotation, position of the centre, velocity with acceleration (12,), and the covariance (p + 12, p + 12) of all, with
+the p rows of a pose's covariance first."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,9 @@ class MotionOptions(Options):
     3000)."""
     most_scale: float = option(3.0, above=0.0)
     """Largest factor on them. A round value."""
+    scale_drift: float = option(1e-4, least=0.0)
+    """Of `Similarity`: standard deviation of what the logarithm of the scale changes by in a second, a random walk. The
+    unit of a measurement, or the size of a model, is constant; a round value that allows for .6 % in an hour."""
 
 
 ALIKE = 1.0 + 2.0 * math.cos(0.2)
@@ -76,14 +80,15 @@ def transition(time: float, persistence: float) -> tuple[Floats, Floats]:
 class MotionFilter:
     """Filter of pose, velocity and acceleration of one body, with random accelerations that last for a while.
 
-    Velocities are those of the body's centre, in the camera frame. Errors are from the left, as those of `Pose`.
+    Velocities are those of the body's centre, in the target's frame. Errors are from the left, as those of `Pose`. A
+    scale, where one is estimated, has no velocity.
 
     Parameters
     ----------
     source : (n, 3) array
         The body's points.
     pose : Pose
-        With a covariance.
+        With a covariance, (6, 6), or (7, 7) with the scale.
     time : float
         Of the pose, seconds.
     options : MotionOptions
@@ -91,14 +96,16 @@ class MotionFilter:
 
     def __init__(self, source: Floats, pose: Pose, time: float, options: MotionOptions = DEFAULT_MOTION) -> None:
         self.centre = source.mean(axis=0)
-        self.radius = body_radius(source)
-        self.options, self.time, self.scale = options, time, 1.0
+        self.options, self.time, self.factor = options, time, 1.0
         self.R, self.t, covariance = self._centred(pose)
+        self.scale = pose.scale
+        self.radius = self.scale * body_radius(source)
         self.motion = np.zeros(12)
-        self.P = np.zeros((18, 18))
-        self.P[:6, :6] = covariance
+        size = self.rows = len(covariance)
+        self.P = np.zeros((size + 12, size + 12))
+        self.P[:size, :size] = covariance
         lengths = [options.angular_velocity, options.velocity * self.radius, *self._accelerations]
-        self.P[6:, 6:] = np.diag(np.repeat(lengths, 3) ** 2)
+        self.P[size:, size:] = np.diag(np.repeat(lengths, 3) ** 2)
         self._ahead: tuple[float, State] | None = None
 
     def copy(self) -> MotionFilter:
@@ -118,22 +125,22 @@ class MotionFilter:
     def of_body(self, R: Floats, t: Floats, source: Floats) -> MotionFilter:
         """A filter with the same motion for another body of points (n, 3), which x' = R x + t takes to this one's."""
         other = self.copy()
-        other.centre, other.radius = source.mean(axis=0), body_radius(source)
+        other.centre, other.radius = source.mean(axis=0), self.scale * body_radius(source)
         other.R = self.R @ R
-        other.t = self.t + self.R @ (R @ other.centre + t - self.centre)
+        other.t = self.t + self.scale * self.R @ (R @ other.centre + t - self.centre)
         other._ahead = None
         return other
 
     def is_near(self, pose: Pose, time: float) -> bool:
         """Whether a pose at a time is where the body is expected: no two bodies are so near each other."""
         R, t, _, _ = self._at(time)
-        off = pose.t + pose.R @ self.centre - t
+        off = pose.t + pose.scale * pose.R @ self.centre - t
         return bool((R * pose.R).sum() > ALIKE) and float(np.linalg.norm(off)) <= self.radius
 
     def predicted(self, time: float) -> Pose:
         """The pose at a later time."""
         R, t, _, P = self._at(time)
-        return self._given(R, t, P[:6, :6])
+        return self._given(R, t, P[: self.rows, : self.rows])
 
     def update(self, pose: Pose, time: float, weight: float = 1.0) -> None:
         """Take in a pose that was fitted with the prediction for this time as its prior and therefore includes it.
@@ -147,17 +154,20 @@ class MotionFilter:
             and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
         """
         R, t, motion, P = before = self._at(time)
+        size, scale = self.rows, self.scale
         self.R, self.t, covariance = self._centred(pose)
-        step = np.concatenate([one_rotation_vector(self.R @ R.T), self.t - t])
-        self.motion, self.P = np.empty(12), np.empty((18, 18))
-        left, squared = take_pose((motion, P), np.linalg.inv(P[:6, :6]), step, covariance, (self.motion, self.P))
+        self.scale = pose.scale
+        step = np.array([*one_rotation_vector(self.R @ R.T), *(self.t - t), self.scale - scale])[:size]
+        self.motion, self.P = np.empty(12), np.empty(P.shape)
+        left, squared = take_pose((motion, P), np.linalg.inv(P[:size, :size]), step, covariance, (self.motion, self.P))
         self.time, self._ahead = time, None
         # expected square of a step: the part of the prior's covariance that the detections removed
-        expected, options = max(6.0 - left, 0.0), self.options
+        expected, options = max(size - left, 0.0), self.options
         more = min(squared, MOST_SURPRISE * expected) - expected
-        scale = self.scale * math.sqrt(1.0 + weight * more / options.memory)
-        self.scale = min(max(scale, options.least_scale), options.most_scale)
+        factor = self.factor * math.sqrt(1.0 + weight * more / options.memory)
+        self.factor = min(max(factor, options.least_scale), options.most_scale)
         if weight < 1.0:
+            self.scale = scale + weight * (self.scale - scale)
             self._mixed(weight, before, step)
 
     def _mixed(self, weight: float, before: State, step: Floats) -> None:
@@ -165,8 +175,8 @@ class MotionFilter:
         R, t, motion, P = before
         change = np.concatenate([step, self.motion - motion])
         self.R = one_rotation_matrix(weight * step[:3]) @ R
-        self.t = t + weight * step[3:]
-        self.motion = motion + weight * change[6:]
+        self.t = t + weight * step[3:6]
+        self.motion = motion + weight * change[self.rows :]
         self.P = (1.0 - weight) * P + weight * self.P + weight * (1.0 - weight) * np.outer(change, change)
 
     def _at(self, time: float) -> State:
@@ -182,8 +192,9 @@ class MotionFilter:
 
     def _ahead_by(self, dt: float) -> State:
         angular, linear = self._accelerations
-        variances = np.array([(self.scale * angular) ** 2] * 3 + [(self.scale * linear) ** 2] * 3)
-        out = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty((18, 18))
+        of_scale = (self.options.scale_drift * self.scale) ** 2 * dt
+        variances = np.array([(self.factor * angular) ** 2] * 3 + [(self.factor * linear) ** 2] * 3 + [of_scale])
+        out = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty(self.P.shape)
         state = self.R, self.t, self.motion, self.P, variances
         move_ahead(*transition(dt, self.options.persistence), state, out)
         return out
@@ -191,9 +202,9 @@ class MotionFilter:
     def _centred(self, pose: Pose) -> tuple[Floats, Floats, Floats]:
         """Rotation, position of the centre, and their covariance."""
         assert pose.covariance is not None
-        return (np.array(pose.R, order="C"), *about_point(pose.R, pose.t, pose.covariance, self.centre))
+        return (np.array(pose.R, order="C"), *about_point(pose.R, pose.t, pose.covariance, self.centre, pose.scale))
 
     def _given(self, R: Floats, t: Floats, covariance: Floats) -> Pose:
         """The pose of the body's own frame."""
-        t, covariance = about_point(R, t, covariance, -self.centre)
-        return Pose.unchecked(R.copy(), t, 0.5 * (covariance + covariance.T))
+        t, covariance = about_point(R, t, covariance, -self.centre, self.scale)
+        return Pose.unchecked(R.copy(), t, 0.5 * (covariance + covariance.T), self.scale)

@@ -15,35 +15,41 @@ SMALL = 1e-6
 
 @part
 def carried(matrix, F, turn, out):  # type: ignore[no-untyped-def]
-    """Transpose of the transition times a matrix (18, 18), into ``out``; twice, that of a covariance."""
-    for column in range(18):
+    """Transpose of the transition times a matrix (p + 12, p + 12), into ``out``; twice, that of a covariance."""
+    rows = matrix.shape[0]
+    first = rows - 12
+    for column in range(rows):
         for i in range(6):
             now = matrix[i, column]
             if i < 3:
                 now = turn[i, 0] * matrix[0, column] + turn[i, 1] * matrix[1, column] + turn[i, 2] * matrix[2, column]
             for p in range(3):
-                change = F[p, 1] * matrix[6 + i, column] + F[p, 2] * matrix[12 + i, column]
-                out[column, 6 * p + i] = F[p, 0] * now + change
+                change = F[p, 1] * matrix[first + i, column] + F[p, 2] * matrix[first + 6 + i, column]
+                out[column, i if p == 0 else first - 6 + 6 * p + i] = F[p, 0] * now + change
+        for i in range(6, first):
+            out[column, i] = matrix[i, column]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
     """A later state.
 
+    The p rows of a pose are those of its covariance, see `rootmatch.problems.pose_fit.pose.Pose`; the first six move.
+
     Parameters
     ----------
     transition, added : (3, 3) arrays
         Of position, velocity and acceleration, and the covariance that an acceleration of unit variance adds.
     state : tuple
-        Rotation (3, 3), position (3,), velocity with acceleration (12,), their covariance (18, 18), and the variances
-        (6,) of the acceleration.
+        Rotation (3, 3), position (3,), velocity with acceleration (12,), the covariance (p + 12, p + 12) of pose and
+        motion, and variances (p,): of the acceleration, and what is added to those of the other rows of the pose.
     out : tuple
         The first four of these, filled.
     """
     F, added, state, out = borrowed((transition, added, state, out))
     R, t, motion, P, variances = state
     turned, moved, faster, covariance = out
-    turn, half = np.empty((3, 3)), np.empty((18, 18))
+    turn, half, first = np.empty((3, 3)), np.empty(P.shape), P.shape[0] - 12
     for i in range(6):
         velocity, acceleration = motion[i], motion[6 + i]
         faster[i] = F[1, 1] * velocity + F[1, 2] * acceleration
@@ -67,8 +73,11 @@ def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
     carried(half, F, turn, covariance)
     for p in range(3):
         for q in range(3):
+            row, column = (0 if p == 0 else first - 6 + 6 * p), (0 if q == 0 else first - 6 + 6 * q)
             for i in range(6):
-                covariance[6 * p + i, 6 * q + i] += added[p, q] * variances[i]
+                covariance[row + i, column + i] += added[p, q] * variances[i]
+    for i in range(6, first):
+        covariance[i, i] += variances[i]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -78,12 +87,12 @@ def take_pose(before, inverse, step, fitted, out):  # type: ignore[no-untyped-de
     Parameters
     ----------
     before : tuple
-        Velocity with acceleration (12,), and the covariance (18, 18) of pose and motion.
-    inverse : (6, 6) array
+        Velocity with acceleration (12,), and the covariance (p + 12, p + 12) of pose and motion.
+    inverse : (p, p) array
         Of the covariance of the predicted pose.
-    step : (6,) array
+    step : (p,) array
         From the predicted pose to the fitted one.
-    fitted : (6, 6) array
+    fitted : (p, p) array
         Covariance of that.
     out : tuple
         As ``before``, filled.
@@ -91,35 +100,36 @@ def take_pose(before, inverse, step, fitted, out):  # type: ignore[no-untyped-de
     Returns
     -------
     left, squared : float
-        How many of the six variances are left, and the χ² of the step.
+        How many of the p variances are left, and the χ² of the step.
     """
     before, inverse, step, fitted, out = borrowed((before, inverse, step, fitted, out))
     motion, P = before
     faster, covariance = out
-    gain, removed = np.empty((12, 6)), np.empty((12, 6))
+    size = step.shape[0]
+    gain, removed = np.empty((12, size)), np.empty((12, size))
     left, squared = 0.0, 0.0
-    for p in range(6):
-        for q in range(6):
+    for p in range(size):
+        for q in range(size):
             left += fitted[p, q] * inverse[q, p]
             squared += step[p] * inverse[p, q] * step[q]
             covariance[p, q] = fitted[p, q]
     for i in range(12):
         faster[i] = motion[i]
-        for p in range(6):
+        for p in range(size):
             gain[i, p] = 0.0
-            for q in range(6):
-                gain[i, p] += P[6 + i, q] * inverse[q, p]
+            for q in range(size):
+                gain[i, p] += P[size + i, q] * inverse[q, p]
             faster[i] += gain[i, p] * step[p]
     for i in range(12):
-        for p in range(6):
+        for p in range(size):
             of_pose, removed[i, p] = 0.0, 0.0
-            for q in range(6):
+            for q in range(size):
                 of_pose += gain[i, q] * fitted[q, p]
                 removed[i, p] += gain[i, q] * (P[q, p] - fitted[q, p])
-            covariance[6 + i, p] = covariance[p, 6 + i] = of_pose
+            covariance[size + i, p] = covariance[p, size + i] = of_pose
         for j in range(i + 1):
-            rest = 0.5 * (P[6 + i, 6 + j] + P[6 + j, 6 + i])
-            for p in range(6):
+            rest = 0.5 * (P[size + i, size + j] + P[size + j, size + i])
+            for p in range(size):
                 rest -= 0.5 * (removed[i, p] * gain[j, p] + removed[j, p] * gain[i, p])
-            covariance[6 + i, 6 + j] = covariance[6 + j, 6 + i] = rest
+            covariance[size + i, size + j] = covariance[size + j, size + i] = rest
     return left, squared

@@ -56,10 +56,11 @@ class Tracker:
     source : (n, 3) array
         Points in space in any frame and unit.
     problem : Problem
-        `P3P`, also of a `Rig`, `UP2P`, or, where targets are measured in space, `Rigid`.
+        `P3P`, also of a `Rig`, `UP2P`, or, where targets are measured in space, `Rigid` or `Similarity`. The scale of
+        the latter, one for each body, is taken to be constant but for `MotionOptions.scale_drift`.
     noise : float, (n',) or (n', 2, 2) array
-        Standard deviation of a pixel coordinate, in pixels, or covariances; `update` can override it. For `Rigid` as in
-        `rootmatch.match`.
+        Standard deviation of a pixel coordinate, in pixels, or covariances; `update` can override it. For `Rigid` and
+        `Similarity` as in `rootmatch.match`.
     tracking : TrackingOptions
         Frame rate, how long a body may be missing, and how fast bodies may move.
     normals, view_angle, detection_rate, resolution, min_probability, bodies, source_noise
@@ -205,7 +206,8 @@ max_evaluations
         ----------
         target : (n', 2) array
             Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame and may be 0.
-            For a `Rig`, ``(pixels, index)`` or rows of x, y and the index of the camera. For `Rigid`, (n', 3) points.
+            For a `Rig`, ``(pixels, index)`` or rows of x, y and the index of the camera. For `Rigid` and
+            `Similarity`, (n', 3) points.
         time : float, optional
             Seconds, later than the previous frame; by default one interval later. Where most of the first steps are
             longer than a second, a `UserWarning` says once that these may be milliseconds.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Literal
@@ -82,8 +83,8 @@ class Pose:
     Raises
     ------
     InputError
-        If the shapes do not fit together, R is not a rotation, a number is not finite, or the covariance is not
-        symmetric or has a negative eigenvalue.
+        If the shapes do not fit together, R is not a rotation, a number is not finite, the scale is not positive, or
+        the covariance is not symmetric or has a negative eigenvalue.
     """
 
     R: Floats
@@ -107,13 +108,15 @@ class Pose:
         if t.size != len(R):
             raise InputError(f"pose: t of shape {t.shape} given, ({len(R)},) expected")
         covariance = None if self.covariance is None else checked_covariance(self.covariance, len(R))
+        if not (isinstance(self.scale, int | float | np.number) and 0.0 < self.scale < math.inf):
+            raise InputError(f"pose: scale {quoted(self.scale)} given; give a positive number")
         self.__dict__.update(R=R, t=t.reshape(-1), covariance=covariance)
 
     @classmethod
-    def unchecked(cls, R: Floats, t: Floats, covariance: Floats) -> Pose:
-        """A rigid motion whose arrays are known to be right: checks would take a tenth of a tracked frame."""
+    def unchecked(cls, R: Floats, t: Floats, covariance: Floats, scale: float = 1.0) -> Pose:
+        """A motion whose arrays are known to be right: checks would take a tenth of a tracked frame."""
         pose = cls.__new__(cls)
-        pose.__dict__.update(_RIGID, R=R, t=t, covariance=covariance)
+        pose.__dict__.update(_OPTIONAL, R=R, t=t, covariance=covariance, scale=scale)
         return pose
 
     def __iter__(self) -> Iterator[Floats]:
@@ -342,4 +345,4 @@ def _turns(k: int) -> int:
     return 3 if k == 3 else 1
 
 
-_RIGID = {one.name: one.default for one in fields(Pose) if one.default is not MISSING}
+_OPTIONAL = {one.name: one.default for one in fields(Pose) if one.default is not MISSING}

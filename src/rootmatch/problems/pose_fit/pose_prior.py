@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -152,14 +153,19 @@ def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> P
 
 
 def updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
-    """A pose after a Kalman update with a measurement off by (k,), of covariance (k, k); ``jacobian``: (k, 6)."""
+    """A pose after a Kalman update with a measurement off by (k,), of covariance (k, k).
+
+    ``jacobian`` (k, p): by the first p rows of the pose's covariance. A scale changes in its logarithm.
+    """
     assert prior.covariance is not None
-    gain = prior.covariance @ jacobian.T
-    total = jacobian @ gain + noise
+    size = jacobian.shape[1]
+    gain = prior.covariance[:, :size] @ jacobian.T
+    total = jacobian @ gain[:size] + noise
     kalman = gain @ np.linalg.pinv(total, hermitian=True)
     step, covariance = kalman @ off, prior.covariance - kalman @ gain.T
     R = one_rotation_matrix(step[:3]) @ prior.R
-    return Pose.unchecked(R, prior.t + step[3:], 0.5 * (covariance + covariance.T))
+    scale = prior.scale * math.exp(float(step[6:].sum()) / prior.scale)
+    return Pose.unchecked(R, prior.t + step[3:6], 0.5 * (covariance + covariance.T), scale)
 
 
 def _parts(name: str, given: Any, count: int, expected: str) -> tuple[Any, ...]:

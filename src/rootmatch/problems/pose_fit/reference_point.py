@@ -17,46 +17,58 @@ def body_radius(source: Floats) -> float:
     return math.sqrt(float(np.vdot(centred, centred)) / len(source))
 
 
-def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats) -> tuple[Floats, Floats]:
-    """Position (3,) of a point of the body in the camera frame, and the covariance (6, 6) of rotation and position.
+def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats, scale: float = 1.0) -> tuple[Floats, Floats]:
+    """Position (3,) of a point of the body in the target's frame, and the covariance of the pose with it for t.
 
     Parameters
     ----------
     R, t : (3, 3) and (3,) float64
-        X_camera = R X + t.
-    covariance : (6, 6) float64
-        Of a left rotation perturbation in radians and of ``t``.
+        x' = scale · R x + t.
+    covariance : (6, 6) or (7, 7) float64
+        Of a left rotation perturbation in radians, of ``t``, and of the scale where it is estimated.
     point : (3,) float64
         In the body's frame; minus the point returns from it to the origin.
+    scale : float
     """
     # copies: what is read-only or of another layout is another type to a kernel
-    pose = np.array(R, order="C"), np.array(t), np.array(covariance, order="C")
-    out = np.empty(3), np.empty((6, 6))
+    pose = np.array(R, order="C"), np.array(t), np.array(covariance, order="C"), float(scale)
+    out = np.empty(3), np.empty(covariance.shape)
     refer(pose, np.array(point), out)
     return out
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def refer(pose, point, out):  # type: ignore[no-untyped-def]
-    """`about_point`, compiled: R, t and covariance, the point, and what they give, filled."""
+    """`about_point`, compiled: R, t, covariance and scale, the point, and what they give, filled."""
     pose, point, out = borrowed((pose, point, out))
-    R, t, covariance = pose
+    R, t, covariance, scale = pose
     moved, changed = out
-    x, y, z = point[0], point[1], point[2]
+    size = covariance.shape[0]
+    x, y, z = scale * point[0], scale * point[1], scale * point[2]
     a = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
     b = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
     c = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
     moved[0], moved[1], moved[2] = t[0] + a, t[1] + b, t[2] + c
-    # S C Sᵀ, where S adds ω × arm to τ
-    for q in range(6):
-        for p in range(6):
+    # S C Sᵀ, where S adds ω × arm to τ, and the arm times the relative error of the scale
+    for q in range(size):
+        for p in range(size):
             changed[p, q] = covariance[p, q]
         u, v, w = covariance[0, q], covariance[1, q], covariance[2, q]
         changed[3, q] += v * c - w * b
         changed[4, q] += w * a - u * c
         changed[5, q] += u * b - v * a
-    for p in range(6):
+        if size > 6:
+            longer = covariance[6, q] / scale
+            changed[3, q] += longer * a
+            changed[4, q] += longer * b
+            changed[5, q] += longer * c
+    for p in range(size):
         u, v, w = changed[p, 0], changed[p, 1], changed[p, 2]
         changed[p, 3] += v * c - w * b
         changed[p, 4] += w * a - u * c
         changed[p, 5] += u * b - v * a
+        if size > 6:
+            longer = changed[p, 6] / scale
+            changed[p, 3] += longer * a
+            changed[p, 4] += longer * b
+            changed[p, 5] += longer * c

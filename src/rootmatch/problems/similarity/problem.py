@@ -71,6 +71,7 @@ class Similarity(Problem):
     least_for_pose: ClassVar[int] = 3
     noisy_source: ClassVar[bool] = True
     takes_motion_prior: ClassVar[bool] = True
+    predicted_rows: ClassVar[int] = 7
     scale: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
@@ -150,4 +151,5 @@ class Rigid(Similarity):
 
     name: ClassVar[str] = "rigid"
     constraints: ClassVar[int] = 3
+    predicted_rows: ClassVar[int] = 6
     scale: ClassVar[float] = 1.0

@@ -91,7 +91,6 @@ def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | N
 
 def _alike(clouds: PointClouds, allowed: Bools | None) -> tuple[Integers, Integers]:
     """Triples of source points and of targets (H, 3) of the same shape, those of the widest source points first."""
-    n_target = len(clouds.target)
     near, far = distances(clouds.source), distances(clouds.target)
     u, v = clouds.source_variance, clouds.target_variance
     both = v[:, None] + v
@@ -103,14 +102,17 @@ def _alike(clouds: PointClouds, allowed: Bools | None) -> tuple[Integers, Intege
         scale = far[k, l] / near[a, b] if clouds.scaled else np.ones(len(rows))
         squared = scale**2
         of_scale = (both[k, l] + squared * (u[a] + u[b])) / near[a, b] ** 2 if clouds.scaled else 0.0 * squared
-        third = np.ones((len(rows), n_target), np.bool_)
-        for corner, image in ((a, k), (b, l)):
-            side = near[corner, c]
-            variance = both[image] + (squared * (u[corner] + u[c]) + of_scale * side**2)[:, None]
-            third &= (far[image] - (scale * side)[:, None]) ** 2 <= GATE**2 * variance
+        # the second side is compared only where the first one agrees
+        side = near[a, c]
+        variance = both[k] + (squared * (u[a] + u[c]) + of_scale * side**2)[:, None]
+        third = (far[k] - (scale * side)[:, None]) ** 2 <= GATE**2 * variance
         if allowed is not None:
             third &= allowed[c]
         place, m = np.nonzero(third)
+        side = near[b, c]
+        variance = both[l[place], m] + (squared * (u[b] + u[c]) + of_scale * side**2)[place]
+        agrees = (far[l[place], m] - (scale * side)[place]) ** 2 <= GATE**2 * variance
+        place, m = place[agrees], m[agrees]
         distinct = (m != k[place]) & (m != l[place])
         place, m = place[distinct], m[distinct]
         found.append((triples[rows[place]], np.stack([k[place], l[place], m], axis=1)))
