@@ -1,4 +1,8 @@
-"""The guided search for one motion of a large object: local triples, whose hypotheses grow to the whole object."""
+"""The guided search for one motion of a large object: local triples, whose hypotheses grow to the whole object.
+
+Wide triples are tried beside them until one of both finds something: where few points are detected, here and there,
+neighbours of a triple are hardly ever among them and do not tell a true one.
+"""
 
 from __future__ import annotations
 
@@ -36,6 +40,9 @@ POINTS, IMAGES = (4, 6, 8, 12), (4, 8, 16, 32)
 """Neighbours of a point that triples are taken from, level after level, and neighbours of a detection that are taken as
 images; about as much work goes to each. Of neighbours among the nearest four as many images are the nearest four in
 seven views of benchmarks/targets.py as of those among eight are the nearest eight, for a fifth of the work."""
+LOCAL = 0.5
+"""Fraction of the other detections that are tried as images near one at the most: triples of more are not local, and
+those of parts of the points (`minimal_sets.sets_of_parts`) are tried as wide ones. A round value."""
 SOLVED = 30_000_000
 """Image triples after which wide triples are tried, or the search ends with what it has found: some seconds."""
 FIRST_WAVE, LARGEST_WAVE = 4, 64
@@ -91,13 +98,13 @@ class LocalSearch(Search):
 
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
-        self.wide = False
-        """Whether local triples found nothing, and wide ones are tried."""
+        self.wide, self.spent_wide = False, 0
+        """Whether the last triples tried were wide ones, and evaluations that those took."""
         self.sure_sets = SETS  # hypotheses grow by them
         self.neighbours = _nearest(self.positions, max(*POINTS, LOOKED_UP))
         self.near = _nearest(self.grid.positions.T, max(IMAGES))
         n, n_target = self.neighbours.shape[1], self.near.shape[1]
-        sizes = [(min(p, n), min(q, n_target)) for p, q in zip(POINTS, IMAGES, strict=True)]
+        sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= LOCAL * n_target]
         self.levels = [Level(p, q, self.n_target * q * (q - 1), FIRST_WAVE) for p, q in sizes]
         self.in_parts = self.n > WHOLE and bool(kernels_of(self.tables).source_fields)
         """Whether hypotheses are verified near their triple first."""
@@ -109,17 +116,31 @@ class LocalSearch(Search):
         """Fraction of the triples of each level that meet that hypothesis."""
 
     def _steps(self) -> Iterator[None]:
-        """See `Search`: wave after wave of local triples, then, where they find nothing, wide ones."""
-        pace = Pace(self.deadline, batches.FIRST)
-        while (level := self._next_level()) is not None:
-            wanted = min(level.size, max(1, batches.LARGEST // level.cost))
-            if (work := pace.block(wanted * level.cost)) == 0:
+        """See `Search`: waves of local triples and of wide ones, then of those that find something."""
+        pace, wide = Pace(self.deadline, batches.FIRST), super()._steps()
+        while not (self.wide and self.is_beyond_chance()):
+            level = self._next_level()
+            if self._is_turn_of_wide(level):
+                before, self.wide = self.evaluated, True
+                if next(wide, self) is self:
+                    return
+                self.spent_wide += self.evaluated - before
+            elif level is None:
                 return
-            self._try_local(level, max(1, work // level.cost))
+            else:
+                wanted = min(level.size, max(1, batches.LARGEST // level.cost))
+                if (work := pace.block(wanted * level.cost)) == 0:
+                    return
+                self.wide = False
+                self._try_local(level, max(1, work // level.cost))
             yield
-        if not self.conclusive:
-            self.wide = True
-            yield from super()._steps()
+        yield from wide
+
+    def _is_turn_of_wide(self, level: Level | None) -> bool:
+        """Whether wide triples are tried next: they get about as much work as each ``level`` until one of them finds."""
+        if self.conclusive or level is None:
+            return not self.conclusive
+        return self.spent_wide * sum(one.open for one in self.levels) < self.evaluated - self.spent_wide
 
     def _enough(self) -> bool:
         """Whether a pose that explains as much as the best one would have been met; of wide triples see `Search`."""
@@ -133,8 +154,8 @@ class LocalSearch(Search):
         return self.missed <= MISSED
 
     def _try_rivals(self) -> None:
-        """See `Search`; local triples would have met them."""
-        if self.wide:
+        """See `Search`; local triples would have met them, unless too few of them meet even the best pose."""
+        if self.wide or self.missed > MISSED:
             super()._try_rivals()
 
     def _next_level(self) -> Level | None:
