@@ -98,8 +98,8 @@ class LocalSearch(Search):
 
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
-        self.wide, self.spent_wide = False, 0
-        """Whether the last triples tried were wide ones, and evaluations that those took."""
+        self.wide, self.spent = False, {False: 0, True: 0}
+        """Whether the last triples tried were wide ones, and evaluations that local and wide ones took."""
         self.sure_sets = SETS  # hypotheses grow by them
         self.neighbours = _nearest(self.positions, max(*POINTS, LOOKED_UP))
         self.near = _nearest(self.grid.positions.T, max(IMAGES))
@@ -107,7 +107,9 @@ class LocalSearch(Search):
         sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= LOCAL * n_target]
         self.levels = [Level(p, q, self.n_target * q * (q - 1), FIRST_WAVE) for p, q in sizes]
         self.in_parts = self.n > WHOLE and bool(kernels_of(self.tables).source_fields)
-        """Whether hypotheses are verified near their triple first."""
+        """Whether hypotheses of local triples are verified near their triple first."""
+        self.nearby = False
+        """Whether those are verified now."""
         self.partly = PartialVerification(self.tables, self.positions, self.density, self.allowed)
         self.leads: list[Lead] = []
         self.best: Integers | None = None
@@ -119,12 +121,11 @@ class LocalSearch(Search):
         """See `Search`: waves of local triples and of wide ones, then of those that find something."""
         pace, wide = Pace(self.deadline, batches.FIRST), super()._steps()
         while not (self.wide and self.is_beyond_chance()):
-            level = self._next_level()
+            level, before = self._next_level(), self.evaluated
             if self._is_turn_of_wide(level):
-                before, self.wide = self.evaluated, True
+                self.wide = True
                 if next(wide, self) is self:
                     return
-                self.spent_wide += self.evaluated - before
             elif level is None:
                 return
             else:
@@ -133,14 +134,15 @@ class LocalSearch(Search):
                     return
                 self.wide = False
                 self._try_local(level, max(1, work // level.cost))
+            self.spent[self.wide] += self.evaluated - before
             yield
         yield from wide
 
     def _is_turn_of_wide(self, level: Level | None) -> bool:
-        """Whether wide triples are tried next: they get about as much work as each ``level`` until one of them finds."""
+        """Whether wide triples are tried next: until something is found they get about as much work as each level."""
         if self.conclusive or level is None:
             return not self.conclusive
-        return self.spent_wide * sum(one.open for one in self.levels) < self.evaluated - self.spent_wide
+        return self.spent[True] * sum(one.open for one in self.levels) < self.spent[False]
 
     def _enough(self) -> bool:
         """Whether a pose that explains as much as the best one would have been met; of wide triples see `Search`."""
@@ -197,14 +199,16 @@ class LocalSearch(Search):
             keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
             threads=threads_worth(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
+        self.nearby = self.in_parts
         self._keep(points, survivors, ratios, counts, most)
+        self.nearby = False
         self._follow()
         level.done, level.waves = level.done + len(points), level.waves + 1
         level.size = min(2 * level.size, LARGEST_WAVE)
 
     def _verify(self, points: Integers, images: Integers) -> None:
-        """Verify as `Search` does; a large object only near each triple: hypotheses beyond chance become leads."""
-        if not self.in_parts:
+        """Verify as `Search` does; local triples of a large object near each: what is beyond chance becomes a lead."""
+        if not self.nearby:
             super()._verify(points, images)
             return
         level = self._false_alarm_level()
