@@ -99,12 +99,12 @@ class LocalSearch(Search):
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
         self.wide, self.spent = False, {False: 0, True: 0}
-        """Whether the last triples tried were wide ones, and evaluations that local and wide ones took."""
+        """Whether the last triples tried were wide ones, and image triples solved of local and of wide ones."""
         self.sure_sets = SETS  # hypotheses grow by them
         self.neighbours = _nearest(self.positions, max(*POINTS, LOOKED_UP))
         self.near = _nearest(self.grid.positions.T, max(IMAGES))
-        n, n_target = self.neighbours.shape[1], self.near.shape[1]
-        sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= LOCAL * n_target]
+        n, most = self.neighbours.shape[1], LOCAL * (self.n_target - 1)
+        sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= most]
         self.levels = [Level(p, q, self.n_target * q * (q - 1), FIRST_WAVE) for p, q in sizes]
         self.in_parts = self.n > WHOLE and bool(kernels_of(self.tables).source_fields)
         """Whether hypotheses of local triples are verified near their triple first."""
@@ -121,7 +121,7 @@ class LocalSearch(Search):
         """See `Search`: waves of local triples and of wide ones, then of those that find something."""
         pace, wide = Pace(self.deadline, batches.FIRST), super()._steps()
         while not (self.wide and self.is_beyond_chance()):
-            level, before = self._next_level(), self.evaluated
+            level, before = self._next_level(), self.solved
             if self._is_turn_of_wide(level):
                 self.wide = True
                 if next(wide, self) is self:
@@ -134,7 +134,7 @@ class LocalSearch(Search):
                     return
                 self.wide = False
                 self._try_local(level, max(1, work // level.cost))
-            self.spent[self.wide] += self.evaluated - before
+            self.spent[self.wide] += self.solved - before
             yield
         yield from wide
 
@@ -145,12 +145,17 @@ class LocalSearch(Search):
         return self.spent[True] * sum(one.open for one in self.levels) < self.spent[False]
 
     def _enough(self) -> bool:
-        """Whether a pose that explains as much as the best one would have been met; of wide triples see `Search`."""
-        if self.wide:
-            return super()._enough()
+        """Whether a pose that explains as much as the best one would have been met.
+
+        Local triples go on to tell, whatever found it, unless all of them could not; of wide ones see `Search`.
+        """
         if not self.is_beyond_chance():
             return False
-        self.conclusive = True
+        if self.wide:
+            self._reckon()
+            if self._missed_after([len(self._triples(level)) for level in self.levels]) > MISSED:
+                return super()._enough()
+        self.conclusive, self.wide = True, False
         self._grow()
         self._reckon()
         return self.missed <= MISSED
@@ -269,9 +274,11 @@ class LocalSearch(Search):
         if self.best is None or not np.array_equal(best, self.best):
             self.best = best
             self.shares = np.array([self._met(self._triples(level), level.images, best) for level in self.levels])
-        met = (1.0 - FAILURE) * self.shares
-        tried = np.array([level.done for level in self.levels])
-        self.missed = float(np.prod((1.0 - met) ** tried))
+        self.missed = self._missed_after([level.done for level in self.levels])
+
+    def _missed_after(self, tried: list[int]) -> float:
+        """Probability that none of so many triples of each level met a pose that is met as often as the best one."""
+        return float(np.prod((1.0 - (1.0 - FAILURE) * self.shares) ** np.array(tried)))
 
     def _met(self, triples: Integers, images: int, best: Integers) -> float:
         """Fraction of some triples that meet an assignment."""
