@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
+from rootmatch.arrays import Integers
+from rootmatch.explain.explain import explain
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.problems.padding import with_sources
 from rootmatch.samplers.guided import local_growth, local_search
+from rootmatch.samplers.guided.hypotheses import Hypotheses
 from rootmatch.samplers.guided.local_growth import PartialVerification
 from rootmatch.samplers.guided.local_search import MISSED, LocalSearch
 from rootmatch.samplers.guided.local_triples import run_local_tests
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.refinement import begin_with
+from rootmatch.samplers.guided.rivals import RIVAL_MISSED
 from rootmatch.samplers.guided.sequential_test import prepare_sets, run_sequential_tests
+from rootmatch.samplers.guided.visibility import FAILURE
 from rootmatch.samplers.guided.visible_search import search_of
 
 Points = NDArray[np.float64]
@@ -160,3 +168,71 @@ def test_everything_tried_leaves_nothing_missed_by_the_reckoning() -> None:
     met = [search._met(search._triples(level), level.images, search.best) for level in search.levels]
     assert search.shares.tolist() == met
     assert all(0.0 < share < 1.0 for share in met)
+
+
+def seen_here_and_there(n: int, seen: int, seed: int) -> tuple[Points, Points, NDArray[np.int64]]:
+    """Points of a box and detections of some of them, any; the truth."""
+    rng = np.random.default_rng([seed, n, seen])
+    source = rng.uniform(-0.5, 0.5, (n, 3)) * [1.0, 1.0, 0.6]
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    inside = source @ (rotation * np.linalg.det(rotation)).T + [0.0, 0.0, 4.0]
+    order = rng.permutation(n)[:seen]
+    pixels = CAMERA.project(inside[order]) + rng.normal(scale=SIGMA, size=(seen, 2))
+    truth = np.full(n, -1)
+    truth[order] = np.arange(seen)
+    return source, pixels, truth
+
+
+def test_few_of_many_points_are_found_by_wide_triples_before_all_local_ones_are_tried() -> None:
+    found = [seen_here_and_there(60, 10, seed) for seed in range(4)]
+    matches = [rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA) for source, target, _ in found]
+    for match, (_, _, truth) in zip(matches, found, strict=True):
+        assert match.status is rm.Status.MATCHED
+        assert (match.assignment == truth).all()
+    # all local triples alone are some hundred million evaluations of each
+    assert sum(match.evaluated for match in matches) < 150_000_000
+
+
+def test_rivals_are_sought_of_a_pose_that_too_few_local_triples_meet() -> None:
+    source, target, truth = seen_here_and_there(60, 10, 0)
+    task = MatchingTask.of(rm.P3P(CAMERA), source, target, noise=SIGMA)
+    search = search_of_points(source, target)
+    begin_with(search, truth[task.permutation][None])
+    search.run()
+    assert not search.wide
+    tried = np.array([level.done for level in search.levels])
+    assert np.prod((1.0 - (1.0 - FAILURE) * search.shares) ** tried) > MISSED
+    assert search.missed <= RIVAL_MISSED
+
+
+def test_search_begins_with_what_is_known_and_is_not_misled_by_it() -> None:
+    source, target, truth = seen_here_and_there(60, 10, 1)
+    task = MatchingTask.of(rm.P3P(CAMERA), source, target, noise=SIGMA)
+    wrong = np.where(truth < 0, -1, (truth + 1) % 10)
+    none, right, misled = (
+        explain(replace(task, found_before=None if one is None else np.array(one)))
+        for one in (None, [wrong, truth], [wrong])
+    )
+    for found in (none, right, misled):
+        assert found.status is rm.Status.MATCHED
+        assert (found.assignment == truth).all()
+    assert right.evaluated < 0.5 * none.evaluated
+    assert right.task.subset(np.arange(30), np.arange(10)).found_before is None
+
+
+def test_only_local_triples_are_verified_near_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local_search, "WHOLE", 32)
+    monkeypatch.setattr(local_search, "VERIFIED", 24)
+    verified, before = list[bool](), PartialVerification.__call__
+
+    def watched(self: PartialVerification, some: Integers, points: Integers, images: Integers) -> Hypotheses:
+        verified.append(bool(np.isin(points, some).all()))
+        return before(self, some, points, images)
+
+    monkeypatch.setattr(PartialVerification, "__call__", watched)
+    target, _ = seen_from_one_side(surface(120, 2), 3, clutter=60)
+    search = search_of_points(surface(120, 2), target)
+    search.run()
+    search.refine()
+    assert len(verified) > 0
+    assert all(verified)

@@ -76,7 +76,8 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
         if max(sigma / guess, guess / sigma) < SETTLED:
             break
         guess = sigma
-        match = solve(replace(_round(task, guess), budget=budget))
+        found_before = None if budget is None else np.array(known)  # a search that begins with them may end at once
+        match = solve(replace(_round(task, guess), budget=budget, found_before=found_before))
         known.append(match.assignment)
         budget = None if budget is None else max(budget - match.evaluated, BUDGETS[0])
     return _among(match, known)

@@ -83,6 +83,8 @@ class MatchingTask:
         Evaluations of a guided search that a tracker or the search for several bodies bounds.
     search_camera : int, optional
         The only camera of a rig in which minimal sets are searched.
+    found_before : (K, n) int64, optional
+        Assignments that a guided search begins with.
     more_images : bool
         Whether images of the same points follow, so that what all of them need is prepared at once.
     deadline : Deadline
@@ -111,6 +113,7 @@ class MatchingTask:
     known_of: dict[Label, PosePrior] = field(default_factory=dict)
     budget: int | None = None
     search_camera: int | None = None
+    found_before: NDArray[np.int64] | None = None
     more_images: bool = False
     deadline: Deadline = NEVER
 
@@ -292,21 +295,18 @@ class MatchingTask:
         return SamplingTask(
             problem=self.problem.name,
             tables=self.tables,
-            kind=kind,
-            affinity=self.affinity,
-            shape=self.shape,
-            order=self.problem.order,
-            seed=self.options.seed,
-            motions=self.options.motions,
+            kind=kind, affinity=self.affinity,
+            shape=self.shape, order=self.problem.order,
+            seed=self.options.seed, motions=self.options.motions,
             candidates=None if self.allowed is None else self.allowed[self.permutation],
             progress=self.options.progress,
             view_cosine=self.ordered_points.view_cosine,
             deadline=self.deadline.part(SAMPLED, RESERVE),
-            clouds=self.problem.point_clouds(self.ordered_points),
-            views=self.problem.two_views(self.ordered_points),
+            clouds=self.problem.point_clouds(self.ordered_points), views=self.problem.two_views(self.ordered_points),
             at_focal_lengths=self.problem.at_focal_lengths(self.ordered_points),
             without_vertical=self.problem.without_vertical(self.ordered_points),
             later=True, more_images=self.more_images,
+            found_before=None if self.found_before is None else self.found_before[:, self.permutation],
         )  # fmt: skip
 
     def with_noise(self, sigma: float) -> Self:
@@ -333,7 +333,7 @@ class MatchingTask:
 
         Partial knowledge of the pose holds for some of the points as well.
         """
-        nothing: dict[str, Any] = {"prior_pose": None, "rival_poses": ()}
+        nothing: dict[str, Any] = {"prior_pose": None, "rival_poses": (), "found_before": None}
         nothing |= {"prior_poses": {}, "prior_rivals": {}, "known_of": {}}
 
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:

@@ -125,7 +125,8 @@ def _joined(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
 
 def _beside(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
     """Modes with another one that is none of them, but without those that are part of it."""
-    kept = [other for other in kept if not _is_part(other, mode)]
+    parts = [other for other in _turned_alike(mode, kept) if _is_part(other, mode)]
+    kept = [other for other in kept if other not in parts]
     return sorted([*kept, mode], key=lambda one: -one.log_mass)
 
 
@@ -139,7 +140,8 @@ def with_sums(model: DetectionModel, modes: Modes, which: int) -> Modes:
 
 def _is_known(mode: _Mode, kept: list[_Mode]) -> bool:
     """Whether a mode is part of one that is no worse; a worse one, known from a search among less, gives way to it."""
-    return any(mode.log_odds <= other.log_mass and _is_part(mode, other) for other in kept)
+    no_worse = [other for other in kept if mode.log_odds <= other.log_mass]
+    return any(_is_part(mode, other) for other in _turned_alike(mode, no_worse))
 
 
 def _possible(
@@ -216,14 +218,18 @@ class _Mode:
         )
 
 
+def _turned_alike(mode: _Mode, others: list[_Mode]) -> list[_Mode]:
+    """Those of several modes that are turned nearly as one is: no other is part of it, nor it of another."""
+    turns = np.array([other.rotation for other in others]).reshape(-1, 9) @ mode.rotation.ravel()
+    return [others[k] for k in np.flatnonzero(turns >= ALIKE).tolist()]
+
+
 def _is_part(mode: _Mode, other: _Mode) -> bool:
     """Whether a mode has the pose of another one, or that of a change of its assignment that was weighed there."""
     if mode is other:
         return False
     if is_same_pose(mode.pose, other.pose, NO_STEP, SAME_POSE):
         return True
-    if np.vdot(mode.rotation, other.rotation) < ALIKE:
-        return False
     value, moved = other.changes.get(mode.assignment.tobytes(), (-math.inf, NO_STEP))
     return mode.log_odds < value + 1.0 and bool(is_same_pose(mode.pose, other.pose, moved, SAME_POSE))
 

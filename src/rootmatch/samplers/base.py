@@ -57,6 +57,8 @@ class SamplingTask:
     """Name of the problem, for messages."""
     later: bool = False
     """Whether hyper-edges may be evaluated when they are asked for."""
+    found_before: Integers | None = None
+    """(K, n) assignments that are tried first, as one of them is probably right; None for none."""
     more_images: bool = False
     """Whether images of the same points follow, so that what all of them need is prepared at once."""
 

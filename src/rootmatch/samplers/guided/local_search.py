@@ -1,4 +1,8 @@
-"""The guided search for one motion of a large object: local triples, whose hypotheses grow to the whole object."""
+"""The guided search for one motion of a large object: local triples, whose hypotheses grow to the whole object.
+
+Wide triples are tried beside them until one of both finds something: where few points are detected, here and there,
+neighbours of a triple are hardly ever among them and do not tell a true one.
+"""
 
 from __future__ import annotations
 
@@ -36,6 +40,9 @@ POINTS, IMAGES = (4, 6, 8, 12), (4, 8, 16, 32)
 """Neighbours of a point that triples are taken from, level after level, and neighbours of a detection that are taken as
 images; about as much work goes to each. Of neighbours among the nearest four as many images are the nearest four in
 seven views of benchmarks/targets.py as of those among eight are the nearest eight, for a fifth of the work."""
+LOCAL = 0.5
+"""Fraction of the other detections that are tried as images near one at the most: triples of more are not local, and
+those of parts of the points (`minimal_sets.sets_of_parts`) are tried as wide ones. A round value."""
 SOLVED = 30_000_000
 """Image triples after which wide triples are tried, or the search ends with what it has found: some seconds."""
 FIRST_WAVE, LARGEST_WAVE = 4, 64
@@ -91,16 +98,18 @@ class LocalSearch(Search):
 
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
-        self.wide = False
-        """Whether local triples found nothing, and wide ones are tried."""
+        self.wide, self.spent = False, {False: 0, True: 0}
+        """Whether the last triples tried were wide ones, and image triples solved of local and of wide ones."""
         self.sure_sets = SETS  # hypotheses grow by them
         self.neighbours = _nearest(self.positions, max(*POINTS, LOOKED_UP))
         self.near = _nearest(self.grid.positions.T, max(IMAGES))
-        n, n_target = self.neighbours.shape[1], self.near.shape[1]
-        sizes = [(min(p, n), min(q, n_target)) for p, q in zip(POINTS, IMAGES, strict=True)]
+        n, most = self.neighbours.shape[1], LOCAL * (self.n_target - 1)
+        sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= most]
         self.levels = [Level(p, q, self.n_target * q * (q - 1), FIRST_WAVE) for p, q in sizes]
         self.in_parts = self.n > WHOLE and bool(kernels_of(self.tables).source_fields)
-        """Whether hypotheses are verified near their triple first."""
+        """Whether hypotheses of local triples are verified near their triple first."""
+        self.nearby = False
+        """Whether those are verified now."""
         self.partly = PartialVerification(self.tables, self.positions, self.density, self.allowed)
         self.leads: list[Lead] = []
         self.best: Integers | None = None
@@ -109,32 +118,51 @@ class LocalSearch(Search):
         """Fraction of the triples of each level that meet that hypothesis."""
 
     def _steps(self) -> Iterator[None]:
-        """See `Search`: wave after wave of local triples, then, where they find nothing, wide ones."""
-        pace = Pace(self.deadline, batches.FIRST)
-        while (level := self._next_level()) is not None:
-            wanted = min(level.size, max(1, batches.LARGEST // level.cost))
-            if (work := pace.block(wanted * level.cost)) == 0:
+        """See `Search`: waves of local triples and of wide ones, then of those that find something."""
+        pace, wide = Pace(self.deadline, batches.FIRST), super()._steps()
+        while not (self.wide and self.is_beyond_chance()):
+            level, before = self._next_level(), self.solved
+            if self._is_turn_of_wide(level):
+                self.wide = True
+                if next(wide, self) is self:
+                    return
+            elif level is None:
                 return
-            self._try_local(level, max(1, work // level.cost))
+            else:
+                wanted = min(level.size, max(1, batches.LARGEST // level.cost))
+                if (work := pace.block(wanted * level.cost)) == 0:
+                    return
+                self.wide = False
+                self._try_local(level, max(1, work // level.cost))
+            self.spent[self.wide] += self.solved - before
             yield
-        if not self.conclusive:
-            self.wide = True
-            yield from super()._steps()
+        yield from wide
+
+    def _is_turn_of_wide(self, level: Level | None) -> bool:
+        """Whether wide triples are tried next: until something is found they get about as much work as each level."""
+        if self.conclusive or level is None:
+            return not self.conclusive
+        return self.spent[True] * sum(one.open for one in self.levels) < self.spent[False]
 
     def _enough(self) -> bool:
-        """Whether a pose that explains as much as the best one would have been met; of wide triples see `Search`."""
-        if self.wide:
-            return super()._enough()
+        """Whether a pose that explains as much as the best one would have been met.
+
+        Local triples go on to tell, whatever found it, unless all of them could not; of wide ones see `Search`.
+        """
         if not self.is_beyond_chance():
             return False
-        self.conclusive = True
+        if self.wide:
+            self._reckon()
+            if self._missed_after([len(self._triples(level)) for level in self.levels]) > MISSED:
+                return super()._enough()
+        self.conclusive, self.wide = True, False
         self._grow()
         self._reckon()
         return self.missed <= MISSED
 
     def _try_rivals(self) -> None:
-        """See `Search`; local triples would have met them."""
-        if self.wide:
+        """See `Search`; local triples would have met them, unless too few of them meet even the best pose."""
+        if self.wide or self.missed > MISSED:
             super()._try_rivals()
 
     def _next_level(self) -> Level | None:
@@ -176,14 +204,16 @@ class LocalSearch(Search):
             keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
             threads=threads_worth(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
+        self.nearby = self.in_parts
         self._keep(points, survivors, ratios, counts, most)
+        self.nearby = False
         self._follow()
         level.done, level.waves = level.done + len(points), level.waves + 1
         level.size = min(2 * level.size, LARGEST_WAVE)
 
     def _verify(self, points: Integers, images: Integers) -> None:
-        """Verify as `Search` does; a large object only near each triple: hypotheses beyond chance become leads."""
-        if not self.in_parts:
+        """Verify as `Search` does; local triples of a large object near each: what is beyond chance becomes a lead."""
+        if not self.nearby:
             super()._verify(points, images)
             return
         level = self._false_alarm_level()
@@ -244,9 +274,11 @@ class LocalSearch(Search):
         if self.best is None or not np.array_equal(best, self.best):
             self.best = best
             self.shares = np.array([self._met(self._triples(level), level.images, best) for level in self.levels])
-        met = (1.0 - FAILURE) * self.shares
-        tried = np.array([level.done for level in self.levels])
-        self.missed = float(np.prod((1.0 - met) ** tried))
+        self.missed = self._missed_after([level.done for level in self.levels])
+
+    def _missed_after(self, tried: list[int]) -> float:
+        """Probability that none of so many triples of each level met a pose that is met as often as the best one."""
+        return float(np.prod((1.0 - (1.0 - FAILURE) * self.shares) ** np.array(tried)))
 
     def _met(self, triples: Integers, images: int, best: Integers) -> float:
         """Fraction of some triples that meet an assignment."""

@@ -5,11 +5,17 @@ Another set predicts what the first one missed, and often better.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.samplers.guided.dispatch import hypothesis_kernels
 from rootmatch.samplers.guided.hypotheses import Hypotheses
 from rootmatch.samplers.guided.minimal_sets import widest
+
+if TYPE_CHECKING:
+    from rootmatch.samplers.guided.search import Search
 
 CLUSTERS, CLUSTER_PART = 8, 0.25
 """Clusters that are solved anew when none is beyond chance: so many or, if that is more, this fraction of them."""
@@ -43,13 +49,29 @@ def refining_sets(
         Minimal sets of each cluster.
     rng : Generator
     """
-    minimal = hypotheses.points.shape[1]
+    taken = leaders[: beyond_chance or max(CLUSTERS, int(CLUSTER_PART * len(leaders)))]
+    return _widest_of(hypotheses.best[taken], hypotheses.points.shape[1], positions, solutions, count, rng)
+
+
+def begin_with(search: Search, assignments: Integers) -> None:
+    """Verify wide minimal sets of assignments (K, n) that are known before a search, of each its own."""
+    solutions = hypothesis_kernels(search.tables).solutions
+    rng = np.random.default_rng(search.n)  # the search draws the same sets whatever is known
+    points, images = _widest_of(assignments, search.minimal, search.positions, solutions, SETS, rng)
+    if len(points):
+        search._verify(points, images)
+
+
+def _widest_of(
+    assignments: Integers, minimal: int, positions: Floats, solutions: int, count: int, rng: np.random.Generator
+) -> tuple[Integers, Integers]:
+    """See `refining_sets`, of the matches of some assignments (K, n)."""
     points, images = [np.empty((0, minimal), np.int64)], [np.empty((0, minimal), np.int64)]
-    for leader in leaders[: beyond_chance or max(CLUSTERS, int(CLUSTER_PART * len(leaders)))]:
-        (matched,) = (hypotheses.best[leader] >= 0).nonzero()
+    for assignment in assignments:
+        (matched,) = (assignment >= 0).nonzero()
         chosen = widest(positions, matched, minimal, count, rng)
         points.append(np.repeat(chosen, solutions, axis=0))
-        images.append(np.repeat(hypotheses.best[leader][chosen], solutions, axis=0))
+        images.append(np.repeat(assignment[chosen], solutions, axis=0))
     stacked = np.concatenate(points)
     solved = np.empty((len(stacked), 1 + minimal), np.int64)
     solved[:, 0] = np.arange(len(stacked)) % solutions

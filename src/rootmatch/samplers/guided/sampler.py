@@ -12,6 +12,7 @@ from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.dispatch import has_hypotheses
 from rootmatch.samplers.guided.focal_search import focal_tensor
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.refinement import begin_with
 from rootmatch.samplers.guided.rivals import missed_rival
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.vague_vertical import triples_for
@@ -104,6 +105,8 @@ class Guided(GuidedOptions):
         """The search of a task, at its end; ``searched``: the same by the same minimal sets, or by others."""
         search = search_of(searched, self, task.deadline.part(SEARCHED, RESERVE))
         with search.deadline.within():
+            if task.found_before is not None:
+                begin_with(search, task.found_before)
             search.run()
         with task.deadline.part(REFINED).within():
             search.refine()

@@ -125,7 +125,7 @@ class Search:
         one_of_many = self.single and not self.normals
         batch = batches.START if one_of_many else batches.FIRST
         pace = Pace(self.deadline, batches.CHUNKS)
-        tried, sets_done = self._tried(), 0
+        tried, sets_done, solved = self._tried(), 0, 0
         for wave, points in enumerate(self._waves()):
             sets = self._prepared(points, len(arrangements))
             test = self._test(wave)
@@ -135,8 +135,10 @@ class Search:
                 last = min(tasks, done + pace.block(wanted))
                 if last == done:
                     return
+                before = self.solved
                 self._try(sets, test, arrangements, first=done, last=last)
-                done, batch = last, batches.next_batch(batch, self.solved if one_of_many else None)
+                solved += self.solved - before  # where others are tried between these, without them
+                done, batch = last, batches.next_batch(batch, solved if one_of_many else None)
                 yield
             if whole:
                 sets_done += len(points)

@@ -1,0 +1,48 @@
+"""Modes that are part of others, against every pair of them compared."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rootmatch.model.compiled.same_pose import is_same_pose
+from rootmatch.model.mode_search import NO_STEP, SAME_POSE, _beside, _is_known, _Mode
+from rootmatch.model.modes import nothing_near
+
+
+def modes(count: int, seed: int) -> list[_Mode]:
+    """Modes at a few places and turns, of which many are the same but for their noise."""
+    rng = np.random.default_rng(seed)
+    turns, places = Rotation.random(6, rng=rng), rng.normal(size=(3, 3))
+    made = []
+    for _ in range(count):
+        turn = Rotation.from_rotvec(rng.normal(scale=0.05, size=3)) * turns[int(rng.integers(6))]
+        odds = float(rng.normal(scale=5.0))
+        made.append(
+            _Mode(
+                assignment=rng.permutation(5), rotation=turn.as_matrix(),
+                position=places[rng.integers(3)] + rng.normal(scale=0.05, size=3), covariance=0.05**2 * np.eye(6),
+                log_odds=odds, log_mass=odds + float(rng.uniform(0.0, 2.0)), local=np.ones(5), freedom=4.0,
+                visible=np.ones(5), detected=5.0, unmatched=np.zeros(5), summed=False, near=nothing_near(5),
+            )
+        )  # fmt: skip
+    return made
+
+
+def is_same(one: _Mode, other: _Mode) -> bool:
+    return bool(is_same_pose(one.pose, other.pose, NO_STEP, SAME_POSE))
+
+
+def test_modes_that_are_part_of_others_are_those_of_all_pairs() -> None:
+    kept: list[_Mode] = []
+    known, given_way = 0, 0
+    for mode in modes(200, 0):
+        expected = any(mode.log_odds <= other.log_mass and is_same(mode, other) for other in kept)
+        assert _is_known(mode, kept) == expected
+        known += expected
+        if not expected:
+            left = [other for other in kept if not is_same(other, mode)]
+            given_way += len(kept) - len(left)
+            kept = _beside(kept, mode)
+            assert kept == sorted([*left, mode], key=lambda one: -one.log_mass)
+    assert min(known, given_way, len(kept)) > 10
