@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import beta, f
 
 import rootmatch as rm
 from posteriors import told
+from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.task import MatchingTask
-from rootmatch.simulation import three_plus_one_scene, up2p_scene
+from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
 
 def test_no_confidence_in_matches_of_unrelated_points() -> None:
@@ -95,3 +98,29 @@ def test_noise_stated_far_too_small_is_named() -> None:
             named += 1
     assert named >= 6
     assert rm.match(scene.source, scene.target, scene.problem, noise=1.0).noise_factor < 2.0
+
+
+def test_matches_that_fit_badly_are_doubted() -> None:
+    """Something else may have nearly the shape: what agrees within four times the stated noise is not certain."""
+    highest = []
+    for factor in (1.0, 4.0):
+        each = []
+        for seed in range(8):
+            scene = p3p_scene(14, 4, 0.5 * factor, seed)
+            match = rm.match(scene.source, scene.target, scene.problem, noise=0.5)
+            each.append(float(match.confidence[match.assignment >= 0].max()))
+            assert match.probability <= each[-1] + 1e-9
+        highest.append(each)
+    assert min(highest[0]) > 0.99
+    assert max(highest[1]) < 0.95
+    assert np.mean(highest[1]) < 0.6
+
+
+def test_residuals_speak_for_something_else_by_their_chance() -> None:
+    """Bayes factor of Beta(.2, 1) to uniform at the chance by an F distribution."""
+    for chance in (0.5, 0.01, 1e-5):
+        fault = Misfit(1.0, float(np.sqrt(f.isf(chance, 12, NOISE_FREEDOM))), 12)
+        assert fault.for_something_else() == pytest.approx(beta.pdf(chance, 0.2, 1.0), rel=1e-6)
+    assert Misfit(1.0, 1.0, 12).for_something_else() < 1.0
+    assert Misfit(1.0, 4.0, 12).for_something_else() > 1000.0
+    assert Misfit(1.0, 4.0, 12).for_something_else(of_rig=True) < 100.0

@@ -13,9 +13,9 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.goodness_of_fit import SHAPE, Misfit
 from rootmatch.model.priors import NOISE_FREEDOM
-from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, SHAPE, after_frame
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
 
 Floats = NDArray[np.float64]
 

@@ -130,12 +130,12 @@ class Finding:
         """A copy with some facts changed, from which another status may follow."""
         return replace(self, facts=replace(self.facts, **facts))
 
-    def doubted(self, probability: float, confidence: Floats) -> Self:
+    def doubted(self, probability: float) -> Self:
         """A copy that is less probable; ambiguous if it is less so than what is trusted."""
         facts = replace(self.facts, probability=probability)
         if probability < facts.min_probability:
             facts = replace(facts, contested=True, sure_of_the_rest=False)
-        return replace(self, confidence=confidence, facts=facts)
+        return replace(self, facts=facts)
 
     @property
     def every_confidence(self) -> Floats | None:

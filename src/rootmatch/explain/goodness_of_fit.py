@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from rootmatch.explain.decide import TRUST
-from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.explain.finding import Finding
+from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
 
 MOST_INFLATION = 4.0
 """Largest factor on the given variances: of a pose that asks for more than twice the given σ nothing is believed. A
 round value; what it refuses: the unrelated points of benchmarks/constellations.py."""
+
+
+SHAPE = 0.2
+"""Of the distribution Beta(a, 1) of the chance of residuals as large as those of something else. A round value."""
+FREEDOM_OF_RIG = 5.0
+"""Residuals by which σ is known about a pose before a rig, whose calibration may be off by more in one place than in
+another. A round value."""
 
 
 class Misfit(NamedTuple):
@@ -48,6 +59,27 @@ class Misfit(NamedTuple):
         if not self.dof:
             return 1.0
         return float(gammaincc(0.5 * self.dof, 0.5 * self.dof * self.sigma**2))
+
+    def for_something_else(self, of_rig: bool = False) -> float:
+        """How much more probable such residuals are of something else than the body, which has nearly its shape.
+
+        Their chance is uniform for the body, and has a Beta distribution towards 0 for anything else (compare Sellke,
+        Bayarri and Berger 2001).
+        """
+        from scipy.special import fdtrc  # slow to import
+
+        chance = float(fdtrc(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
+        return float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
+
+
+def doubted_by_fit(found: Finding, fault: Misfit, of_rig: bool = False) -> Finding:
+    """A finding that is less probable by how its residuals speak for something else; a wrong model is allowed for."""
+    if not fault.dof or fault.sigma <= 1.0 or found.facts.probability is None:
+        return found
+    own = min((1.0 + WRONG_MODEL) / (1.0 + WRONG_MODEL * fault.for_something_else(of_rig)), 1.0)
+    present = None if found.facts.present is None else own * found.facts.present
+    sure = None if found.confidence is None else np.where(found.assignment >= 0, own, 1.0) * found.confidence
+    return replace(found.with_facts(present=present).doubted(own * found.facts.probability), confidence=sure)
 
 
 def does_not_fit(fault: Misfit) -> bool:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
-from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
+from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.predicted_poses import about_prediction, polished_pose
 from rootmatch.explain.rig_triples import search_meets
@@ -143,7 +143,7 @@ def told_by(
         first = trusted.assignment
     others, believed = Others(told, TRUST.alternatives, than=first), status is not Status.UNTRUSTED
     first, confidence = of_surest(first, confidence, surest)
-    return replace(
+    found = replace(
         base,
         posterior=told,
         model=model,
@@ -163,6 +163,7 @@ def told_by(
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
         pose=pose_of_mode(model, modes, k) if believed else None,
     )
+    return doubted_by_fit(found, fault, len(model.images) > 1)
 
 
 def with_parts(told: Posterior, model: DetectionModel, minimal: int, taken: NDArray[np.bool_] | None) -> Posterior:

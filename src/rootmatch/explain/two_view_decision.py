@@ -16,7 +16,7 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, unjudged
-from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
+from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import KEPT
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
@@ -152,7 +152,7 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, copy: float) -
         elsewhere = list(named[shared(named, first) <= OTHER])
         others += [(other, (1.0 - share) * told.present / len(elsewhere)) for other in elsewhere]
         others.sort(key=lambda one: -one[1])
-    return replace(
+    found = replace(
         base,
         assignment=first,
         others=[other for other, _ in others[: TRUST.alternatives]],
@@ -164,3 +164,4 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, copy: float) -
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
     )
+    return doubted_by_fit(found, fault)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -194,7 +194,8 @@ class FollowedBody:
         certain, chance, sure = self.belief.certainty_of(found, time), found.facts.probability, found.every_confidence
         unsure |= certain < found.facts.min_probability
         if certain < 1.0 - WRONG_MODEL and chance is not None and sure is not None:
-            found = found.doubted(certain * chance, np.where(found.assignment >= 0, certain * sure, sure))
+            less = np.where(found.assignment >= 0, certain * sure, sure)
+            found = replace(found.doubted(certain * chance), confidence=less)
         if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found
