@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Deadline, checkpoint
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
-from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
+from rootmatch.samplers.point_sets.motions import Motions, fitted_motions, joined_motions
 from rootmatch.samplers.point_sets.shown_parts import ShownParts
 from rootmatch.samplers.point_sets.triangles import GATE, Triangles
 
@@ -145,9 +145,14 @@ class MotionSearch:
         ordered = number[order]
         rank = np.arange(len(order)) - np.searchsorted(ordered, ordered)
         chosen = order[(rank < REFINED) & (counts[order] > 3)]
-        for one in chosen[np.argsort(-counts[chosen], kind="stable")].tolist():
-            if self._is_new(sources[one], images[one], int(counts[one])):
-                self._refine(every[one // step].take(np.array([one % step])))
+        chosen, at = chosen[np.argsort(-counts[chosen], kind="stable")], 0
+        together = 1  # few at first: where one of them is right, hardly any other is of account
+        while at < len(chosen):
+            next_ones = chosen[at : at + together].tolist()
+            some = [k for k in next_ones if self._is_new(sources[k], images[k], int(counts[k]))]
+            if some:
+                self._refine(joined_motions([every[k // step].take(np.array([k % step])) for k in some]))
+            at, together = at + together, min(2 * together, step)
 
     def _is_new(self, triple: Integers, images: Integers, explained: int) -> bool:
         """Whether the motion of a triple may be none of those that are kept, and of account beside them."""
@@ -156,28 +161,31 @@ class MotionSearch:
             least = WORTH * np.count_nonzero(self.hypotheses[0].assignment >= 0)
         return explained >= least and not any((one.assignment[triple] == images).all() for one in self.hypotheses)
 
-    def _refine(self, motion: Motions) -> None:
-        """Fit a motion to the points that it explains, several times, and keep it if it is among the best."""
+    def _refine(self, motions: Motions) -> None:
+        """Fit motions to the points that each explains, several times, and keep those that are among the best."""
         clouds = self.clouds
-        gates = np.geomspace(WIDE_GATE, GATE, ROUNDS)
-        for gate in gates.tolist():
+        for gate in np.geomspace(WIDE_GATE, GATE, ROUNDS).tolist():
             checkpoint()
-            squared, variance = (part[0] for part in motion.squares(clouds))
-            ratios = self._ratios(squared, variance, gate)
-            members, images = _mutual(ratios)
-            if len(members) <= 3:
+            squared, variance = motions.squares(clouds)
+            images, mutual = _mutual(self._ratios(squared, variance, gate))
+            enough = mutual.sum(axis=1) > 3
+            if not enough.any():
                 return
-            weight = 1.0 / variance[members, images]
-            motion = fitted_motions(
-                clouds.source[members][None], clouds.target[images][None], clouds.scaled, clouds.mirror, weight[None]
-            )
-        squared, variance = (part[0] for part in motion.squares(clouds))
-        ratios = self._ratios(squared, variance, GATE)
-        members, images = _mutual(ratios)
-        worth = np.sort(ratios[members, images])
-        assignment = np.full(self.n, -1, np.int64)
-        assignment[members] = images
-        evidence = float(worth[:-3].sum())
+            images, mutual = images[enough], mutual[enough]
+            own = np.take_along_axis(variance[enough], images[..., None], axis=2)[..., 0]
+            sources = np.broadcast_to(clouds.source, (len(images), *clouds.source.shape))
+            weight = np.where(mutual, 1.0 / own, 0.0)
+            motions = fitted_motions(sources, clouds.target[images], clouds.scaled, clouds.mirror, weight)
+        every = self._ratios(*motions.squares(clouds), GATE)
+        for ratios, images, mutual in zip(every, *_mutual(every), strict=True):
+            self._keep(ratios, np.where(mutual, images, -1))
+
+    def _keep(self, ratios: Floats, assignment: Integers) -> None:
+        """Keep a motion, of which the likelihood ratios and the assignment are given, if it is among the best."""
+        members = np.flatnonzero(assignment >= 0)
+        evidence = float(np.sort(ratios[members, assignment[members]])[:-3].sum())
+        if len(self.hypotheses) == KEPT and evidence <= self.hypotheses[-1].evidence:
+            return
         if any(np.array_equal(assignment, other.assignment) for other in self.hypotheses):
             return
         self.hypotheses.append(MotionHypothesis(evidence, assignment, ratios))
@@ -185,7 +193,7 @@ class MotionSearch:
         del self.hypotheses[KEPT:]
 
     def _ratios(self, squared: Floats, variance: Floats, gate: float) -> Floats:
-        """Log-likelihood ratios (n, n') of correspondences against chance; −∞ beyond the gate."""
+        """Log-likelihood ratios (H, n, n') of correspondences against chance; −∞ beyond the gate."""
         with np.errstate(divide="ignore"):
             log = -0.5 * (squared / variance + self.dimension * np.log(2.0 * np.pi * variance)) - self.log_density
         possible = squared <= gate**2 * variance
@@ -215,8 +223,8 @@ def _turn(corners: Floats) -> Floats:
     return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
 
-def _mutual(ratios: Floats) -> tuple[Integers, Integers]:
-    """Correspondences that are the best of both of their points."""
-    forward, back = ratios.argmax(axis=1), ratios.argmax(axis=0)
-    members = np.flatnonzero((back[forward] == np.arange(len(ratios))) & np.isfinite(ratios.max(axis=1)))
-    return members, forward[members]
+def _mutual(ratios: Floats) -> tuple[Integers, Bools]:
+    """The best target of each point, (H, n), by ratios (H, n, n'), and whether the point is the best of that, too."""
+    forward, back = ratios.argmax(axis=2), ratios.argmax(axis=1)
+    mutual = np.take_along_axis(back, forward, axis=1) == np.arange(ratios.shape[1])
+    return forward, mutual & np.isfinite(ratios.max(axis=2))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +49,11 @@ class Motions(NamedTuple):
         if allowed is not None:
             close &= allowed
         return np.asarray(np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1)))
+
+
+def joined_motions(parts: Sequence[Motions]) -> Motions:
+    """Several motions as one."""
+    return Motions._make(np.concatenate(each) for each in zip(*parts, strict=True))
 
 
 def fitted_motions(source: Floats, target: Floats, scaled: bool, mirror: bool, weight: Floats | None = None) -> Motions:
