@@ -22,7 +22,7 @@ import numpy as np
 from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, scale_variance
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
 
@@ -134,7 +134,7 @@ def motion_covariances(fit: PointSetFit) -> Floats:
     change[:, 3:, :3] = cross_matrix(arm)
     covariance = change @ whole @ change.swapaxes(1, 2)
     if fit.clouds.scaled:
-        covariance[:, 3:, 3:] += arm[:, :, None] * arm[:, None] * _scale_variance(fit)[:, None, None]
+        covariance[:, 3:, 3:] += arm[:, :, None] * arm[:, None] * scale_variance(fit)[:, None, None]
     return np.asarray(covariance)
 
 
@@ -204,12 +204,3 @@ def _deviations(clouds: PointClouds, pose: Pose) -> Floats:
     whole = moved[:, None] + both[:, :, None, None] * np.eye(3)
     off = clouds.target - (turned + pose.t)[:, None]
     return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
-
-
-def _scale_variance(fit: PointSetFit) -> Floats:
-    """Variance (K,) of the logarithm of the scale."""
-    clouds, matched = fit.clouds, fit.assignments >= 0
-    variance = clouds.target_variance[np.where(matched, fit.assignments, 0)]
-    weight = matched / (variance + fit.scale[:, None] ** 2 * clouds.source_variance)
-    squares = ((clouds.source - fit.centre[:, None]) ** 2).sum(axis=2)
-    return np.asarray(1.0 / np.maximum(fit.scale**2 * (weight * squares).sum(axis=1), 1e-300))

@@ -170,6 +170,15 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
     )  # fmt: skip
 
 
+def scale_variance(fit: PointSetFit) -> Floats:
+    """Variance (K,) of the logarithm of the scale."""
+    clouds, matched = fit.clouds, fit.assignments >= 0
+    variance = clouds.target_variance[np.where(matched, fit.assignments, 0)]
+    weight = matched / (variance + fit.scale[:, None] ** 2 * clouds.source_variance)
+    squares = ((clouds.source - fit.centre[:, None]) ** 2).sum(axis=2)
+    return np.asarray(1.0 / np.maximum(fit.scale**2 * (weight * squares).sum(axis=1), 1e-300))
+
+
 def _applied(rotation: Floats, points: Floats) -> Floats:
     """Rotated points (K, k)."""
     return np.asarray((rotation @ points[:, :, None])[:, :, 0])
