@@ -126,14 +126,16 @@ def weighed(
     most = float(odds.max())
     equal = _exchanged(model, assignments, np.exp(odds - most))
     mass = np.log(np.maximum(equal, 1e-300)) + known + most
+    image = _mirrored(model, mirrored, assignments, found.log_odds)
     sums = []
-    if len(odds) >= KEPT and np.sort(odds)[-KEPT] > most - NEGLIGIBLE:
+    in_question = np.logaddexp.reduce(mass) > max(image[1], math.log(1.0 / model.present - 1.0)) - WORTH
+    if in_question and len(odds) >= KEPT and np.sort(odds)[-KEPT] > most - NEGLIGIBLE:
         sums = _summed(model, assignments, found.log_odds)
         for one in sums:
             if one.count >= ENOUGH:
                 own = same_motion(assignments, one.about)
                 mass[own] -= math.log(max(float(one.shares(assignments[own]).sum()), 1e-300))
-    return Weighed(assignments, odds, mass, *_mirrored(model, mirrored, assignments, found.log_odds), sums)
+    return Weighed(assignments, odds, mass, *image, sums)
 
 
 def _summed(model: PointSetModel, assignments: Integers, log_odds: Floats) -> list[LabellingSums]:

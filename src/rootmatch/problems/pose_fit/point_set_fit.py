@@ -74,8 +74,8 @@ class PointSetFit:
         both = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
         return np.maximum(squared, 0.0), both + own[:, :, None]
 
-    def densities(self, k: int) -> Floats:
-        """Logarithm of the predictive density, per unit of volume, of each target as the image of each point, (n, n').
+    def predictions(self, k: int) -> tuple[Floats, Floats]:
+        """Squared deviations (n, n') of targets from where each point is predicted, and the logarithm of 1 / √|2π S|.
 
         The prediction is that of the other points of assignment k: a point's own match is left out. The motion's own
         uncertainty enters as its mean over directions.
@@ -91,7 +91,7 @@ class PointSetFit:
         squared[places] /= (1.0 - leverage) ** 2
         variance[places] = own / (1.0 - leverage)
         size = self.clouds.source.shape[1]
-        return np.asarray(-0.5 * (squared / variance + size * np.log(2.0 * np.pi * variance)))
+        return squared / variance, -0.5 * size * np.log(2.0 * np.pi * variance)
 
     def take(self, which: NDArray[np.integer]) -> PointSetFit:
         """A subset of the fits."""
