@@ -13,7 +13,6 @@ sampling, about the motions of the labellings that were weighed; see `rootmatch.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -191,20 +190,22 @@ def _motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -> tuple
         near, rotation=rotation, shift=shift, scale=scale,
         spread=np.zeros_like(near.spread), total=np.full(SAMPLES, np.inf),
     )  # fmt: skip
-    log_density = np.empty((len(share), SAMPLES))
-    for k in range(len(share)):
-        turns = rotation @ fit.rotation[k].T
-        angles = rotation_vector(turns) @ fit.frame[k] if size == 3 else np.arctan2(turns[:, 1, :1], turns[:, 0, :1])
-        shifts = _images(motions, fit.centre[k]) - fit.shift[k] - fit.scale[k] * fit.rotation[k] @ fit.centre[k]
-        variance = WIDER**2 * fit.spread[k, :axes]
-        squared = (angles**2 / variance).sum(axis=1) + fit.total[k] / WIDER**2 * (shifts**2).sum(axis=1)
-        log_density[k] = -0.5 * (squared + np.log(variance).sum() - size * math.log(fit.total[k]))
-        if fit.clouds.scaled:
-            log_density[k] -= 0.5 * (np.log(scale / fit.scale[k]) / of_scale[k]) ** 2 + math.log(of_scale[k])
+    turns = rotation @ fit.rotation[:, None].swapaxes(2, 3)
+    if size == 3:
+        angles = rotation_vector(turns.reshape(-1, 3, 3)).reshape(len(share), SAMPLES, 3) @ fit.frame
+    else:
+        angles = np.arctan2(turns[:, :, 1, :1], turns[:, :, 0, :1])
+    moved = scale[:, None] * (fit.centre @ rotation.swapaxes(1, 2)).swapaxes(0, 1) + shift
+    shifts = moved - _images(fit, fit.centre)[:, None]
+    variance = WIDER**2 * fit.spread[:, None, :axes]
+    squared = (angles**2 / variance).sum(axis=2) + fit.total[:, None] / WIDER**2 * (shifts**2).sum(axis=2)
+    log_density = -0.5 * (squared + np.log(variance).sum(axis=2) - size * np.log(fit.total)[:, None])
+    if fit.clouds.scaled:
+        log_density -= 0.5 * (np.log(scale / fit.scale[:, None]) / of_scale[:, None]) ** 2 + np.log(of_scale)[:, None]
     return motions, -np.logaddexp.reduce(log_density + np.log(np.maximum(share, 1e-300))[:, None], axis=0)
 
 
 def _images(motions: PointSetFit, points: Floats) -> Floats:
-    """Images (S, k) of a point each, (S, k) or (k,)."""
-    turned = (motions.rotation @ np.broadcast_to(points, motions.shift.shape)[:, :, None])[:, :, 0]
+    """Images (S, k) of a point each, (S, k)."""
+    turned = (motions.rotation @ points[:, :, None])[:, :, 0]
     return np.asarray(motions.scale[:, None] * turned + motions.shift)
