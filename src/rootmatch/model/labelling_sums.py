@@ -29,6 +29,8 @@ SAMPLES = 128
 """Number of samples. A round value."""
 WIDER = 1.5
 """Factor on the deviations of motions that samples have. A round value."""
+RARE = 0.02
+"""Part of the best labelling's probability up to which nothing is drawn about another one. A round value."""
 PART = 0.6
 """Part of what labellings tell of rates and of σ by which these are drawn, wider than they are. A round value."""
 LEAST = -9.0
@@ -53,8 +55,8 @@ class LabellingSums:
         Probability of each sample, whatever the labelling.
     pair : (n, n') int64 array
         Number of each match; P of those that do not count.
-    log_odds : (S, P + 1) array
-        Of each match against being unmatched; −∞ at last.
+    log_odds : (S, P) array
+        Of each match against being unmatched.
     log_total : (S,) array
         Logarithm of the sum of the products of the odds.
     marginals : (S, P + 1) array
@@ -88,11 +90,12 @@ class LabellingSums:
 
     def shares(self, assignments: Integers) -> Floats:
         """Probability (K,) of each of some labellings (K, n) among all about the motion."""
-        each = np.empty((len(assignments), len(self.weights)))
-        for row, one in zip(each, assignments, strict=True):
-            (matched,) = np.nonzero(one >= 0)
-            row[:] = self.log_odds[:, self.pair[matched, one[matched]]].sum(axis=1) - self.log_total
-        return np.asarray(np.exp(np.minimum(each, 0.0)) @ self.weights)
+        last = self.log_odds.shape[1]
+        matched, points = np.nonzero(assignments >= 0)
+        has = np.zeros((len(assignments), last + 1))
+        has[matched, self.pair[points, assignments[matched, points]]] = 1.0
+        each = has[:, :last] @ self.log_odds.T - self.log_total
+        return np.asarray(np.where(has[:, last] > 0.0, 0.0, np.exp(np.minimum(each, 0.0)) @ self.weights))
 
 
 def same_motion(assignments: Integers, first: Integers) -> Bools:
@@ -110,8 +113,8 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     rng = np.random.default_rng(0)
     fit = model.fit(assignments)
     kind = np.linalg.det(fit.rotation)
-    fit, share = fit.take(np.flatnonzero(kind * kind[0] > 0.0)), probabilities[kind * kind[0] > 0.0]
-    share = share / share.sum()
+    about = np.flatnonzero((kind * kind[0] > 0.0) & (probabilities > RARE * probabilities[0]))
+    fit, share = fit.take(about), probabilities[about] / probabilities[about].sum()
     motions, log_weight = _motions(fit, share, rng)
     if model.prior is not None:
         log_weight += np.logaddexp.reduce(model.prior.log_factors(motions, model.log_volume), axis=0)
@@ -140,9 +143,8 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     weights = np.exp(log_weight - log_weight.max())
     pair = np.full((n, n_target), len(sums.rows))
     pair[sums.rows, sums.columns] = np.arange(len(sums.rows))
-    padded = ((0, 0), (0, 1))
-    odds, marginals = np.pad(sums.log_odds, padded, constant_values=-np.inf), np.pad(sums.marginals, padded)
-    return LabellingSums(assignments[0], weights / weights.sum(), pair, odds, sums.log_total, marginals)
+    marginals = np.pad(sums.marginals, ((0, 0), (0, 1)))
+    return LabellingSums(assignments[0], weights / weights.sum(), pair, sums.log_odds, sums.log_total, marginals)
 
 
 def _gamma(shape: float, rate: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
