@@ -19,7 +19,7 @@ from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.model import mode_search, prediction, two_view_posterior, weighed_labellings
+from rootmatch.model import mode_search, point_set_posterior, prediction, two_view_posterior, weighed_labellings
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes
@@ -228,16 +228,16 @@ def test_neighbours_of_labellings_are_weighed_until_the_deadline() -> None:
     assert model is not None
     turned = np.array([4, 5, 0, 1, 6, 7, 2, 3])  # a cube is symmetric: what exchanges labels is looked at too
     proposals = np.array([np.arange(8), turned])
-    free = weighed_labellings.posterior(model, proposals)
+    free = point_set_posterior.posterior(model, proposals)
     clock = Clock(1.0)
-    looks = looks_at(clock, lambda: weighed_labellings.posterior(model, proposals))
+    looks = looks_at(clock, lambda: point_set_posterior.posterior(model, proposals))
     hypotheses = len(free.assignments)
     assert looks > 1 + hypotheses  # each of them, and each exchange
     for most in range(looks):
         with Deadline(most + 0.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
-            weighed_labellings.posterior(model, proposals)
+            point_set_posterior.posterior(model, proposals)
     with Deadline(looks + 0.5, clock=Clock(1.0)).enforced():
-        found = weighed_labellings.posterior(model, proposals)
+        found = point_set_posterior.posterior(model, proposals)
     assert np.array_equal(found.probabilities, free.probabilities)
 
 

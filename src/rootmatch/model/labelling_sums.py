@@ -143,8 +143,10 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     weights = np.exp(log_weight - log_weight.max())
     pair = np.full((n, n_target), len(sums.rows))
     pair[sums.rows, sums.columns] = np.arange(len(sums.rows))
-    marginals = np.pad(sums.marginals, ((0, 0), (0, 1)))
-    return LabellingSums(assignments[0], weights / weights.sum(), pair, sums.log_odds, sums.log_total, marginals)
+    return LabellingSums(
+        about=assignments[0], weights=weights / weights.sum(), pair=pair, log_odds=sums.log_odds,
+        log_total=sums.log_total, marginals=np.pad(sums.marginals, ((0, 0), (0, 1))),
+    )  # fmt: skip
 
 
 def _gamma(shape: float, rate: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
