@@ -19,7 +19,7 @@ from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.model import mode_search, point_set_posterior, prediction, two_view_posterior
+from rootmatch.model import mode_search, point_set_posterior, prediction, two_view_posterior, weighed_labellings
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes
@@ -245,13 +245,13 @@ def test_point_sets_that_a_deadline_ends_are_not_trusted(monkeypatch: pytest.Mon
     rng = np.random.default_rng(3)
     source = rng.uniform(-1.0, 1.0, (30, 3))
     target = source @ Rotation.random(random_state=3).as_matrix().T + 0.01 * rng.normal(size=source.shape)
-    clock, before = Clock(), point_set_posterior._best
+    clock, before = Clock(), weighed_labellings._best
 
     def slow(*arguments: Any) -> Any:
         clock.now += 1.0
         return before(*arguments)
 
-    monkeypatch.setattr(point_set_posterior, "_best", slow)
+    monkeypatch.setattr(weighed_labellings, "_best", slow)
     for seconds, status in ((0.5, Status.UNTRUSTED), (1e6, Status.MATCHED)):
         clock.now = 0.0
         task = MatchingTask.of(

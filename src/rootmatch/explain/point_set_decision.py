@@ -219,7 +219,7 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
             log_odds=0.0,
         )
     every, found = found, first
-    assignment, probability = found.assignments[0], float(found.probabilities[0])
+    assignment, probability = found.assignments[0], found.probability
     confidence, unmatched = found.confidence
     judged = model.judged_one(assignment)
     prior_holds = None if model.prior is None else bool(judged.held[0] >= 0)

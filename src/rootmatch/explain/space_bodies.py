@@ -24,7 +24,8 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_bodies import joint_posterior
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.point_set_posterior import PointSetPosterior, Weighed, nothing_weighed, weighed
+from rootmatch.model.point_set_posterior import PointSetPosterior
+from rootmatch.model.weighed_labellings import Weighed, nothing_weighed, weighed
 from rootmatch.samplers.base import SampledTensor
 
 

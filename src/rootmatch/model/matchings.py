@@ -6,6 +6,7 @@ may want. Detections near one epipolar line are few, so these states are, and wh
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,29 @@ def matchings(log_odds: Floats, rows: Integers, columns: Integers, order: Intege
     least : float
         Log-odds below which a pair counts for nothing in every table.
     """
+    return _of_enough(_of_any_number(log_odds, rows, columns, order, least))
+
+
+def matchings_in_parts(log_odds: Floats, rows: Integers, columns: Integers, least: float) -> Matchings:
+    """As `matchings`, where many points have few detections near them: what has none in common is summed by itself.
+
+    Its order is found, and the number of steps is bounded for each part.
+    """
+    good = np.flatnonzero(log_odds.max(axis=0, initial=-np.inf) > least)
+    rows, columns, log_odds = rows[good], columns[good], log_odds[:, good]
+    alone = (np.bincount(rows)[rows] == 1) & (np.bincount(columns)[columns] == 1)
+    own = log_odds[:, alone]
+    free = -np.logaddexp(0.0, own)
+    parts = [Matchings(-free.sum(axis=1), rows[alone], columns[alone], np.exp(own + free), own)]
+    for pairs, order in _parts(rows, columns, np.flatnonzero(~alone)):
+        parts.append(_of_any_number(log_odds[:, pairs], rows[pairs], columns[pairs], order, least))
+    log_total = np.sum([part.log_total for part in parts], axis=0)
+    joined = (np.concatenate(each, axis=-1) for each in zip(*(part[1:] for part in parts), strict=True))
+    return _of_enough(Matchings(log_total, *joined))
+
+
+def _of_any_number(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, least: float) -> Matchings:
+    """As `matchings`, over assignments of any number of matches."""
     count, n = len(log_odds), len(order)
     highest = log_odds.max(axis=0)
     while True:
@@ -68,7 +92,6 @@ def matchings(log_odds: Floats, rows: Integers, columns: Integers, order: Intege
         least += HARDER
     kept = np.concatenate(own)
     rows, columns, chosen = rows[kept], columns[kept], log_odds[:, kept]
-    first = np.concatenate([[0], np.cumsum([len(some) for some in possible])]).tolist()
     # each point's own odds sum to one, so that nothing overflows
     first = np.concatenate([[0], np.cumsum([len(some) for some in possible])]).tolist()
     odds = np.exp(np.minimum(chosen, 600.0)).T
@@ -102,7 +125,7 @@ def matchings(log_odds: Floats, rows: Integers, columns: Integers, order: Intege
                     value = value + part
             before[state] = value
         backward = before
-    return _of_enough(Matchings(np.log(total) + scale, rows, columns, marginals.T, chosen))
+    return Matchings(np.log(total) + scale, rows, columns, marginals.T, chosen)
 
 
 def log_of_enough(log_total: Floats, log_odds: Floats, rows: Integers, columns: Integers | None) -> Floats:
@@ -130,6 +153,26 @@ def _of_enough(sums: Matchings) -> Matchings:
     here = sums.marginals * np.exp(np.where(known, sums.log_total - log_total, 0.0))[:, None]
     few *= np.exp(-np.where(known, np.minimum(log_total, 700.0), 0.0))[:, None]
     return sums._replace(log_total=log_total, marginals=np.clip(here - few, 0.0, 1.0))
+
+
+def _parts(rows: Integers, columns: Integers, pairs: Integers) -> Iterator[tuple[Integers, Integers]]:
+    """Pairs that have points or detections in common, and the points of each such part, neighbours after each other."""
+    of_row: dict[int, list[int]] = {}
+    of_column: dict[int, list[int]] = {}
+    for pair, row, column in zip(pairs.tolist(), rows[pairs].tolist(), columns[pairs].tolist(), strict=True):
+        of_row.setdefault(row, []).append(pair)
+        of_column.setdefault(column, []).append(pair)
+    left = dict.fromkeys(of_row)
+    while left:
+        order = [next(iter(left))]
+        del left[order[0]]
+        for row in order:  # which grows
+            for pair in of_row[row]:
+                for other in of_column[int(columns[pair])]:
+                    if (beside := int(rows[other])) in left:
+                        del left[beside]
+                        order.append(beside)
+        yield np.array([pair for row in order for pair in of_row[row]]), np.array(order)
 
 
 def _sums(values: Floats, labels: Integers) -> Floats:

@@ -27,7 +27,7 @@ import numpy as np
 from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit, fitted_point_sets
+from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit, fitted_point_sets, scale_variance
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
 
@@ -143,7 +143,7 @@ def motion_covariances(fit: PointSetFit) -> Floats:
     change = np.tile(np.eye(size), (count, 1, 1))  # from the centre of the matches to the origin
     change[:, 3:6, :3] = cross_matrix(fit.scale[:, None] * turned)
     if fit.clouds.scaled:
-        whole[:, 6, 6], change[:, 3:6, 6] = _scale_variance(fit), -turned
+        whole[:, 6, 6], change[:, 3:6, 6] = fit.scale**2 * scale_variance(fit), -turned
     return np.asarray(change @ whole @ change.swapaxes(1, 2))
 
 
@@ -270,12 +270,3 @@ def _deviations(clouds: PointClouds, pose: Pose) -> Floats:
     whole = spread[:, None] + both[:, :, None, None] * np.eye(3)
     off = clouds.target - (moved + pose.t)[:, None]
     return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
-
-
-def _scale_variance(fit: PointSetFit) -> Floats:
-    """Variance (K,) of the scale."""
-    clouds, matched = fit.clouds, fit.assignments >= 0
-    variance = clouds.target_variance[np.where(matched, fit.assignments, 0)]
-    weight = matched / (variance + fit.scale[:, None] ** 2 * clouds.source_variance)
-    squares = ((clouds.source - fit.centre[:, None]) ** 2).sum(axis=2)
-    return np.asarray(1.0 / np.maximum((weight * squares).sum(axis=1), 1e-300))

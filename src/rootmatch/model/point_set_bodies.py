@@ -15,8 +15,9 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.joint import marginals
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.point_set_posterior import NEGLIGIBLE, PointSetPosterior, Weighed, ordered
+from rootmatch.model.point_set_posterior import PointSetPosterior, ordered
 from rootmatch.model.priors import COPY, COUNTS
+from rootmatch.model.weighed_labellings import NEGLIGIBLE, Weighed
 
 LEAST = 3
 """Fewest matches that determine a motion."""
@@ -47,7 +48,7 @@ def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -
     each = [*(_hypotheses(model, one, count) for model, one in zip(models, best, strict=True)), *copies]
     each_of = marginals([used for used, _ in each], [mass for _, mass in each], models[0].log_left)
     return [
-        ordered(one.assignments, share[: len(one.assignments)])
+        ordered(one.assignments, share[: len(one.assignments)], one.sums)
         for one, share in zip(best, each_of, strict=False)  # those of copies follow
     ]
 

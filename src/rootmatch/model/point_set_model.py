@@ -164,14 +164,20 @@ class PointSetModel:
         counts, own = self._log_counts, fit.assignments[k] >= 0
         # an added match is the last of m + 1, an existing one the last of m
         more = counts[min(matched + 1, n, n_target)] - counts[min(matched, n - 1, n_target - 1)]
-        gains = fit.densities(k) - self.clutter.log_density
+        squared, gains = fit.predictions(k)
+        places = np.flatnonzero(own), fit.assignments[k][own]
+        chi2, freedom, size = float(fit.chi2[k]), float(fit.dof[k]), self.clouds.source.shape[1]
+        now = float(student(chi2, freedom, NOISE_FREEDOM))
+        others = np.maximum(chi2 - squared[places], 0.0)
+        gained = student(chi2 + squared, freedom + size, NOISE_FREEDOM) - now
+        gained[places] = now - student(others, max(freedom - size, 0.0), NOISE_FREEDOM)
+        gains += gained - self.clutter.log_density
         gains += np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
         if self.weights is not None:
             with np.errstate(divide="ignore"):
                 gains += np.log(self.weights)
         if self.allowed is not None:
             gains[~self.allowed] = -np.inf
-        places = np.flatnonzero(own), fit.assignments[k][own]
         gains[places] = np.maximum(gains[places], -1e9)
         return np.asarray(gains)
 
@@ -213,7 +219,7 @@ def _space_of(target: bytes, variance: bytes, size: int) -> tuple[float, Clutter
     return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(own), extents)
 
 
-def student(chi2: Floats, freedom: Floats, nu: float) -> Floats:
+def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
     """Logarithm of exp(−χ²/2) averaged over the factor of the variances, whose powers σ^(−f) it takes along."""
     from scipy.special import gammaln  # slow to import
 

@@ -74,8 +74,8 @@ class PointSetFit:
         both = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
         return np.maximum(squared, 0.0), both + own[:, :, None]
 
-    def densities(self, k: int) -> Floats:
-        """Logarithm of the predictive density, per unit of volume, of each target as the image of each point, (n, n').
+    def predictions(self, k: int) -> tuple[Floats, Floats]:
+        """Squared deviations (n, n') of targets from where each point is predicted, and the logarithm of 1 / √|2π S|.
 
         The prediction is that of the other points of assignment k: a point's own match is left out. The motion's own
         uncertainty enters as its mean over directions.
@@ -91,7 +91,7 @@ class PointSetFit:
         squared[places] /= (1.0 - leverage) ** 2
         variance[places] = own / (1.0 - leverage)
         size = self.clouds.source.shape[1]
-        return np.asarray(-0.5 * (squared / variance + size * np.log(2.0 * np.pi * variance)))
+        return squared / variance, -0.5 * size * np.log(2.0 * np.pi * variance)
 
     def take(self, which: NDArray[np.integer]) -> PointSetFit:
         """A subset of the fits."""
@@ -168,6 +168,15 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
         scale=scale, centre=centre,
         spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=u, total=total,
     )  # fmt: skip
+
+
+def scale_variance(fit: PointSetFit) -> Floats:
+    """Variance (K,) of the logarithm of the scale."""
+    clouds, matched = fit.clouds, fit.assignments >= 0
+    variance = clouds.target_variance[np.where(matched, fit.assignments, 0)]
+    weight = matched / (variance + fit.scale[:, None] ** 2 * clouds.source_variance)
+    squares = ((clouds.source - fit.centre[:, None]) ** 2).sum(axis=2)
+    return np.asarray(1.0 / np.maximum(fit.scale**2 * (weight * squares).sum(axis=1), 1e-300))
 
 
 def _applied(rotation: Floats, points: Floats) -> Floats:

@@ -1,0 +1,223 @@
+"""Labellings of two point sets: those proposed and their neighbours, each weighed by a fit of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from rootmatch.arrays import Floats, Integers
+from rootmatch.deadline import checkpoint
+from rootmatch.hypergraph.assignment import apart_from
+from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
+from rootmatch.model.exact_symmetry import exactly_symmetric
+from rootmatch.model.labelling_sums import LabellingSums, labelling_sums, same_motion
+from rootmatch.model.point_set_model import Judged, PointSetModel
+from rootmatch.model.priors import COPY, COUNTS
+
+MIRRORED = 0.01
+"""Prior probability that the targets are a mirror image of the object, because an axis is flipped or a frame is
+left-handed, although no reflection was asked for. If that explains them, nothing is trusted. A round value."""
+KEPT = 64
+"""Largest number of hypotheses whose shares are summed, and of those elsewhere. A round value."""
+NEGLIGIBLE = 12.0
+"""Log-odds against the best hypothesis beyond which a hypothesis is ignored. A round value."""
+WORTH = 5.0
+"""Log-odds against the best hypothesis up to which a hypothesis' neighbours are weighed. A round value."""
+ROUNDS = 3
+"""Largest number of rounds of weighing neighbours. A round value."""
+EXPANDED = 6
+"""Hypotheses whose neighbours are weighed in each round. A round value."""
+CHANGES = 64
+"""Number of changes of a hypothesis that are weighed, the most probable ones. A round value."""
+LEADING = 0.01
+"""Share of the best hypothesis above which hypotheses are tested for exchange by a self-motion."""
+SYMMETRIC = 48
+"""Largest number of pairs of hypotheses that are tested in this way. A round value."""
+MOTIONS = 8
+"""Largest number of motions about which all labellings are summed. A round value."""
+ENOUGH = 8.0
+"""Number of samples that must count if a sum is to add to the probability of a motion. A round value."""
+
+
+class Weighed(NamedTuple):
+    """Labellings of one body, the best one first, weighed against clutter alone.
+
+    Attributes
+    ----------
+    assignments : (K, n) int64
+    log_odds : (K,) float64
+        Of each by itself, without what is known of the motion.
+    log_mass : (K,) float64
+        With it, and with what a self-motion of the source makes equal.
+    mirrored : (n,) int64, optional
+        The best labelling by a reflection, which is no answer.
+    log_mirrored : float
+        Its log-odds, prior included.
+    sums : sequence of LabellingSums
+        Over all labellings about the most probable motions, if there are many more than these.
+    """
+
+    assignments: Integers
+    log_odds: Floats
+    log_mass: Floats
+    mirrored: Integers | None
+    log_mirrored: float
+    sums: Sequence[LabellingSums] = ()
+
+    def take(self, which: Integers) -> Weighed:
+        """Some of the labellings."""
+        return self._replace(**{name: getattr(self, name)[which] for name in ("assignments", "log_odds", "log_mass")})
+
+
+def nothing_weighed(n: int) -> Weighed:
+    """No labelling of n points."""
+    return Weighed(np.empty((0, n), np.int64), np.empty(0), np.empty(0), None, -math.inf)
+
+
+def weighed(
+    model: PointSetModel, proposals: Integers, mirrored: Integers | None = None, *, of_several: bool = False
+) -> Weighed:
+    """Proposed labellings (K, n) and their neighbours by one change, the best ones of them.
+
+    Neighbours are weighed by fits of their own. Labellings that a self-motion of the source exchanges become equally
+    probable to the degree that the source is exactly symmetric under it. ``mirrored``: labellings (M, n) by
+    reflections, which are not answers. ``of_several``: whether other bodies may take what the best ones need.
+
+    Raises
+    ------
+    OutOfTime
+        If the deadline in force passes: without its neighbours a labelling would look more certain than it is.
+    """
+    proposals = proposals[(proposals >= 0).sum(axis=1) >= 3]
+    if not len(proposals):
+        return nothing_weighed(len(model.clouds.source))
+    checkpoint()
+    found = _best(model.judged(proposals), of_several)
+    known_ones = {one.tobytes() for one in found.fit.assignments}
+    expanded: set[bytes] = set()
+    for _ in range(ROUNDS):
+        fit, odds = found.fit, found.log_odds
+        likely = np.argsort(-odds, kind="stable")[: np.count_nonzero(odds > odds.max() - WORTH)].tolist()
+        waiting = [k for k in likely if fit.assignments[k].tobytes() not in expanded][:EXPANDED]
+        new: list[Integers] = []
+        for k in waiting:
+            checkpoint()
+            one = fit.assignments[k]
+            expanded.add(one.tobytes())
+            changes, gains = likely_changes(one, model.gains(fit, k), odds.max() - odds[k] - NEGLIGIBLE)
+            some = np.argsort(-gains, kind="stable")[:CHANGES]
+            better = changes.take(some[gains[some] > 0.0])
+            for other in (*changes.take(some).applied_to(one), _changed_at_once(one, better)):
+                if other.tobytes() not in known_ones and (other >= 0).sum() >= 3:
+                    known_ones.add(other.tobytes())
+                    new.append(other)
+        if not new:
+            break
+        found = found.joined(model.judged(np.array(new)))
+    found = _best(found, of_several)
+    model.keep(found.take(np.arange(1)))
+    assignments, known = found.fit.assignments, found.known  # which tells symmetric motions from each other
+    odds = found.log_odds - known
+    most = float(odds.max())
+    equal = _exchanged(model, assignments, np.exp(odds - most))
+    mass = np.log(np.maximum(equal, 1e-300)) + known + most
+    image = _mirrored(model, mirrored, assignments, found.log_odds)
+    sums = []
+    in_question = np.logaddexp.reduce(mass) > max(image[1], math.log(1.0 / model.present - 1.0)) - WORTH
+    if in_question and len(odds) >= KEPT and np.sort(odds)[-KEPT] > most - NEGLIGIBLE:
+        sums = _summed(model, assignments, found.log_odds)
+        for one in sums:
+            if one.count >= ENOUGH:
+                own = same_motion(assignments, one.about)
+                mass[own] -= math.log(max(float(one.shares(assignments[own]).sum()), 1e-300))
+    return Weighed(assignments, odds, mass, *image, sums)
+
+
+def _summed(model: PointSetModel, assignments: Integers, log_odds: Floats) -> list[LabellingSums]:
+    """The sums over all labellings about the most probable motions of some, the best one first."""
+    sums: list[LabellingSums | None] = []
+    left = np.ones(len(assignments), np.bool_)
+    while len(sums) < MOTIONS and left.any():
+        best = int(np.where(left, log_odds, -np.inf).argmax())
+        if log_odds[best] < log_odds.max() + math.log(LEADING):
+            break
+        checkpoint()
+        own = left & same_motion(assignments, assignments[best])
+        order = np.flatnonzero(own)[np.argsort(-log_odds[own], kind="stable")]
+        sums.append(labelling_sums(model, assignments[order], np.exp(log_odds[order] - log_odds[best])))
+        left &= ~own
+    return [one for one in sums if one is not None]
+
+
+def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
+    """An assignment with as many of some changes, the best first, as do not concern the same points or targets."""
+    changed, touched = assignment.copy(), np.zeros(len(assignment), np.bool_)
+    for row in zip(*changes, strict=True):
+        points = [point for point in row[::2] if point >= 0]
+        new = [target for target in row[1::2] if target >= 0]
+        others = np.delete(changed, points)
+        if not touched[points].any() and not np.isin(new, others).any():
+            changed[points], touched[points] = row[1 : 2 * len(points) : 2], True
+    return changed
+
+
+def _best(found: Judged, of_several: bool) -> Judged:
+    """The best hypotheses that are not negligible, and those of a copy, the best one first.
+
+    Of several bodies, all that are better than clutter: others may take what a better one needs.
+    """
+    odds, assignments = found.log_odds, found.fit.assignments
+    if len(odds) == 1:
+        return found
+    order = np.argsort(-odds, kind="stable")
+    least = 0.0 if of_several else -math.log(COPY)
+    apart = apart_from(assignments[order], assignments[order[0]]) & (odds[order] > least - COUNTS)
+    near = (odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE) & (np.arange(len(order)) < KEPT)
+    if of_several:
+        near |= (odds[order] > 0.0) & (np.arange(len(order)) < KEPT)
+    order = order[near | (apart & (np.cumsum(apart & ~near) <= KEPT))]
+    return found.take(order)
+
+
+def _mirrored(
+    model: PointSetModel, mirrored: Integers | None, assignments: Integers, odds: Floats
+) -> tuple[Integers | None, float]:
+    """The best mirror image and its log-odds, prior included.
+
+    Points nearly in a plane fit a reflection as well as a rotation; with the same labels, a reflection is no different
+    answer.
+    """
+    if mirrored is None or not len(mirrored):
+        return None, -math.inf
+    image = replace(model, mirror=True)
+    weight = image.judged(mirrored).log_odds + math.log(MIRRORED)
+    for one, value in zip(assignments, odds, strict=True):
+        weight[(mirrored == one).all(axis=1) & (weight < value + NEGLIGIBLE)] = -np.inf
+    best = int(np.argmax(weight))
+    return mirrored[best], float(weight[best])
+
+
+def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> Floats:
+    """Weights (K,) of hypotheses, those that a self-motion of the source exchanges as equal as it is probably exact."""
+    mixing = np.eye(len(assignments))
+    least = math.exp(-NEGLIGIBLE) * float(weights.max())
+    used = [frozenset(one[one >= 0].tolist()) for one in assignments]
+    looked_at = 0
+    for a, b in combinations(range(len(assignments)), 2):
+        if used[a] != used[b] or weights[b] < least or weights[a] < LEADING * float(weights.max()):
+            continue
+        if looked_at == SYMMETRIC:
+            break
+        looked_at += 1
+        checkpoint()
+        # the point that one labelling assigns to a target takes the place of the other's point
+        first, second = (
+            np.argsort(one, kind="stable")[int((one < 0).sum()) :] for one in (assignments[a], assignments[b])
+        )
+        mixing[a, b] = mixing[b, a] = exactly_symmetric(model.clouds, first, second, model.mirror)
+    return np.asarray((mixing / mixing.sum(axis=1, keepdims=True)) @ weights)
