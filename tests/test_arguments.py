@@ -179,7 +179,7 @@ def test_a_frame_of_few_detections_is_an_empty_match(frame: Any) -> None:
     assert "detections given, at least 4 needed" in match.advice
 
 
-def test_a_frame_with_a_detection_twice_is_an_empty_match() -> None:
+def test_a_frame_of_one_detection_many_times_is_an_empty_match() -> None:
     match = rm.Matcher(SCENE.source, SCENE.problem, noise="auto").match(SCENE.target[[0, 1, 2, 3, 4, 1]])
     assert match.status is rm.Status.UNTRUSTED
     assert (match.assignment == -1).all()

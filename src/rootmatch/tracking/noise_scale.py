@@ -11,17 +11,20 @@ alone, whatever is followed. It is taken in also of frames that fit with `MOST_O
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
+from collections.abc import Callable, Container, Hashable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
+from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import MOST_INFLATION
 from rootmatch.model.evidence import deviations
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
+
+Findings = Mapping[Label | None, Finding]
 
 MOST_FREEDOM = 1000.0
 """Residuals that are remembered, those of some thirty frames: the factor may change, as with a lens that warms up. A
@@ -120,6 +123,31 @@ class NoiseScale:
             return
         self.residuals.take(dof * (ratio * factor) ** 2, dof)
 
+    def compare(
+        self,
+        parts: Findings,
+        predicted: Container[Hashable],
+        factor: float,
+        with_more: Callable[[float], Findings],
+    ) -> None:
+        """Compare the residuals of each body about its predicted poses with those of the frame before.
+
+        Parameters
+        ----------
+        parts : dict
+            Findings of a frame, which were made with σ times a factor, by the labels of bodies.
+        predicted : set
+            Labels of the bodies that are followed.
+        factor : float
+        with_more : callable
+            From another factor to the findings about the predicted poses with it.
+        """
+        doubtful = {label for label in parts if label in predicted and parts[label].status is not Status.MATCHED}
+        louder = with_more(MOST_OF_CHANGES) if doubtful else {}
+        for label, part in parts.items():
+            found = (louder[label], MOST_OF_CHANGES) if label in doubtful else (part, factor)
+            self.take_changes(label, *found)
+
     def take_changes(self, label: Hashable, found: Finding, factor: float) -> None:
         """Take in how much the residuals of a body differ from those of the frame before."""
         before, now = self.last.get(label), Residuals.about(found, factor)
@@ -157,4 +185,3 @@ def _vague() -> Scale:
 def _of_noise(residuals: Floats) -> float:
     """Variance of residuals (k, 2), of which some may be those of wrong matches: by their median."""
     return float(np.median((residuals**2).sum(axis=1))) / (2.0 * math.log(2.0))
-

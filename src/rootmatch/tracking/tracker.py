@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 
@@ -15,7 +15,6 @@ from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
-from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.match_options import SamplerName
@@ -33,7 +32,7 @@ from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, like
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
-from rootmatch.tracking.noise_scale import MOST_OF_CHANGES, NoiseScale
+from rootmatch.tracking.noise_scale import NoiseScale
 from rootmatch.tracking.search_schedule import next_part
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
@@ -310,7 +309,7 @@ max_evaluations
             for label, part in self._parts(found).items()
         }
         if of_images:
-            self._learn_noise(self._parts(found), poses, factor, lambda: self._parts(explained(False, MOST_OF_CHANGES)))
+            self._noise.compare(self._parts(found), poses, factor, lambda f: self._parts(explained(False, f)))
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
             self._noise.take(part, factor)
@@ -322,19 +321,6 @@ max_evaluations
         if found.parts is None:
             return parts[None]
         return replace(found, parts={label: part for label, part in parts.items() if label is not None})
-
-    def _learn_noise(
-        self, parts: Mapping[Label | None, Finding], poses: Container[Label | None], factor: float,
-        louder: Callable[[], Mapping[Label | None, Finding]],
-    ) -> None:
-        """Compare the residuals about the predicted poses with those of the last frame; ``louder``: with more noise."""
-        doubtful = {label for label, part in parts.items() if label in poses and part.status is not Status.MATCHED}
-        with_more = louder() if doubtful else {}
-        for label, part in parts.items():
-            if label in doubtful:
-                self._noise.take_changes(label, with_more[label], MOST_OF_CHANGES)
-            else:
-                self._noise.take_changes(label, part, factor)
 
     def _parts(self, found: Finding) -> dict[Label | None, Finding]:
         """The finding of each body by its label (None for a single body)."""
