@@ -38,6 +38,12 @@ MOST_OF_CHANGES = 4.0
 """Largest factor on σ that is believed of residuals that change from frame to frame. A round value."""
 FREEDOM_OF_CHANGES = 100.0
 """Changes that are remembered, those of a few frames: vibration comes and goes. A round value."""
+FADES = 0.8
+"""What the last few frames count for after each. A round value."""
+MOST_OF_MEAN = 4.0
+"""Of the squared residual of a point, relative to the mean: one in fifty is larger. A round value."""
+VAGUE = 2.0
+"""Residuals for which a scale of which hardly anything is known counts. A round value."""
 LOG_CHANGED, MOST_OF_FRAME = math.log(WRONG_MODEL), -0.5 * math.log(WRONG_MODEL)
 """Log-odds, at first, that the noise has become another one, and what one frame says of that at most: a pose that comes
 upon something else changes once, where noise is drawn anew in each frame."""
@@ -96,7 +102,12 @@ class NoiseScale:
     """The factor on the stated σ that the frames so far suggest; at least 1."""
 
     residuals: Scale = field(default_factory=lambda: Scale(MOST_FREEDOM + NOISE_FREEDOM))
-    changes: Scale = field(default_factory=lambda: Scale(FREEDOM_OF_CHANGES))
+    changes: Scale = field(default_factory=lambda: _stated())
+    is_stated: bool = True
+    """Whether nothing says that the noise alone is more than it was stated to be."""
+    fresh: float = 0.0
+    every: float = 0.0
+    """Variance of the residuals that changed in the last few frames, and all of it."""
     new: Scale = field(default_factory=lambda: _vague())
     """Of the changes since the noise may have become another one."""
     log_new: float = LOG_CHANGED
@@ -157,11 +168,12 @@ class NoiseScale:
         both = before.matched & now.matched
         if (count := int(both.sum())) < FEW:
             return
-        of_each = _of_noise(now.of[both]), _of_noise(before.of[both])
-        squared = _of_noise(now.of[both] - before.of[both]) / 2.0
-        if squared > 2.0 * min(of_each):  # one of them is of something else
-            squared = min(of_each)
-        elif squared < 0.25 * sum(of_each):  # they correlate by more than a half: what they are of stays
+        each = _of_noise(now.of[both]), _of_noise(before.of[both])
+        changed = _of_noise(now.of[both] - before.of[both]) / 2.0
+        self.fresh = FADES * self.fresh + changed
+        self.every = FADES * self.every + 0.5 * sum(each)
+        squared = min(changed, *each) if changed > 2.0 * min(each) else changed  # one of them is of something else
+        if self.fresh < 0.5 * self.every:  # they correlate by more than a half: what they are of stays
             squared = min(squared, self.changes.factor**2)
         left = now.dof / (2.0 * now.matched.sum())
         freedom = count * left
@@ -170,8 +182,11 @@ class NoiseScale:
         self.log_new += min(max(gain, -MOST_OF_FRAME), MOST_OF_FRAME)
         self.new.take(chi2, freedom)
         if self.log_new > 0.0:
-            self.changes, self.new, self.log_new = self.new, _vague(), LOG_CHANGED
-        else:
+            seen = self.new.chi2 - VAGUE, self.new.freedom - VAGUE
+            self.is_stated = _stated().log_density(*seen) > _vague().log_density(*seen)
+            self.changes = _stated() if self.is_stated else self.new
+            self.new, self.log_new = _vague(), LOG_CHANGED
+        elif not self.is_stated:
             self.changes.take(chi2, freedom)
         if self.log_new < LOG_CHANGED:
             self.new, self.log_new = _vague(), LOG_CHANGED
@@ -179,9 +194,16 @@ class NoiseScale:
 
 def _vague() -> Scale:
     """A scale that is hardly known."""
-    return Scale(FREEDOM_OF_CHANGES, 2.0, 2.0)
+    return Scale(FREEDOM_OF_CHANGES, VAGUE, VAGUE)
+
+
+def _stated() -> Scale:
+    """The scale as σ was stated."""
+    return Scale(FREEDOM_OF_CHANGES)
 
 
 def _of_noise(residuals: Floats) -> float:
-    """Variance of residuals (k, 2), of which some may be those of wrong matches: by their median."""
-    return float(np.median((residuals**2).sum(axis=1))) / (2.0 * math.log(2.0))
+    """Variance of residuals (k, 2), of which some may be those of wrong matches: larger ones count no more."""
+    squared = (residuals**2).sum(axis=1)
+    usual = float(np.median(squared)) / math.log(2.0)  # twice the variance
+    return float(np.minimum(squared, MOST_OF_MEAN * usual).mean()) / 2.0
