@@ -87,9 +87,9 @@ class Residuals:
 
     @classmethod
     def about(cls, found: Finding, factor: float) -> Residuals | None:
-        """Those of a finding, made with σ times a factor, that its prediction explains; else None."""
+        """Those of a finding that is trusted, made with σ times a factor, unless it contradicts a prediction."""
         model, told = found.model, found.posterior
-        if found.status is not Status.MATCHED or not found.prior_holds or model is None or told is None:
+        if found.status is not Status.MATCHED or found.prior_holds is False or model is None or told is None:
             return None
         mode = told.modes.take(slice(found.mode, found.mode + 1))
         matched = (found.assignment >= 0) & (found.assignment == mode.assignments[0])
@@ -137,23 +137,23 @@ class NoiseScale:
     def compare(
         self,
         parts: Findings,
-        predicted: Container[Hashable],
+        asked: Container[Hashable],
         factor: float,
         with_more: Callable[[float], Findings],
     ) -> None:
-        """Compare the residuals of each body about its predicted poses with those of the frame before.
+        """Compare the residuals of each body with those of the frame before.
 
         Parameters
         ----------
         parts : dict
             Findings of a frame, which were made with σ times a factor, by the labels of bodies.
-        predicted : set
-            Labels of the bodies that are followed.
+        asked : set
+            Labels of the bodies to look for with more noise, if they are not trusted.
         factor : float
         with_more : callable
-            From another factor to the findings about the predicted poses with it.
+            From another factor to the findings with it.
         """
-        doubtful = {label for label in parts if label in predicted and parts[label].status is not Status.MATCHED}
+        doubtful = {label for label in parts if label in asked and parts[label].status is not Status.MATCHED}
         louder = with_more(MOST_OF_CHANGES) if doubtful else {}
         for label, part in parts.items():
             found = (louder[label], MOST_OF_CHANGES) if label in doubtful else (part, factor)

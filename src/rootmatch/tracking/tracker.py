@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from time import perf_counter
 
@@ -309,7 +309,10 @@ max_evaluations
             for label, part in self._parts(found).items()
         }
         if of_images:
-            self._noise.compare(self._parts(found), poses, factor, lambda f: self._parts(explained(False, f)))
+            every = self.tracking.search_every
+            lost = not poses and self.labels is None and self.time is not None and 2 * (self._frame % every) < every
+            asked: Container[Label | None] = (None,) if lost else poses
+            self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
             self._noise.take(part, factor)
