@@ -79,7 +79,10 @@ class Scale:
 
 @dataclass(frozen=True)
 class Residuals:
-    """Residuals (n, 2) of a frame in units of the stated noise, of matched points (n,)."""
+    """Residuals (n, 2) of a frame in units of the stated noise, of matched points (n,).
+
+    They are those of the best pose without any prediction, which would take a few frames to follow something else.
+    """
 
     of: Floats
     matched: Bools
@@ -93,8 +96,15 @@ class Residuals:
             return None
         mode = told.modes.take(slice(found.mode, found.mode + 1))
         matched = (found.assignment >= 0) & (found.assignment == mode.assignments[0])
-        of = deviations(model, mode.assignments, model.linearised(mode.rotation, mode.position))[0]
-        return cls(factor * of, matched, found.noise_dof)
+        if (count := int(matched.sum())) < FEW:
+            return None
+        at = model.linearised(mode.rotation, mode.position)
+        offset, jacobian = (one[0, matched] for one in deviations(model, mode.assignments, at))
+        rows = jacobian.reshape(2 * count, -1)
+        step, _, rank, _ = np.linalg.lstsq(rows, offset.ravel(), rcond=None)
+        of = np.zeros((len(matched), 2))
+        of[matched] = offset - (rows @ step).reshape(count, 2)
+        return cls(factor * of, matched, 2 * count - int(rank))
 
 
 @dataclass
