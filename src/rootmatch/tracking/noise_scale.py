@@ -48,7 +48,7 @@ LOG_CHANGED, MOST_OF_FRAME = math.log(WRONG_MODEL), -0.5 * math.log(WRONG_MODEL)
 """Log-odds, at first, that the noise has become another one, and what one frame says of that at most: a pose that comes
 upon something else changes once, where noise is drawn anew in each frame."""
 FEW = 4
-"""Points, least, whose residuals are compared: of fewer, a pose leaves nothing. """
+"""Points, least, whose residuals are compared: of fewer, a pose leaves nothing."""
 
 
 @dataclass
