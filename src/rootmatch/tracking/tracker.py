@@ -275,11 +275,11 @@ max_evaluations
         chances = {label: body.present(when) for label, body in self._bodies.items()}
         present = {label: chance for label, chance in chances.items() if chance is not None}
         factor = self.noise_factor if of_images else 1.0
-        stated = np.asarray(self.matcher.noise if noise is None else noise, float)
+        stated = self.matcher.noise if noise is None else noise
         gap = 0.0 if self.time is None else when - self.time
 
         def explained(searching: bool | Choice, factor: float = factor) -> Finding:
-            noise = stated * (factor if stated.ndim < 3 else factor**2)
+            noise = stated if factor == 1.0 else np.asarray(stated) * factor ** (1 if np.ndim(stated) < 3 else 2)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=self._budget,
