@@ -178,3 +178,43 @@ def test_a_sequence_whose_noise_is_larger_than_stated_says_so(stated: float) -> 
     assert match
     assert told[-1] == (stated < NOISE)
     assert not told[0]
+
+
+def test_probabilities_are_told_apart() -> None:
+    found = rm.match(*scene(8, 5, 4, 1), rm.P3P(CAMERA), noise=NOISE).finding
+    near = found.with_facts(present=0.94997, probability=0.94997)
+    assert "(probability 0.94997, `min_probability` 0.95)" in advice(near)
+
+
+def test_a_body_that_does_not_fit_is_not_called_chance() -> None:
+    """It is there, with a noise that was stated too small."""
+    rng = np.random.default_rng(1)
+    bodies = [rng.uniform(-80, 80, (8, 3)) for _ in range(2)]
+    turns = Rotation.random(2, random_state=1).as_matrix()
+    seen = [
+        body @ R.T + 400.0 * k + rng.normal(0, (0.1, 1.0)[k], (8, 3))
+        for k, (body, R) in enumerate(zip(bodies, turns, strict=True))
+    ]
+    match = rm.match(np.vstack(bodies), np.vstack(seen), rm.Rigid(), noise=(0.0, 0.1), bodies=np.repeat([0, 1], 8))
+    assert match.bodies[1].status is rm.Status.UNTRUSTED
+    assert "body 1 does not fit, body 0 is matched" in match.advice
+    assert match.bodies[1].diagnose().fits[0].remedy == "give noise=(0, 1), 10 times as large"
+
+
+def test_few_points_are_not_asked_for_hyper_edges() -> None:
+    rng = np.random.default_rng(3)
+    match = rm.match(
+        rng.uniform(-0.3, 0.3, (4, 3)), rng.uniform((0, 0), (1280, 960), (6, 2)), rm.P3P(CAMERA), noise=NOISE
+    )
+    assert match.status is rm.Status.UNTRUSTED
+    assert "give normals, the vertical to `UP2P`, a `prior`, or" in match.advice
+    assert "hyper-edges" not in match.advice
+
+
+def test_an_empty_match_tells_poses_of_any_assignment() -> None:
+    source, target = scene(0, 8, 8, 0)
+    match = rm.Matcher(source, rm.P3P(CAMERA), noise=NOISE).match(target, max_seconds=1e-9)
+    assert (match.assignment == -1).all()
+    (pose,) = match.poses_of(np.arange(8))
+    assert pose is not None
+    assert pose.rms < 1.0

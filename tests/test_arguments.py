@@ -179,11 +179,36 @@ def test_a_frame_of_few_detections_is_an_empty_match(frame: Any) -> None:
     assert "detections given, at least 4 needed" in match.advice
 
 
-def test_a_frame_with_a_detection_twice_is_an_empty_match() -> None:
-    match = rm.Matcher(SCENE.source, SCENE.problem, noise="auto").match(SCENE.target[[0, 1, 2, 3, 4, 1]])
+def test_a_frame_of_one_detection_many_times_is_an_empty_match() -> None:
+    match = rm.Matcher(SCENE.source, SCENE.problem, noise="auto").match(SCENE.target[[1, 1, 1, 1, 1, 1]])
     assert match.status is rm.Status.UNTRUSTED
     assert (match.assignment == -1).all()
-    assert "detections 1 and 5 are the same" in match.advice
+    assert "all 6 detections are the same" in match.advice
+    with pytest.raises(InputError, match="target: all points are the same"):
+        rm.match(SCENE.source, SCENE.target[[1] * 6], SCENE.problem)
+
+
+@pytest.mark.parametrize("how", ["match", "matcher", "tracker"])
+def test_two_detections_at_one_pixel_cost_no_other_match(how: str) -> None:
+    scene = p3p_scene(10, 1, 0.5, 0)
+    target = np.vstack([scene.target, scene.target[2]])
+    given = scene.source, scene.problem
+    match = {
+        "match": lambda: rm.match(given[0], target, given[1], noise=0.5),
+        "matcher": lambda: rm.Matcher(*given, noise=0.5).match(target),
+        "tracker": lambda: rm.Tracker(*given, noise=0.5).update(target),
+    }[how]()
+    assert match.status is rm.Status.MATCHED
+    (double,) = np.flatnonzero(scene.truth == 2)
+    assert match.assignment[double] == -1
+    np.testing.assert_array_equal(np.delete(match.assignment, double), np.delete(scene.truth, double))
+    assert "for 1 of the points it is not certain which image" in match.advice
+
+
+@pytest.mark.parametrize("least", [0.999, 1.0])
+def test_a_probability_that_none_reaches_is_refused(least: float) -> None:
+    with pytest.raises(InputError, match=rf"min_probability: {least:g} given; give less than 0\.999"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, min_probability=least)
 
 
 def test_two_images_are_told_their_problems() -> None:

@@ -134,6 +134,20 @@ def test_lps_and_ras_differ_by_a_rotation() -> None:
     assert rm.match(plan, plan * (-1, -1, 1) + 300.0, rm.Rigid(), noise=(0.0, 0.2))
 
 
+def test_exchanged_cameras_of_a_rig_are_named() -> None:
+    rng, turn = np.random.default_rng(2), Rotation.from_euler("y", 25.0, degrees=True).as_matrix()
+    places = [(np.eye(3), np.zeros(3)), (turn, np.array([-0.3, 0.0, 0.0])), (np.eye(3), np.array([0.0, -0.3, 0.0]))]
+    views = [(CAMERA, R, t) for R, t in places]
+    points = rng.uniform(-0.2, 0.2, (10, 3))
+    seen = points @ Rotation.random(random_state=2).as_matrix().T + (0.1, 0.0, 1.5)
+    pixels = np.vstack([CAMERA.project(seen @ R.T + t) for _, R, t in views]) + rng.normal(0.0, 0.3, (30, 2))
+    given = rm.Rig([views[1], views[0], views[2]])
+    match = rm.match(points, (pixels, np.repeat([0, 1, 2], 10)), rm.P3P(given), noise=0.3)
+    first = match.diagnose(SECONDS).fits[0]
+    assert (first.mistake, first.matched) == ("cameras 0 and 1 are exchanged", 10)
+    assert "diagnose" in match.advice
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_model_in_millimetres_before_a_rig_in_metres(seed: int) -> None:
     rng, turn = np.random.default_rng(seed), Rotation.from_rotvec([0.0, 0.1, 0.0]).as_matrix()

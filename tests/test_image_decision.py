@@ -119,12 +119,19 @@ def test_min_probability_is_the_threshold() -> None:
     """Of two detections of one point neither is sure: with a low threshold one of them is told, else none."""
     points, target, truth, _, _ = scene(1004, clutter=0)
     target = np.vstack([target, target[3] + (0.7, 0.0)])
-    told = [
-        rm.match(points, target, rm.P3P(CAMERA), noise=0.4, min_probability=least) for least in (0.3, None, 0.99999)
-    ]
-    assert [match.status is rm.Status.MATCHED for match in told] == [True, True, False]
-    assert [match.assignment[3] >= 0 for match in told[:2]] == [True, False]
+    told = [rm.match(points, target, rm.P3P(CAMERA), noise=0.4, min_probability=least) for least in (0.3, None)]
+    assert [match.status is rm.Status.MATCHED for match in told] == [True, True]
+    assert [match.assignment[3] >= 0 for match in told] == [True, False]
     np.testing.assert_array_equal(np.delete(told[1].assignment, 3), np.delete(truth, 3))
+    points, target, _, _, _ = scene(1004, clutter=6)
+    given = points[:5], target, rm.P3P(CAMERA)
+    few = rm.match(*given, noise=0.4, min_probability=0.3)
+    present = few.finding.facts.present
+    assert present is not None
+    assert 0.3 < present < 0.999
+    above = rm.match(*given, noise=0.4, min_probability=0.5 * (present + 0.999))
+    assert few.status is not rm.Status.UNTRUSTED
+    assert above.status is rm.Status.UNTRUSTED
 
 
 def test_a_wrong_prediction_is_judged_by_what_is_known_without_it() -> None:

@@ -73,7 +73,7 @@ def test_what_was_long_ago_is_forgotten() -> None:
     for _ in range(100):
         scale.take(told(1.0 / scale.factor * 1.9, 50), scale.factor)
     assert scale.factor == pytest.approx(1.9, rel=0.02)
-    assert scale.freedom == pytest.approx(MOST_FREEDOM)
+    assert scale.residuals.freedom == pytest.approx(MOST_FREEDOM + NOISE_FREEDOM)
     for _ in range(200):
         scale.take(told(1.0 / scale.factor, 50), scale.factor)
     assert scale.factor == pytest.approx(1.0, abs=0.01)
@@ -119,3 +119,56 @@ def test_a_right_rig_has_the_stated_noise() -> None:
     assert not wrong
     assert np.mean(matched) > 0.9
     assert tracker.noise_factor < 1.1
+
+
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
+
+
+def seen_with(factors: list[float], *, shape: float = 0.0, seed: int = 1) -> tuple[list[bool], int, rm.Tracker]:
+    """Frames of a body with so many times the stated noise: which are trusted, wrong matches, and the tracker.
+
+    ``shape``: how far the points of the object that is shown are off those of the model, metres.
+    """
+    rng, turn = np.random.default_rng(seed), Rotation.random(random_state=seed)
+    points = rng.normal(size=(14, 3))
+    points *= rng.uniform(0.06, 0.15, 3) / np.linalg.norm(points, axis=1)[:, None]
+    shown = points + rng.normal(0.0, 1.0, points.shape) * shape
+    tracker, trusted, wrong = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3), [], 0
+    for k, factor in enumerate(factors):
+        R = (Rotation.from_rotvec([0.0, k / RATE, 0.0]) * turn).as_matrix()
+        seen = np.flatnonzero(rng.random(14) < 0.8)
+        pixels = CAMERA.project(shown[seen] @ R.T + (0.2 * np.sin(k / RATE), 0.0, 1.0))
+        pixels += rng.normal(0.0, 0.3 * factor, pixels.shape)
+        order = rng.permutation(len(seen) + 3)
+        target = np.vstack([pixels, rng.uniform((0, 0), (1280, 960), (3, 2))])[order]
+        truth = np.full(14, -1)
+        truth[seen] = np.argsort(order)[: len(seen)]
+        match = tracker.update(target)
+        trusted.append(bool(match))
+        matched = match.assignment >= 0
+        wrong += bool(match) and int((match.assignment[matched] != truth[matched]).sum())
+    return trusted, wrong, tracker
+
+
+@pytest.mark.parametrize(("before", "factor"), [(10, 4.0), (10, 2.0), (0, 4.0)])
+def test_noise_that_exceeds_what_was_stated_is_learned(before: int, factor: float) -> None:
+    """No frame is trusted with a σ that is four times too small, so it is learned from others; and unlearned after."""
+    trusted, wrong, tracker = seen_with([1.0] * before + [factor] * 40)
+    assert np.mean(trusted[before + 20 :]) > 0.9
+    assert wrong <= 1
+    assert 0.7 * factor < tracker.noise_factor < 1.2 * factor
+
+
+def test_noise_that_ends_is_unlearned() -> None:
+    trusted, wrong, tracker = seen_with([1.0] * 10 + [4.0] * 30 + [1.0] * 15)
+    assert all(trusted[-10:])
+    assert wrong <= 1
+    assert tracker.noise_factor < 1.2
+
+
+@pytest.mark.parametrize("shape", [0.004, 0.008])
+def test_another_object_is_no_noise(shape: float) -> None:
+    """Its residuals are as large, and stay the same from frame to frame."""
+    trusted, _, tracker = seen_with([1.0] * 30, shape=shape)
+    assert not any(trusted)
+    assert tracker.noise_factor < 1.5

@@ -91,6 +91,15 @@ def test_a_wrong_prior_is_noticed() -> None:
     assert np.array_equal(match.assignment, made["truth"])
 
 
+@pytest.mark.parametrize("sigma", [10.0, 1e3])
+def test_a_prior_that_says_nothing_is_not_contradicted(sigma: float) -> None:
+    made = scene(2)
+    match = matched(made, rm.Pose(made["R"], T, np.eye(6) * sigma**2))
+    assert match.status is rm.Status.MATCHED
+    assert match.prior_holds
+    assert "contradicts" not in match.advice
+
+
 def test_the_fit_is_the_least_of_all_deviations() -> None:
     """Against SciPy on the same cost, and the covariance against its Jacobian."""
     made = scene(3)

@@ -145,7 +145,7 @@ def match(
         default every point has a detection of its own. For P3P and UP2P with cameras that have pixels, also in rigs.
     min_probability : float, optional
         Posterior probability from which a match is trusted: its pose, and those of its matches that remain when
-        doubtful ones are left out. By default 0.95.
+        doubtful ones are left out. By default 0.95. Below 0.999, as the model itself may be wrong.
     candidates : (n, n') array, optional
         Bool: the possible correspondences. Numbers: weights, such as likelihood ratios of a measurement, that choose
         and count as evidence: only their ratios within a row do. 0 excludes a correspondence.

@@ -150,8 +150,8 @@ max_hyperedges, max_evaluations
         -------
         Match
             Empty and untrusted, with the reason as its advice, if there are too few detections for one hyper-edge, if a
-            detection occurs twice, or if one lies where the lens model shows nothing. A loop over frames need not treat
-            such frames separately.
+            detection occurs twice (where the target is an image: if all are the same), or if one lies where the lens
+            model shows nothing. A loop over frames need not treat such frames separately.
 
         Raises
         ------
@@ -243,6 +243,9 @@ max_hyperedges, max_evaluations
             return None  # no frame: `rootmatch.match` says what it is
         if len(detections) < least:
             return f"{len(detections)} detections given, at least {self.problem.order} needed by {self.problem.name}"
+        if self.problem.takes_prior:
+            one = len(detections) > 1 and bool((detections == detections[0]).all())
+            return f"all {len(detections)} detections are the same" if one else None
         same = repeated(detections)
         return None if same is None else f"detections {same[0]} and {same[1]} are the same; keep one of them"
 

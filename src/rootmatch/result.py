@@ -20,7 +20,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import other_poses
 from rootmatch.explain.judged_motions import confidence_of_motions
 from rootmatch.explain.poses import Pose, poses_of
-from rootmatch.explain.predicted_poses import poses_of_finding
+from rootmatch.explain.predicted_poses import agrees_with_prior, labels_of_any, poses_of_finding
 from rootmatch.explain.status_advice import advice, is_undetermined
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
@@ -168,14 +168,14 @@ class Match:
     def prior_holds(self) -> bool | None:
         """Whether the prediction ``prior=`` held.
 
-        False if another pose was found without it; None if neither is trusted, or without a prior.
+        False if another pose was found that contradicts it; None if neither is trusted, or without a prior.
         """
-        return self.finding.prior_holds
+        return agrees_with_prior(self.finding)
 
     @property
     def fused_pose(self) -> Pose | None:
         """Pose of the matches and the prior together; None if there is no prior or it did not hold."""
-        return self.finding.pose if self.finding.prior_holds else None
+        return self.finding.pose if self.prior_holds else None
 
     @cached_property
     def probability(self) -> float | None:
@@ -290,14 +290,15 @@ class Match:
         return other_poses(self.finding)
 
     def poses_of(self, assignment: ArrayLike) -> list[Pose | None]:
-        """Poses of any assignment (n,) between these points, −1 where unmatched.
+        """Poses of any assignment (n,) between these points, −1 where unmatched: one for each body or motion.
 
         Raises
         ------
         InputError
             If it is not an assignment, and as `poses`.
         """
-        return poses_of(self.task, [check_assignment(assignment, self.task.shape)], self.motion_labels)[0]
+        one = check_assignment(assignment, self.task.shape)
+        return poses_of(self.task, [one], labels_of_any(self.task, self.motion_labels))[0]
 
     @property
     def pose(self) -> Pose | None:

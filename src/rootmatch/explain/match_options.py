@@ -18,6 +18,7 @@ from rootmatch.explain.validation import (
     check_probability,
 )
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.base import Problem
 from rootmatch.samplers.base import Sampler
 from rootmatch.samplers.guided.sampler import Guided
@@ -76,6 +77,12 @@ class MatchOptions:
             raise InputError(f"resolution: not supported with {other}=; leave one of them out")
         check_positive("max_seconds", self.max_seconds)
         check_probability("min_probability", self.min_probability)
+        if self.min_probability is not None and self.min_probability >= 1.0 - WRONG_MODEL:
+            most = 1.0 - WRONG_MODEL
+            raise InputError(
+                f"min_probability: {self.min_probability:g} given; give less than {most:g}, which no probability "
+                "exceeds, as the model itself may be wrong"
+            )
         check_choice("backend", self.backend, selection.NAMES)
         check_callable("progress", self.progress, "a function of two numbers, done and total")
         if self.scheduler is not None and not isinstance(self.scheduler, str):

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from rootmatch.algebra.rotation import rotation_vector
+from rootmatch.arrays import Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
 from rootmatch.explain.task import MatchingTask
@@ -20,6 +22,9 @@ from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.up2p import UP2P
 from rootmatch.problems.up2pf import UP2PF
+
+WITHIN = 12.6
+"""Squared deviation from a predicted pose up to which it is no contradiction: 95 % of χ² of six parameters."""
 
 
 def vertical_of(problem: Problem) -> PosePrior | None:
@@ -41,6 +46,27 @@ def predictions_of(task: MatchingTask) -> list[tuple[Pose, float]]:
     every = [(task.prior_pose, 1.0 - sum(share for _, share in task.rival_poses)), *task.rival_poses]
     upright = vertical_of(task.problem)
     return every if upright is None else [(upright.with_prediction(pose), share) for pose, share in every]
+
+
+def labels_of_any(task: MatchingTask, motions: Integers) -> Integers:
+    """Motion (n,) that each point has in any assignment: that of its body, or the only one; else as in a match."""
+    if task.bodies is not None:
+        return task.bodies.index
+    return motions if motions.max(initial=-1) > 0 else np.zeros_like(motions)
+
+
+def agrees_with_prior(found: Finding) -> bool | None:
+    """Whether a finding agrees with what a caller knows of the pose; None if it is not trusted, or without a prior.
+
+    A predicted pose so vague that it tells less than knowing nothing does not hold, but is no contradiction either.
+    """
+    prior, pose = found.task.prior_pose, found.pose
+    if found.prior_holds is not False or prior is None or pose is None:
+        return found.prior_holds
+    if prior.covariance is None or pose.covariance is None or len(prior.covariance) != len(pose.covariance):
+        return False
+    off = np.concatenate([rotation_vector((pose.R @ prior.R.T)[None])[0], pose.t - prior.t])
+    return bool(off @ np.linalg.solve(prior.covariance + pose.covariance, off) <= WITHIN)
 
 
 def poses_of_finding(found: Finding) -> list[Pose | None]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.predicted_poses import agrees_with_prior
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.priors import PRESENT_ODDS
@@ -84,7 +85,7 @@ def advice(
                 f"; by the frames so far the noise is {finding.sequence_factor:.1f} times as large as given, "
                 "as it also looks if a similar object is followed in place of this one"
             )
-    if finding.prior_holds is False:
+    if agrees_with_prior(finding) is False:
         text += "; this pose contradicts the prior and was found without it; check the prior and its σ"
     told = "max_seconds" in text or not stopped_early
     return text if told else f"{text}; max_seconds ended it before it was finished"
@@ -103,17 +104,16 @@ def is_undetermined(poses: Sequence[Pose | None]) -> bool:
 def _of_bodies(finding: Finding) -> str | None:
     """Which of several bodies are not trusted; None if all are, or if none is found at all."""
     parts = finding.parts or {}
-    chance = {
-        label: part.probability
-        for label, part in parts.items()
-        if part.status is Status.UNTRUSTED and part.probability is not None and part.probability >= NOTED
-    }
+    untrusted = {label: part for label, part in parts.items() if part.status is Status.UNTRUSTED}
+    chance = {label: part.probability for label, part in untrusted.items() if _could_be_chance(part)}
+    misfits = [label for label, part in untrusted.items() if math.isinf(part.facts.false_alarms) and _is_there(part)]
     found = [label for label, part in parts.items() if part.status is not Status.UNTRUSTED]
-    if finding.status is Status.MATCHED or not (chance or found):
+    if finding.status is Status.MATCHED or not (chance or found or misfits):
         return None
     unsure = [label for label in found if parts[label].status is Status.AMBIGUOUS]
     told = [f"body {label} could be chance (probability {p:.3g})" for label, p in chance.items()]
-    told += [f"body {label} is not found" for label in parts if label not in chance and label not in found]
+    told += [f"body {label} does not fit" for label in misfits]
+    told += [f"body {label} is not found" for label in parts if label not in {*chance, *found, *misfits}]
     told += [f"body {label} is ambiguous" for label in unsure]
     told += [f"body {label} is matched" for label in found if label not in unsure]
     start = "no trustworthy match of all bodies" if finding.status is Status.UNTRUSTED else "ambiguous"
@@ -137,18 +137,43 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             f"{factor:.1f} times the stated noise, which the residuals suggest, this could be chance; "
             f"check {problem.to_check}; set {told} only if that is realistic"
         )
-    doubted = facts.present is not None and facts.present < facts.min_probability
-    if doubted and facts.probability is not None and facts.probability >= NOTED:
+    if _could_be_chance(finding) and facts.probability is not None:
+        chance, least = _told_apart(facts.probability, facts.min_probability)
         return (
-            f"no trustworthy match: what was found could be chance (probability {facts.probability:.3g}, "
-            f"`min_probability` {facts.min_probability:.3g}); {_given([*_to_give(task), 'fewer stray detections'])}"
+            f"no trustworthy match: what was found could be chance (probability {chance}, "
+            f"`min_probability` {least}); {_given([*_to_give(task), 'fewer stray detections'])}"
         )
     if stopped_early:
         return (
             "no trustworthy match: max_seconds ended it before anything was found that is beyond chance; "
             f"give more time, or check {problem.to_check}"
         )
+    if facts.present is not None and facts.missed <= TRUST.missed:  # a search that ended by itself
+        given = _given([*_to_give(task), "more points or detections"])
+        seen = "" if task.rig is None else "; `diagnose` tries the usual mistakes about a rig"
+        return (
+            "no trustworthy match: no pose explains more of the points than chance would; "
+            f"check {problem.to_check} and the noise, or {given}{seen}"
+        )
     return advice_on(Status.UNTRUSTED, problem)
+
+
+def _is_there(finding: Finding) -> bool:
+    """Whether something is there with the probability that was asked for."""
+    return finding.facts.present is not None and finding.facts.present >= finding.facts.min_probability
+
+
+def _could_be_chance(finding: Finding) -> bool:
+    """Whether what was found may be there, with less than the probability that was asked for."""
+    facts = finding.facts
+    doubted = facts.present is not None and not _is_there(finding)
+    return doubted and facts.probability is not None and facts.probability >= NOTED
+
+
+def _told_apart(less: float, more: float) -> tuple[str, str]:
+    """Two probabilities with as many digits as it takes to see that they differ."""
+    digits = next((k for k in range(3, 17) if f"{less:.{k}g}" != f"{more:.{k}g}"), 17)
+    return f"{less:.{digits}g}", f"{more:.{digits}g}"
 
 
 def _or_inexact(task: MatchingTask) -> str:

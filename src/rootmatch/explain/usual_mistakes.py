@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,15 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
             remedy = "give the noise of rays in radians: np.radians(...)"
             yield Mistake("the noise is in degrees", remedy, pointed(target_noise=unit * points.target_noise))
         for mistake, factor in NOISIER.items():
-            yield Mistake(mistake, f"give noise= {factor:g} times as large", pointed(**_noisier(points, factor)))
+            remedy = f"give noise={_so_much(given.noise, factor)}{factor:g} times as large"
+            yield Mistake(mistake, remedy, pointed(**_noisier(points, factor)))
+
+
+def _so_much(noise: Any, factor: float) -> str:
+    """A number or two, so many times as large, before how many times that is."""
+    if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
+        return f"({', '.join(f'{factor * one:.3g}' for one in noise)}), "
+    return f"{factor * noise:.3g}, " if isinstance(noise, int | float) else " "
 
 
 def _noisier(points: PointSets, factor: float) -> dict[str, Any]:
@@ -92,6 +101,12 @@ def _of_axes(task: MatchingTask, cameras: dict[str, Any], pointed: Callable[...,
         inverse = Rig([(own, np.array(R).T, -np.array(R).T @ np.array(t)) for own, R, t in camera.views], camera.sizes)
         remedy = "give each camera with x_camera = R x_rig + t: the inverse"
         yield Mistake("poses of the cameras map to the rig", remedy, lambda: _with_camera(task, inverse))
+        for one, other in combinations(range(len(camera.views)), 2):
+            views = list(camera.views)
+            views[one], views[other] = views[other], views[one]
+            exchanged = Rig(views, camera.sizes)
+            remedy = f"exchange cameras {one} and {other} of the rig, or the camera of their detections"
+            yield Mistake(f"cameras {one} and {other} are exchanged", remedy, partial(_with_camera, task, exchanged))
         for factor, (wrong, right) in LENGTHS.items():
             name = f"the model is in {wrong}, the rig in {right}"
             yield Mistake(name, "use one unit for the points and the rig's translations", _in_unit(task, factor))

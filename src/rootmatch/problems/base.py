@@ -157,7 +157,10 @@ class Problem(ABC):
         first, facing, cosine = source
         needing = f"{self.name} without prior=" if self.takes_prior else self.name
         least = least_target or self.order
-        second = check_points(self.joined(target), self.target_dimension, "target", least, of=needing)
+        # pixels that are rounded may well be the same, and an image model weighs which of two detections is meant
+        second = check_points(
+            self.joined(target), self.target_dimension, "target", least, not self.takes_prior, of=needing
+        )
         of_source = of_target = None
         if self.noisy_source and not self.source_is_image:
             noise, of_source, of_target = split_noise(noise, first, second)

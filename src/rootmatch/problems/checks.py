@@ -65,7 +65,9 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
     if same is not None:
         raise InputError(f"{name}: points {same[0]} and {same[1]} are the same; remove repeated points")
     if len(array) > 1 and float((array.max(axis=0) - array.min(axis=0)).max()) < LEAST:
-        raise InputError(f"{name}: all points lie within {LEAST:g}; choose another unit")
+        same = repeated(array)
+        fault = f"lie within {LEAST:g}; choose another unit" if same is None else "are the same; give others"
+        raise InputError(f"{name}: all points {fault}")
     return array
 
 

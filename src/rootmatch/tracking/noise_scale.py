@@ -2,15 +2,29 @@
 
 A calibration that is off by a pixel is so in every frame, so what one frame tells of σ is the prior of the next one:
 the inverse gamma distribution of the variances' factor s², of which the model of an image integrates the rest.
+
+Residuals that are too large may be those of something else, a reflection or another model of a controller. These stay
+the same from one frame to the next one, where those of noise are drawn anew: how much they change tells s² of the noise
+alone, whatever is followed. It is taken in also of frames that fit with `MOST_OF_CHANGES` times the noise only.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Container, Hashable, Mapping
+from dataclasses import dataclass, field
 
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import MOST_INFLATION
-from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.evidence import deviations
+from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
+
+Findings = Mapping[Label | None, Finding]
 
 MOST_FREEDOM = 1000.0
 """Residuals that are remembered, those of some thirty frames: the factor may change, as with a lens that warms up. A
@@ -20,18 +34,100 @@ MOST, MOST_OF_RIG = math.sqrt(MOST_INFLATION), 4.0
 more than the noise: a pose takes up what is wrong with one camera, not what is wrong between several. What fits with no
 less is another object: of 1,440 frames that show the asked ring of LEDs beside one of another layout, which came first,
 491 were trusted for the wrong one with 4.0, 136 with 2.0. The second is a round value."""
+MOST_OF_CHANGES = 4.0
+"""Largest factor on σ that is believed of residuals that change from frame to frame. A round value."""
+FREEDOM_OF_CHANGES = 100.0
+"""Changes that are remembered, those of a few frames: vibration comes and goes. A round value."""
+FADES = 0.8
+"""What the last few frames count for after each. A round value."""
+MOST_OF_MEAN = 4.0
+"""Of the squared residual of a point, relative to the mean: one in fifty is larger. A round value."""
+VAGUE = 2.0
+"""Residuals for which a scale of which hardly anything is known counts. A round value."""
+LOG_CHANGED, MOST_OF_FRAME = math.log(WRONG_MODEL), -0.5 * math.log(WRONG_MODEL)
+"""Log-odds, at first, that the noise has become another one, and what one frame says of that at most: a pose that comes
+upon something else changes once, where noise is drawn anew in each frame."""
+FEW = 4
+"""Points, least, whose residuals are compared: of fewer, a pose leaves nothing."""
 
 
-class NoiseScale:
-    """The factor on the stated σ that the frames so far suggest; at least 1."""
+@dataclass
+class Scale:
+    """Inverse gamma distribution of the factor on the variances; at least 1 is believed."""
 
-    def __init__(self) -> None:
-        self.chi2 = self.freedom = 0.0
+    most: float
+    chi2: float = NOISE_FREEDOM
+    freedom: float = NOISE_FREEDOM
 
     @property
     def factor(self) -> float:
         """Of σ."""
-        return max(math.sqrt((NOISE_FREEDOM + self.chi2) / (NOISE_FREEDOM + self.freedom)), 1.0)
+        return max(math.sqrt(self.chi2 / self.freedom), 1.0)
+
+    def take(self, chi2: float, freedom: float) -> None:
+        """Take in residuals, and forget those of long ago."""
+        self.chi2 += chi2
+        self.freedom += freedom
+        if self.freedom > self.most:
+            self.chi2, self.freedom = self.most / self.freedom * self.chi2, self.most
+
+    def log_density(self, chi2: float, freedom: float) -> float:
+        """Of the χ² of further residuals, but for what does not depend on those before."""
+        a, b = 0.5 * self.freedom, 0.5 * (self.freedom + freedom)
+        return math.lgamma(b) - math.lgamma(a) + a * math.log(self.chi2) - b * math.log(self.chi2 + chi2)
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals (n, 2) of a frame in units of the stated noise, of matched points (n,).
+
+    They are those of the best pose without any prediction, which would take a few frames to follow something else.
+    """
+
+    of: Floats
+    matched: Bools
+    dof: int
+
+    @classmethod
+    def about(cls, found: Finding, factor: float) -> Residuals | None:
+        """Those of a finding that is trusted, made with σ times a factor, unless it contradicts a prediction."""
+        model, told = found.model, found.posterior
+        if found.status is not Status.MATCHED or found.prior_holds is False or model is None or told is None:
+            return None
+        mode = told.modes.take(slice(found.mode, found.mode + 1))
+        matched = (found.assignment >= 0) & (found.assignment == mode.assignments[0])
+        if (count := int(matched.sum())) < FEW:
+            return None
+        at = model.linearised(mode.rotation, mode.position)
+        offset, jacobian = (one[0, matched] for one in deviations(model, mode.assignments, at))
+        rows = jacobian.reshape(2 * count, -1)
+        step, _, rank, _ = np.linalg.lstsq(rows, offset.ravel(), rcond=None)
+        of = np.zeros((len(matched), 2))
+        of[matched] = offset - (rows @ step).reshape(count, 2)
+        return cls(factor * of, matched, 2 * count - int(rank))
+
+
+@dataclass
+class NoiseScale:
+    """The factor on the stated σ that the frames so far suggest; at least 1."""
+
+    residuals: Scale = field(default_factory=lambda: Scale(MOST_FREEDOM + NOISE_FREEDOM))
+    changes: Scale = field(default_factory=lambda: _stated())
+    is_stated: bool = True
+    """Whether nothing says that the noise alone is more than it was stated to be."""
+    fresh: float = 0.0
+    every: float = 0.0
+    """Variance of the residuals that changed in the last few frames, and all of it."""
+    new: Scale = field(default_factory=lambda: _vague())
+    """Of the changes since the noise may have become another one."""
+    log_new: float = LOG_CHANGED
+    """Log-odds that it has (a test of Page, 1954)."""
+    last: dict[Hashable, Residuals | None] = field(default_factory=dict)
+
+    @property
+    def factor(self) -> float:
+        """Of σ."""
+        return max(self.residuals.factor, self.changes.factor)
 
     def take(self, found: Finding, factor: float) -> None:
         """Take in the residuals of a frame's finding, which was made with σ times a factor.
@@ -46,8 +142,78 @@ class NoiseScale:
         most = MOST if found.task.rig is None else MOST_OF_RIG
         if not sure or not dof or ratio is None or not ratio * factor <= most:
             return
-        self.chi2 += dof * (ratio * factor) ** 2
-        self.freedom += dof
-        if self.freedom > MOST_FREEDOM:
-            kept = MOST_FREEDOM / self.freedom
-            self.chi2, self.freedom = kept * self.chi2, MOST_FREEDOM
+        self.residuals.take(dof * (ratio * factor) ** 2, dof)
+
+    def compare(
+        self,
+        parts: Findings,
+        asked: Container[Hashable],
+        factor: float,
+        with_more: Callable[[float], Findings],
+    ) -> None:
+        """Compare the residuals of each body with those of the frame before.
+
+        Parameters
+        ----------
+        parts : dict
+            Findings of a frame, which were made with σ times a factor, by the labels of bodies.
+        asked : set
+            Labels of the bodies to look for with more noise, if they are not trusted.
+        factor : float
+        with_more : callable
+            From another factor to the findings with it.
+        """
+        doubtful = {label for label in parts if label in asked and parts[label].status is not Status.MATCHED}
+        louder = with_more(MOST_OF_CHANGES) if doubtful else {}
+        for label, part in parts.items():
+            found = (louder[label], MOST_OF_CHANGES) if label in doubtful else (part, factor)
+            self.take_changes(label, *found)
+
+    def take_changes(self, label: Hashable, found: Finding, factor: float) -> None:
+        """Take in how much the residuals of a body differ from those of the frame before."""
+        before, now = self.last.get(label), Residuals.about(found, factor)
+        self.last[label] = now
+        if before is None or now is None:
+            return
+        both = before.matched & now.matched
+        if (count := int(both.sum())) < FEW:
+            return
+        each = _of_noise(now.of[both]), _of_noise(before.of[both])
+        changed = _of_noise(now.of[both] - before.of[both]) / 2.0
+        self.fresh = FADES * self.fresh + changed
+        self.every = FADES * self.every + 0.5 * sum(each)
+        squared = min(changed, *each) if changed > 2.0 * min(each) else changed  # one of them is of something else
+        if self.fresh < 0.5 * self.every:  # they correlate by more than a half: what they are of stays
+            squared = min(squared, self.changes.factor**2)
+        left = now.dof / (2.0 * now.matched.sum())
+        freedom = count * left
+        chi2 = freedom * min(squared / left, MOST_OF_CHANGES**2)
+        gain = self.new.log_density(chi2, freedom) - self.changes.log_density(chi2, freedom)
+        self.log_new += min(max(gain, -MOST_OF_FRAME), MOST_OF_FRAME)
+        self.new.take(chi2, freedom)
+        if self.log_new > 0.0:
+            seen = self.new.chi2 - VAGUE, self.new.freedom - VAGUE
+            self.is_stated = _stated().log_density(*seen) > _vague().log_density(*seen)
+            self.changes = _stated() if self.is_stated else self.new
+            self.new, self.log_new = _vague(), LOG_CHANGED
+        elif not self.is_stated:
+            self.changes.take(chi2, freedom)
+        if self.log_new < LOG_CHANGED:
+            self.new, self.log_new = _vague(), LOG_CHANGED
+
+
+def _vague() -> Scale:
+    """A scale that is hardly known."""
+    return Scale(FREEDOM_OF_CHANGES, VAGUE, VAGUE)
+
+
+def _stated() -> Scale:
+    """The scale as σ was stated."""
+    return Scale(FREEDOM_OF_CHANGES)
+
+
+def _of_noise(residuals: Floats) -> float:
+    """Variance of residuals (k, 2), of which some may be those of wrong matches: larger ones count no more."""
+    squared = (residuals**2).sum(axis=1)
+    usual = float(np.median(squared)) / math.log(2.0)  # twice the variance
+    return float(np.minimum(squared, MOST_OF_MEAN * usual).mean()) / 2.0

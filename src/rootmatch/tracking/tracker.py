@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from time import perf_counter
 
@@ -277,13 +277,11 @@ max_evaluations
         chances = {label: body.present(when) for label, body in self._bodies.items()}
         present = {label: chance for label, chance in chances.items() if chance is not None}
         factor = self.noise_factor if of_images else 1.0
-        if factor > 1.0:
-            stated = np.asarray(self.matcher.noise if noise is None else noise, float)
-            noise = stated * (factor if stated.ndim < 3 else factor**2)
-
+        stated = self.matcher.noise if noise is None else noise
         gap = 0.0 if self.time is None else when - self.time
 
-        def explained(searching: bool | Choice) -> Finding:
+        def explained(searching: bool | Choice, factor: float = factor) -> Finding:
+            noise = stated if factor == 1.0 else np.asarray(stated) * factor ** (1 if np.ndim(stated) < 3 else 2)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=self._budget,
@@ -312,6 +310,11 @@ max_evaluations
             label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
         }
+        if of_images:
+            every = self.tracking.search_every
+            lost = not poses and self.labels is None and self.time is not None and 2 * (self._frame % every) < every
+            asked: Container[Label | None] = (None,) if lost else poses
+            self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
             self._noise.take(part, factor)
