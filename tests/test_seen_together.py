@@ -83,6 +83,21 @@ def test_a_board_at_a_grazing_angle_is_found_by_the_search_itself(seed: int, vie
     assert claimed.sum() >= 14
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plate_with_two_sides_is_found_at_a_grazing_angle(seed: int) -> None:
+    """All points of the side that is seen are seen edge-on, and those of the other side are not."""
+    front, normals, pixels, truth = board(seed, 78.5)
+    back = np.random.default_rng([seed, 1]).uniform(-0.15, 0.15, (18, 3)) * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.005]
+    points, normals = np.vstack([front, back]), np.vstack([normals, -normals])
+    assert isinstance(search := searched(points, pixels, normals), VisibleSearch)
+    assert search.conclusive and search.is_beyond_chance()
+    match = rm.match(points, pixels, rm.P3P(CAMERA), noise=NOISE, normals=normals)
+    claimed = match.assignment >= 0
+    assert match.status is rm.Status.MATCHED
+    assert np.array_equal(match.assignment[claimed], np.append(truth, np.full(18, -1))[claimed])
+    assert claimed.sum() >= 14
+
+
 def test_what_is_found_without_normals_is_judged_with_them() -> None:
     points, normals, pixels, _ = board(0, 40.0)
     assert rm.match(points, pixels, rm.P3P(CAMERA), noise=NOISE, normals=normals)
