@@ -75,7 +75,8 @@ def test_a_board_at_a_grazing_angle_is_found_by_the_search_itself(seed: int, vie
     points, normals, pixels, truth = board(seed, 80.0)
     search = searched(points, pixels, normals, view_angle)
     assert not isinstance(search, VisibleSearch)
-    assert search.conclusive and search.is_beyond_chance()
+    assert search.conclusive
+    assert search.is_beyond_chance()
     match = rm.match(points, pixels, rm.P3P(CAMERA), noise=NOISE, normals=normals, view_angle=view_angle)
     assert match.status is rm.Status.MATCHED
     claimed = match.assignment >= 0
@@ -90,7 +91,8 @@ def test_a_plate_with_two_sides_is_found_at_a_grazing_angle(seed: int) -> None:
     back = np.random.default_rng([seed, 1]).uniform(-0.15, 0.15, (18, 3)) * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.005]
     points, normals = np.vstack([front, back]), np.vstack([normals, -normals])
     assert isinstance(search := searched(points, pixels, normals), VisibleSearch)
-    assert search.conclusive and search.is_beyond_chance()
+    assert search.conclusive
+    assert search.is_beyond_chance()
     match = rm.match(points, pixels, rm.P3P(CAMERA), noise=NOISE, normals=normals)
     claimed = match.assignment >= 0
     assert match.status is rm.Status.MATCHED

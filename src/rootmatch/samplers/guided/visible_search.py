@@ -36,9 +36,9 @@ CHUNKS = 32
 SECONDS_PER_TRIPLE = 5e-8
 """Most sets, each tried whole, take at least so long for each triple of images (benchmarks/deadlines.py, task 970)."""
 TOGETHER = 1.0 / 3.0
-"""Share of all triples that a view shows from which normals do not tell the search what is visible. Of caps of a ball with
-a share of .4 a search without normals takes a third of the time, with .25 as much, with .1 twice as much to ten times
-(16 and 30 points, five scenes each from 1000). A round value."""
+"""Share of all triples that a view shows from which normals do not tell the search what is visible. Of caps of a ball
+with a share of .4 a search without normals takes a third of the time, with .25 as much, with .1 twice as much to ten
+times (16 and 30 points, five scenes each from 1000). A round value."""
 LEAST_MATCHED = 6
 """Points of a pose that must not have been missed, at least: two minimal sets. Fewer hardly tell a pose from chance,
 and to look for them would take most of the time."""
