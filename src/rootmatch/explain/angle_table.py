@@ -134,7 +134,7 @@ def looked_up(given: Directions, rng: np.random.Generator, *, most: int) -> Agre
         wanted = max(FIRST, 2 * int(sums[last - 1])) if last else FIRST
         begin, last = last, min(max(int(np.searchsorted(sums, wanted, side="right")), last + 1), len(sizes))
         more = _looked_up_for(given, table, match, slice(begin, last))
-        best, explained, matched = _explaining_most(given, more, tree, cones, most, rng)
+        best, explained, matched = _explaining_most(given, more, tree, cones, most=most, rng=rng)
         found, score = found.and_those(more.take(best)), np.concatenate([score, explained])
         order = np.argsort(-score, kind="stable")[:most]
         found, score = found.take(order), score[order]
@@ -198,7 +198,7 @@ def _table(given: Directions, cones: _Cones, tree: Any, used: Integers, rng: np.
 
 
 def _explaining_most(
-    given: Directions, found: Agreeing, tree: Any, cones: _Cones, most: int, rng: np.random.Generator
+    given: Directions, found: Agreeing, tree: Any, cones: _Cones, *, most: int, rng: np.random.Generator
 ) -> tuple[Integers, Floats, int]:
     """At most so many of the pairs, those first under whose rotation most of the other detections are points.
 
