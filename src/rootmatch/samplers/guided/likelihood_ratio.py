@@ -24,8 +24,8 @@ def weakest_of(ratios):  # type: ignore[no-untyped-def]
 def likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
     """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped.
 
-    Points seen edge-on may well go undetected: they come last, where the others have not dropped the frame, and count
-    where they are met. All of a plate that is seen so would tell nothing otherwise.
+    Points seen edge-on may well go undetected: they are left out, unless they are more than the others. Then they come
+    last, if those have not dropped the frame, and count where they are met: all of a plate may be seen so.
     """
     ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
     ratio = 0.0
@@ -35,10 +35,10 @@ def likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, st
     cells, positions, rays, field, gate2 = grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2
     whole = grid.whole
     facing2 = test.facing * test.facing
-    from_edge = False
+    from_edge = 0
     for turn in range(2):
         edge_on = turn == 1
-        if edge_on and not from_edge:
+        if edge_on and from_edge <= looked:
             break
         miss = 0.0 if edge_on else test.miss
         for r in range(others.shape[0]):
@@ -55,7 +55,7 @@ def likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, st
                 if along + coordinates[r, 6] * math.sqrt(distance2) > 0.0:
                     continue
                 if (along * along < facing2 * (u * u + v * v + w * w) * distance2) != edge_on:
-                    from_edge = True
+                    from_edge += 1
                     continue
             looked += 1
             k, distance2 = detection_at(cells, positions, rays, field, gate2, whole, x, y, z)
