@@ -3,18 +3,19 @@
 With t known, a line of sight meets the sphere about t on which its point lies, at v = s d + o − t with ‖v‖ = ‖X‖ in one
 place or two. The angle between two such v is that between their points, or the pair is wrong; otherwise it tells the
 rotation. That is of use where t is precise against the distances of the points from the origin, as of a camera whose
-place in a room is known.
+place in a room is known. Where v is much the same whichever point it is, as of stars about the camera itself, a table
+of angles has the pairs that agree (`angle_table`). Otherwise all pairs are looked at, or some where there are many.
 """
 
 from __future__ import annotations
 
-import math
+from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.angle_table import Agreeing, Directions, agreeing, looked_up
 from rootmatch.explain.known_rotation import (
-    GATE,
     MOST_POSES,
     assigned_about,
     drawn,
@@ -31,9 +32,22 @@ from rootmatch.problems.pose_fit.pose_prior import PosePrior
 PRECISE = 0.05
 """Standard deviation of the direction from the origin to a point, in radians, up to which pairs are drawn. A round
 value."""
+PREDICTED, FEWEST = 100_000, 100
+"""Points that are predicted for all pairs of a table together, and fewest pairs of it. Round values."""
 
 
-def poses_by_position(task: MatchingTask, known: PosePrior, model: DetectionModel) -> Proposals | None:
+class Pairs(NamedTuple):
+    """Pairs of matches that agree with a known position."""
+
+    matches: Integers
+    """(K, 2, 2): rows of an assignment, then detections."""
+    rotation: Floats
+    """(K, 3, 3) that each tells."""
+
+
+def poses_by_position(
+    task: MatchingTask, known: PosePrior, model: DetectionModel, pairs: Pairs | None = None
+) -> Proposals | None:
     """What is assigned about the best poses with a known position; None if it is vague, or no pair agrees with it.
 
     Parameters
@@ -43,35 +57,47 @@ def poses_by_position(task: MatchingTask, known: PosePrior, model: DetectionMode
     known : PosePrior
     model : DetectionModel
         Of the task.
+    pairs : Pairs, optional
+        Those of `pairs_by_angle`, if they are known.
     """
     if known.place is None or known.turn is not None:
         return None
-    pairs, rotation = _agreeing(task, known.place, np.random.default_rng(task.options.seed))
-    if not len(rotation):
+    if pairs is None:
+        pairs = pairs_by_angle(task, known) or _every(task, known.place)
+    if not len(pairs.rotation):
         return None
-    return assigned_about(model, known, pairs, (rotation, known.place[0] + rotation @ model.centre))
+    return assigned_about(model, known, pairs.matches, (pairs.rotation, known.place[0] + pairs.rotation @ model.centre))
 
 
-def _agreeing(task: MatchingTask, place: tuple[Floats, Floats], rng: np.random.Generator) -> tuple[Integers, Floats]:
-    """Pairs of matches (K, 2, 2) that agree with the position, and the rotation (K, 3, 3) by each.
-
-    Rows of an assignment come before detections.
-    """
-    i, j, towards, variance = _directions(task, *place)
-    row = task.camera_of[j] * task.shape[0] + i
-    first, second = pairs_of(row, j, rng)
-    of_points = task.points.source / np.maximum(np.linalg.norm(task.points.source, axis=1), 1e-300)[:, None]
-    seen, there = _between(towards[first], towards[second]), _between(of_points[i[first]], of_points[i[second]])
-    gate = GATE * np.sqrt(variance[first] + variance[second])
-    agrees = np.flatnonzero((np.abs(seen - there) <= gate) & (there > gate) & (there < math.pi - gate))
-    agrees = agrees[drawn(len(agrees), MOST_POSES, rng)]
-    first, second = first[agrees], second[agrees]
-    own, others = _frames(of_points[i[first]], of_points[i[second]]), _frames(towards[first], towards[second])
-    return packed(row, j, first, second), others @ own.swapaxes(1, 2)
+def pairs_by_angle(task: MatchingTask, known: PosePrior) -> Pairs | None:
+    """The pairs that a table of angles has, see `looked_up`; None where that tells too little, or no place is known."""
+    if known.place is None or known.turn is not None:
+        return None
+    given, rng = _directions(task, *known.place), np.random.default_rng(task.options.seed)
+    most = max(PREDICTED // task.shape[0], FEWEST)
+    found = looked_up(given, rng, most=most)
+    return None if found is None else _pairs(task, given, found)
 
 
-def _directions(task: MatchingTask, t: Floats, covariance: Floats) -> tuple[Integers, Integers, Floats, Floats]:
-    """Matches (M,), (M,), the direction (M, 3) from the origin to the point in the camera frame, and its variance."""
+def _every(task: MatchingTask, place: tuple[Floats, Floats]) -> Pairs:
+    """The pairs that agree of all pairs of matches, or of some where there are many."""
+    given, rng = _directions(task, *place), np.random.default_rng(task.options.seed)
+    first, second = agreeing(given, *pairs_of(_rows(task, given), given.j, rng))
+    some = drawn(len(first), MOST_POSES, rng)
+    return _pairs(task, given, Agreeing.of(given, first[some], second[some]))
+
+
+def _pairs(task: MatchingTask, given: Directions, found: Agreeing) -> Pairs:
+    return Pairs(packed(_rows(task, given), given.j, found.first, found.second), found.rotation)
+
+
+def _rows(task: MatchingTask, given: Directions) -> Integers:
+    """Rows (M,) of an assignment that matches have."""
+    return np.asarray(task.camera_of[given.j] * task.shape[0] + given.i)
+
+
+def _directions(task: MatchingTask, t: Floats, covariance: Floats) -> Directions:
+    """Directions from the origin to the point of each possible match; a line of sight may meet its sphere twice."""
     points, (origins, rays, angles) = task.points, lines_of_sight(task)
     length = np.linalg.norm(points.source, axis=1)[:, None]
     own = 0.0 if points.source_covariance is None else mean_deviation(points.source_covariance)[:, None] ** 2
@@ -84,15 +110,5 @@ def _directions(task: MatchingTask, t: Floats, covariance: Floats) -> tuple[Inte
     allowed = np.ones(task.shape, np.bool_) if task.allowed is None else task.allowed
     _, i, j = np.nonzero(found := allowed & (depth > 0.0) & (spread < (PRECISE * root) ** 2))
     towards = (depth[found][:, None] * rays[j] + off[j]) / length[i]
-    return i, j, towards, spread[found] / root[i, j] ** 2
-
-
-def _between(one: Floats, other: Floats) -> Floats:
-    """Angles (K,) between unit directions (K, 3)."""
-    return np.asarray(np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1)))
-
-
-def _frames(one: Floats, other: Floats) -> Floats:
-    """Rotations (K, 3, 3) whose columns are the bisectors of two unit directions, and across both."""
-    frame = np.stack([one + other, one - other, np.cross(other, one)], axis=2)
-    return np.asarray(frame / np.linalg.norm(frame, axis=1, keepdims=True))
+    of_points = points.source / np.maximum(length, 1e-300)
+    return Directions(i, j, towards, spread[found] / root[i, j] ** 2, of_points)

@@ -16,7 +16,7 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
-from rootmatch.explain.known_place import poses_by_position
+from rootmatch.explain.known_place import Pairs, pairs_by_angle, poses_by_position
 from rootmatch.explain.known_rotation import lines_of_sight, pairs_are_drawn, poses_by_rotation
 from rootmatch.explain.predicted_poses import knowledge_of
 from rootmatch.explain.task import MatchingTask
@@ -47,14 +47,16 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
     everything that was proposed.
     """
     assert task.known is not None
-    body, proposed = Candidate.of(task, []), None
+    body, proposed, pairs = Candidate.of(task, []), None, None
+    with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
+        pairs = pairs_by_angle(task, task.known)
     found = nothing_found(task, f"{task.shape[1]} detections are given, too few for a search")
-    if solve is not None and task.budget is None and pairs_are_drawn(task):
+    if pairs is None and solve is not None and task.budget is None and pairs_are_drawn(task):
         quick = _searched(replace(task, budget=QUICK), solve, body, found)
         if quick.status is Status.MATCHED:
             return replace(quick, task=task)
     with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
-        proposed = proposals_by_knowledge(task, body.model)
+        proposed = proposals_by_knowledge(task, body.model, pairs)
         if proposed is not None:
             body = body.proposed([], proposed)
             found = told_by(nothing_found(task, "what is known of the pose is not confirmed"), body.alone(), body)
@@ -90,11 +92,14 @@ def _searched(
     return found
 
 
-def proposals_by_knowledge(task: MatchingTask, model: DetectionModel) -> Proposals | None:
-    """What is assigned about the poses that a known rotation or position leaves, or both; None without any."""
+def proposals_by_knowledge(task: MatchingTask, model: DetectionModel, pairs: Pairs | None = None) -> Proposals | None:
+    """What is assigned about the poses that a known rotation or position leaves, or both; None without any.
+
+    ``pairs``: those of `pairs_by_angle`, if they are known.
+    """
     known = knowledge_of(task)
     assert known is not None
-    parts = [poses_by_rotation(task, known, model), poses_by_position(task, known, model)]
+    parts = [poses_by_rotation(task, known, model), poses_by_position(task, known, model, pairs)]
     if known.pose is not None:
         pose = known.pose
         assert pose.covariance is not None

@@ -220,6 +220,11 @@ def _score(
     slope = of_prior.slope + (off[:, None] @ jacobian)[:, 0]
     step = (covariance @ slope[..., None])[..., 0]
     tilt = np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
-    chance = (model.rate or DEFAULT_PREDICTION.usual_rate) * model.visibility(at, tilt)
+    chance = model.visibility(at, tilt)
+    if model.rate:
+        chance *= model.rate
+    else:  # of many points that face the camera no more are seen than are detected
+        shown = np.maximum(chance.sum(axis=1, keepdims=True), 1.0)
+        chance *= np.minimum(DEFAULT_PREDICTION.usual_rate, model.shape[1] / shown)
     score = explained(model, at, chance, step, covariance)
     return score, rotation_from_vector(step[:, :3]) @ rotation, position + step[:, 3:], covariance

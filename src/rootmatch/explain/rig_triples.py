@@ -16,7 +16,7 @@ from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel, trip
 from rootmatch.model.gathering import gathered
 from rootmatch.model.proposals import poses_of_sets
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.visible_search import VisibleSearch, search_of
+from rootmatch.samplers.guided.visible_search import VisibleSearch, ranks_triples
 
 TRIPLES, FEW_TRIPLES, KEPT = 4096, 128, 8
 """Triples whose poses are looked at, those that explain most of their own image; how many where a search is bounded, as
@@ -81,9 +81,10 @@ def _visible(part: MatchingTask, options: GuidedOptions) -> tuple[Integers, Inte
 
     None among too many detections.
     """
-    search = search_of(part.sampling_task, options, part.deadline)
-    if not isinstance(search, VisibleSearch):
+    task = part.sampling_task
+    if not ranks_triples(task):
         return None
+    search = VisibleSearch(task, options, part.deadline)
     points, images, whole = search.triples(TRIPLES if part.budget is None else FEW_TRIPLES)
     return part.permutation[points], images, whole
 

@@ -22,7 +22,11 @@ def weakest_of(ratios):  # type: ignore[no-untyped-def]
 
 @scalar
 def likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
-    """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped."""
+    """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped.
+
+    Points seen edge-on may well go undetected: they are left out, unless they are more than the others. Then they come
+    last, if those have not dropped the frame, and count where they are met: all of a plate may be seen so.
+    """
     ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
     ratio = 0.0
     hits = 0
@@ -31,33 +35,39 @@ def likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, st
     cells, positions, rays, field, gate2 = grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2
     whole = grid.whole
     facing2 = test.facing * test.facing
-    for r in range(others.shape[0]):
-        a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
-        x = ox + a * ex + b * fx + c * gx
-        y = oy + a * ey + b * fy + c * gy
-        z = oz + a * ez + b * fz + c * gz
-        if test.normals:
-            a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
-            u, v, w = a * ex + b * fx + c * gx, a * ey + b * fy + c * gy, a * ez + b * fz + c * gz
-            along = u * x + v * y + w * z
-            distance2 = x * x + y * y + z * z
-            # beyond its view angle, or so nearly on the far side that it need not be seen
-            if along + coordinates[r, 6] * math.sqrt(distance2) > 0.0:
-                continue
-            if along * along < facing2 * (u * u + v * v + w * w) * distance2:
-                continue
-        looked += 1
-        k, distance2 = detection_at(cells, positions, rays, field, gate2, whole, x, y, z)
-        if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
-            stamp[k] = tick
-            hit = test.hit - fall * distance2
-            ratio += hit if hit > test.miss else test.miss
-            hits += 1
-        else:
-            ratio += test.miss
-            if ratio < test.floor:
-                ratio = -np.inf
-                break
+    from_edge = 0
+    for turn in range(2):
+        edge_on = turn == 1
+        if edge_on and from_edge <= looked:
+            break
+        miss = 0.0 if edge_on else test.miss
+        for r in range(others.shape[0]):
+            a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
+            x = ox + a * ex + b * fx + c * gx
+            y = oy + a * ey + b * fy + c * gy
+            z = oz + a * ez + b * fz + c * gz
+            if test.normals:
+                a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
+                u, v, w = a * ex + b * fx + c * gx, a * ey + b * fy + c * gy, a * ez + b * fz + c * gz
+                along = u * x + v * y + w * z
+                distance2 = x * x + y * y + z * z
+                # beyond its view angle, or so nearly on the far side that it need not be seen
+                if along + coordinates[r, 6] * math.sqrt(distance2) > 0.0:
+                    continue
+                if (along * along < facing2 * (u * u + v * v + w * w) * distance2) != edge_on:
+                    from_edge += 1
+                    continue
+            looked += 1
+            k, distance2 = detection_at(cells, positions, rays, field, gate2, whole, x, y, z)
+            if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
+                stamp[k] = tick
+                hit = test.hit - fall * distance2
+                ratio += hit if hit > miss else miss
+                hits += 1
+            else:
+                ratio += miss
+                if ratio < test.floor:
+                    return -np.inf, hits, looked
     return ratio, hits, looked
 
 

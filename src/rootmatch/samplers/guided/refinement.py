@@ -50,22 +50,24 @@ def refining_sets(
     rng : Generator
     """
     taken = leaders[: beyond_chance or max(CLUSTERS, int(CLUSTER_PART * len(leaders)))]
-    return _widest_of(hypotheses.best[taken], hypotheses.points.shape[1], positions, solutions, count, rng)
+    minimal, most = hypotheses.points.shape[1], (solutions, count)
+    return _widest_of(hypotheses.best[taken], minimal, positions, most, rng)
 
 
 def begin_with(search: Search, assignments: Integers) -> None:
     """Verify wide minimal sets of assignments (K, n) that are known before a search, of each its own."""
     solutions = hypothesis_kernels(search.tables).solutions
     rng = np.random.default_rng(search.n)  # the search draws the same sets whatever is known
-    points, images = _widest_of(assignments, search.minimal, search.positions, solutions, SETS, rng)
+    points, images = _widest_of(assignments, search.minimal, search.positions, (solutions, SETS), rng)
     if len(points):
         search._verify(points, images)
 
 
 def _widest_of(
-    assignments: Integers, minimal: int, positions: Floats, solutions: int, count: int, rng: np.random.Generator
+    assignments: Integers, minimal: int, positions: Floats, most: tuple[int, int], rng: np.random.Generator
 ) -> tuple[Integers, Integers]:
-    """See `refining_sets`, of the matches of some assignments (K, n)."""
+    """See `refining_sets`, of the matches of some assignments (K, n); ``most``: its ``solutions`` and ``count``."""
+    solutions, count = most
     points, images = [np.empty((0, minimal), np.int64)], [np.empty((0, minimal), np.int64)]
     for assignment in assignments:
         (matched,) = (assignment >= 0).nonzero()

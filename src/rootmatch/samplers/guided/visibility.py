@@ -69,6 +69,25 @@ def _cosines(normals: Floats) -> Floats:
     return np.where(length > 0.0, cosine, 2.0)
 
 
+def seen_together(normals: Floats, view_cosine: Floats | None = None) -> float:
+    """Share of all triples of points that a view shows, of those views that show three: 1 on one side of a plate.
+
+    Parameters as for `facing_points`; the answers for the last few objects are kept.
+    """
+    angles = None if view_cosine is None else np.ascontiguousarray(view_cosine, np.float64).tobytes()
+    return _seen_together(np.ascontiguousarray(normals, np.float64).tobytes(), angles)
+
+
+@lru_cache(maxsize=64)
+def _seen_together(normal_bytes: bytes, angle_bytes: bytes | None) -> float:
+    normals = np.frombuffer(normal_bytes).reshape(-1, 3)
+    facing = facing_points(normals, None if angle_bytes is None else np.frombuffer(angle_bytes))
+    count = facing.sum(axis=1).astype(np.float64)
+    triples = (count * (count - 1.0) * (count - 2.0))[count >= 3.0]
+    n = len(normals)
+    return float(triples.mean()) / (n * (n - 1) * (n - 2)) if len(triples) else 0.0
+
+
 def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = None) -> Bools:
     """Points (V, n) that may be detected together where ``matched`` are, in each view that can show so many.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.triangle_shapes import CELLS, image_cells
-from rootmatch.samplers.guided.visibility import DETECTED, FACING, MISSED
+from rootmatch.samplers.guided.visibility import DETECTED, FACING, MISSED, seen_together
 from rootmatch.samplers.guided.visible_triples import VisibleSets, run_visible_tests
 
 MOST_DETECTIONS = 128
@@ -34,18 +35,34 @@ CHUNKS = 32
 """Chunks of the triples that are ranked alone: each looks for its weakest at every one that it keeps. A round value."""
 SECONDS_PER_TRIPLE = 5e-8
 """Most sets, each tried whole, take at least so long for each triple of images (benchmarks/deadlines.py, task 970)."""
+TOGETHER = 1.0 / 3.0
+"""Share of all triples that a view shows from which normals do not tell the search what is visible. Of caps of a ball
+with a share of .4 a search without normals takes a third of the time, with .25 as much, with .1 twice as much to ten
+times (16 and 30 points, five scenes each from 1000). A round value."""
 LEAST_MATCHED = 6
 """Points of a pose that must not have been missed, at least: two minimal sets. Fewer hardly tell a pose from chance,
 and to look for them would take most of the time."""
 
 
-def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) -> Search:
-    """The search that suits a task."""
+def ranks_triples(task: SamplingTask) -> bool:
+    """Whether `VisibleSearch` can search a task."""
     normals = bool(task.tables.normals[:3].any())
-    if task.motions == 1 and normals and has_listed(type(task.tables)) and task.shape[1] <= MOST_DETECTIONS:
-        return VisibleSearch(task, options, deadline)
-    if task.motions == 1 and not normals and has_listed(type(task.tables)) and task.shape[0] >= LEAST:
-        rays, sigma = np.ascontiguousarray(task.tables.rays.T), np.sqrt(task.tables.variance)
+    return task.motions == 1 and normals and has_listed(type(task.tables)) and task.shape[1] <= MOST_DETECTIONS
+
+
+def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) -> Search:
+    """The search that suits a task.
+
+    Where nearly all points are seen together their normals tell a search nothing; the judge of what it finds has them.
+    """
+    tables = task.tables
+    normals = bool(tables.normals[:3].any())
+    if normals and task.motions == 1:
+        if seen_together(np.ascontiguousarray(tables.normals[:3].T), task.view_cosine) < TOGETHER:
+            return (VisibleSearch if ranks_triples(task) else Search)(task, options, deadline)
+        task, normals = replace(task, tables=tables._replace(normals=np.zeros_like(tables.normals))), False
+    if task.motions == 1 and not normals and has_listed(type(tables)) and task.shape[0] >= LEAST:
+        rays, sigma = np.ascontiguousarray(tables.rays.T), np.sqrt(tables.variance)
         if crowding(rays, sigma) < CROWDED:
             return LocalSearch(task, options, deadline)
     return Search(task, options, deadline)
