@@ -349,10 +349,8 @@ def test_what_a_prediction_proposes_by_the_deadline_is_handed_on(body: Body, mon
 
 
 def test_no_visible_set_is_begun_that_would_end_late(body: Body, monkeypatch: pytest.MonkeyPatch) -> None:
-    facing = -(body.R.T @ body.position) / np.linalg.norm(body.position)
-    task = MatchingTask.of(
-        P3P(CAMERA), body.points, body.target, noise=0.4, normals=np.tile(facing, (8, 1)), options=MatchOptions()
-    )
+    outward = body.points / np.linalg.norm(body.points, axis=1, keepdims=True)
+    task = MatchingTask.of(P3P(CAMERA), body.points, body.target, noise=0.4, normals=outward, options=MatchOptions())
     begun, before = [0], visible_search.run_visible_tests
 
     def counted(*arguments: Any, **options: Any) -> Any:

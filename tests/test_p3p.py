@@ -158,7 +158,6 @@ class TestPrepareRefuses:
             ({"source": np.where(np.arange(18).reshape(6, 3) == 7, np.nan, source)}, "point 2"),
             ({"target": np.where(np.arange(14).reshape(7, 2) == 3, np.inf, target)}, "point 1"),
             ({"source": np.concatenate((source, source[2:3]))}, "2 and 6"),
-            ({"target": np.concatenate((target, target[1:2]))}, "1 and 7"),
             ({"source": np.outer(np.arange(6.0), (1.0, 2.0, 3.0)) + 5.0}, "line"),
             ({"source": [["a", "b", "c"]] * 6}, "numbers"),
             ({"noise": -1.0}, "noise"),

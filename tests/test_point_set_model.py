@@ -250,6 +250,19 @@ def test_a_symmetry_is_exact_within_the_noise_only() -> None:
         assert np.max(displaced) < 0.01
 
 
+def test_two_points_beside_each_other_are_no_exact_symmetry() -> None:
+    """Were it exact, both would be in one place; so of what fits, that with them exchanged is as rare as it fits."""
+    source = np.array([[23.0, 6.9], [34.5, 3.2], [30.0, 15.5], [21.7, 29.0], [9.0, 14.0], [29.2, 4.0], [26.5, 14.1]])
+    for size in (2, 3):
+        points = np.pad(np.vstack([source, [26.4, 13.6]]), ((0, 0), (0, size - 2)))
+        points[:, size - 1 :] += np.arange(8.0)[:, None] * (size - 2)
+        exchanged = np.arange(8)
+        exchanged[[6, 7]] = [7, 6]
+        assert exactly_symmetric(clouds_of(points, points, 0.14), np.arange(8), exchanged) == 0.0
+        pair = np.array([6, 7])  # of these alone, a half turn may be one
+        assert exactly_symmetric(clouds_of(points, points, 0.14), pair, pair[::-1]) > 0.0
+
+
 def test_mirrored_sets_are_not_trusted() -> None:
     for seed in range(8):
         source = np.random.default_rng([seed, 1]).uniform(-60.0, 60.0, (8, 3))

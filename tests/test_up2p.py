@@ -223,7 +223,6 @@ class TestRefuses:
             ({"target": target[:2]}, "at least 3"),
             ({"source": source[:, :2]}, "shape"),
             ({"source": np.where(np.arange(18).reshape(6, 3) == 7, np.nan, source)}, "point 2"),
-            ({"target": np.concatenate((target, target[1:2]))}, "1 and 7"),
             ({"source": np.outer(np.arange(6.0), (0.0, 2.0, 0.0)) + 5.0}, "vertical line"),
             ({"noise": -1.0}, "noise"),
         ],

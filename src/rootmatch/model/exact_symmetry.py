@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix
-from rootmatch.arrays import Integers
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.point_set_model import student
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.problems.points import PointClouds
@@ -42,6 +42,8 @@ def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mi
     """
     points, variance = clouds.source, clouds.source_variance
     size = points.shape[1]
+    if _fixes_all(points[first[first == second]], float(variance.max()), size - 1 + mirror):
+        return 0.0  # two points would be in one place
     motion = fitted_motions(points[None, first], points[None, second], scaled=False, mirror=mirror)
     turn = motion.linear[0]
     moved = points[first] @ turn.T + motion.shift[0]
@@ -78,3 +80,11 @@ def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mi
     exact = float(student(np.array([chi2]), np.array([rank]), NOISE_FREEDOM)[0])
     odds = exact - (float(np.logaddexp.reduce(displaced)) - math.log(SIZES)) + math.log(EXACT / (1.0 - EXACT))
     return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+
+
+def _fixes_all(points: Floats, variance: float, rank: int) -> bool:
+    """Whether a motion that leaves these points (m, k) where they are leaves all: they span so many dimensions."""
+    if len(points) <= rank:
+        return False
+    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(values[rank - 1] > FAR * math.sqrt(variance))

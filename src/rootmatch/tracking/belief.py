@@ -244,11 +244,11 @@ class Belief:
         if new.any() and origin[first] >= 0:
             met = met_beside(model, modes, each, alone, first)
             weight[new] = weight[first] + log_back(self.poses[origin[first]], time) + met[new]
-        nothing, present, go_on = float(_log(np.array(told.clutter))), found.facts.present, []
+        nothing, go_on = float(_log(np.array(told.clutter))), []
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
         if origin[first] < 0:
             weight = each - shown
-        is_shown = present is not None and present >= found.facts.min_probability
+        is_shown = float(told.probabilities.sum()) >= found.facts.min_probability  # whether or not it fits
         for k, of in enumerate(origin.tolist()):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
                 continue  # what is left of another mode

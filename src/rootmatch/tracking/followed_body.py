@@ -20,6 +20,7 @@ from rootmatch.options import Options, option
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.dark_points import DarkPoints
 from rootmatch.tracking.followed_places import RETURN
+from rootmatch.tracking.mistaken_identity import FLOOR
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
 from rootmatch.tracking.two_states import chance_later
 
@@ -199,6 +200,10 @@ class FollowedBody:
         if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found
+
+    def acquit(self) -> None:
+        """Forget that what is followed did not fit: the noise was larger than it was taken to be."""
+        self.belief.poses = [replace(one, log_other=FLOOR) for one in self.belief.poses]
 
     def take(self, found: Finding, time: float, frame: int, searched: bool) -> None:
         """Take in the finding of a frame that was searched for the body, or was not.

@@ -150,8 +150,8 @@ class NoiseScale:
         asked: Container[Hashable],
         factor: float,
         with_more: Callable[[float], Findings],
-    ) -> None:
-        """Compare the residuals of each body with those of the frame before.
+    ) -> bool:
+        """Compare the residuals of each body with those of the frame before; whether the noise has become another one.
 
         Parameters
         ----------
@@ -164,10 +164,11 @@ class NoiseScale:
             From another factor to the findings with it.
         """
         doubtful = {label for label in parts if label in asked and parts[label].status is not Status.MATCHED}
-        louder = with_more(MOST_OF_CHANGES) if doubtful else {}
+        louder, before = with_more(MOST_OF_CHANGES) if doubtful else {}, self.changes
         for label, part in parts.items():
             found = (louder[label], MOST_OF_CHANGES) if label in doubtful else (part, factor)
             self.take_changes(label, *found)
+        return self.changes is not before
 
     def take_changes(self, label: Hashable, found: Finding, factor: float) -> None:
         """Take in how much the residuals of a body differ from those of the frame before."""

@@ -238,7 +238,9 @@ max_evaluations
         when = self._time(time)
         self._frame += 1
         deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
-        found = self._found(target, when, self._given(prior), noise, deadline=deadline, candidates=candidates)
+        given: dict[Label | None, Prior] = {} if prior is None or isinstance(prior, Mapping) else {None: prior}
+        given.update(prior.items() if isinstance(prior, Mapping) else ())
+        found = self._found(target, when, given, noise, deadline=deadline, candidates=candidates)
         self.time = when
         return report(found, seconds=perf_counter() - started, stopped_early=deadline.stopped_early)
 
@@ -310,14 +312,19 @@ max_evaluations
             label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
         }
+        is_louder = False
         if of_images:
             every = self.tracking.search_every
             lost = not poses and self.labels is None and self.time is not None and 2 * (self._frame % every) < every
             asked: Container[Label | None] = (None,) if lost else poses
-            self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
+            is_louder = self._noise.compare(
+                self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f))
+            )
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
             self._noise.take(part, factor)
+            if is_louder:
+                self._bodies[label].acquit()
         name_places(self._identical, self._bodies, parts, when)
         if self._frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)
@@ -330,12 +337,6 @@ max_evaluations
     def _parts(self, found: Finding) -> dict[Label | None, Finding]:
         """The finding of each body by its label (None for a single body)."""
         return {None: found} if found.parts is None else dict(found.parts.items())
-
-    def _given(self, prior: Prior | Mapping[Label, Prior] | None) -> dict[Label | None, Prior]:
-        """What the caller knows of poses, by label, of a single body by None."""
-        if prior is None:
-            return {}
-        return dict(prior.items()) if isinstance(prior, Mapping) else {None: prior}
 
     def _time(self, time: float | None) -> float:
         if time is None:
