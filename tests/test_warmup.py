@@ -11,6 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rig_scenes import VIEW, controllers, headset
+from rootmatch.precompile.ahead_of_time import load_tracker
 
 FLIGHTS = """
 import sys
@@ -138,6 +140,16 @@ def test_the_command_loads_what_it_needs_before_the_first_frame(tmp_path: Path, 
     assert done.returncode == 0, done.stderr[-2000:]
     assert "4 matched" in done.stderr
     assert [line.split()[1:] for line in done.stderr.splitlines()[-4:]] == [[]] * 4
+
+
+def test_what_is_loaded_before_the_first_frame_is_found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points that face away were shown as well: no pose fitted, and each start of the command took half a minute."""
+    points, normals, names = controllers()
+    found: list[rm.Match] = []
+    update = rm.Tracker.update
+    monkeypatch.setattr(rm.Tracker, "update", lambda *own, **more: found.append(update(*own, **more)) or found[-1])
+    load_tracker(rm.P3P(headset()), points, normals=normals, bodies=names, view_angle=np.radians(VIEW))
+    assert [match.status for match in found] == [rm.Status.MATCHED] * 3
 
 
 def test_what_a_warm_up_refuses() -> None:

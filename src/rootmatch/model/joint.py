@@ -52,7 +52,8 @@ def marginals(
     for used, mass, of in zip(uses, masses, given or [-1] * len(uses), strict=True):
         own = np.atleast_2d(mass) - log_left(used)
         mine, own = np.concatenate([used, absent]), np.concatenate([own, np.zeros((len(own), 1))], axis=1)
-        row, mode = (taken @ mine.T < 0.5).nonzero()  # which joint hypotheses leave which modes their detections
+        with np.errstate(invalid="ignore"):  # BLAS may set the flag for what it pads small matrices with
+            row, mode = (taken @ mine.T < 0.5).nonzero()  # which joint hypotheses leave which modes their detections
         value = value[row] + own[chosen[row, of] if of >= 0 and len(own) > 1 else 0, mode]
         taken = taken[row] + mine[mode]
         whole = value + log_left(taken > 0.5)

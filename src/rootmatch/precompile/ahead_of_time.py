@@ -37,6 +37,8 @@ SMALL, LARGE, DENSE = 12, 60, 120
 image is dense."""
 BUDGET = 100_000
 """Evaluations of a search: all its kernels are met long before."""
+LONGEST = 2.0
+"""Seconds that a frame may be searched that loads kernels for others. A round value."""
 
 
 def warmup(
@@ -93,13 +95,15 @@ def load_tracker(problem: Problem, source: Floats, **options: Any) -> None:
     **options
         Of the `Tracker`, without the noise.
     """
-    view = _View(problem, source) if problem.takes_prior else None
+    facing = options.get("normals"), options.get("view_angle")
+    view = _View(problem, source, facing) if problem.takes_prior else None
     size = float(np.ptp(source, axis=0).max())
     sigma = 1e-3 * size if view is None else view.sigma
     tracker, rng = Tracker(source, problem, noise=sigma, **options), np.random.default_rng(0)
     for number in range(3):  # one is searched, others are predicted
         moved = source + rng.normal(0.0, sigma, source.shape)
-        found = tracker.update(moved if view is None else view.frame(number, len(source), 2))
+        image = moved if view is None else view.frame(number, len(source), 2)
+        found = tracker.update(image, max_seconds=LONGEST)
         _ = found.confidence, found.pose
 
 
@@ -191,10 +195,14 @@ def _flown(problem: Problem, body: Body) -> None:
 
 
 class _View:
-    """Images of a body that moves before a camera, or a rig, of a problem."""
+    """Images of a body that moves before a camera, or a rig, of a problem.
 
-    def __init__(self, problem: Problem, points: Floats) -> None:
-        self.points = points
+    ``facing``: normals (n, 3) and the angle in radians from which points are not seen; none by default.
+    """
+
+    def __init__(self, problem: Problem, points: Floats, facing: tuple[Any, Any] = (None, None)) -> None:
+        self.points, (self.normals, angle) = points, facing
+        self.cosine = np.cos(0.5 * np.pi if angle is None else np.asarray(angle, np.float64))
         self.centre = points.mean(axis=0)
         self.radius = float(np.linalg.norm(points - self.centre, axis=1).max())
         camera = problem.camera  # type: ignore[attr-defined]
@@ -219,7 +227,12 @@ class _View:
         rows, index = [], []
         for k, (camera, turn, move) in enumerate(self.cameras):
             places = (self.points @ self.R.T + self.t) @ turn.T + move
-            seen = np.flatnonzero(camera.sees(places))[:shown]
+            seen = camera.sees(places)
+            if self.normals is not None:
+                outward = np.asarray(self.normals, np.float64) @ self.R.T @ turn.T
+                away = -(outward * places).sum(axis=1)
+                seen &= away > self.cosine * np.linalg.norm(outward, axis=1) * np.linalg.norm(places, axis=1)
+            seen = np.flatnonzero(seen)[:shown]
             with np.errstate(all="ignore"):
                 pixels = places / places[:, 2:] if self.of_rays else camera.project(places)
             known = pixels[np.isfinite(pixels).all(axis=1) & camera.sees(places)]
