@@ -47,6 +47,9 @@ VAGUE = 2.0
 LOG_CHANGED, MOST_OF_FRAME = math.log(WRONG_MODEL), -0.5 * math.log(WRONG_MODEL)
 """Log-odds, at first, that the noise has become another one, and what one frame says of that at most: a pose that comes
 upon something else changes once, where noise is drawn anew in each frame."""
+QUIET = 1.2
+"""Factor on σ up to which the residuals of a frame are no sign of more noise. A round value: a frame of ten points has
+a larger one in one of six."""
 FEW = 4
 """Points, least, whose residuals are compared: of fewer, a pose leaves nothing."""
 
@@ -158,12 +161,12 @@ class NoiseScale:
         parts : dict
             Findings of a frame, which were made with σ times a factor, by the labels of bodies.
         asked : set
-            Labels of the bodies to look for with more noise, if they are not trusted.
+            Labels of the bodies to look for with more noise, if they are not trusted and do not fit.
         factor : float
         with_more : callable
             From another factor to the findings with it.
         """
-        doubtful = {label for label in parts if label in asked and parts[label].status is not Status.MATCHED}
+        doubtful = {label for label in parts if label in asked and _fits_badly(parts[label], factor)}
         louder, before = with_more(MOST_OF_CHANGES) if doubtful else {}, self.changes
         for label, part in parts.items():
             found = (louder[label], MOST_OF_CHANGES) if label in doubtful else (part, factor)
@@ -172,6 +175,10 @@ class NoiseScale:
 
     def take_changes(self, label: Hashable, found: Finding, factor: float) -> None:
         """Take in how much the residuals of a body differ from those of the frame before."""
+        quiet = found.status is Status.MATCHED and (found.noise_factor or 0.0) * factor < QUIET
+        if quiet and self.is_stated:  # as usual: nothing to compare
+            self.new, self.log_new, self.last[label] = _vague(), LOG_CHANGED, None
+            return
         before, now = self.last.get(label), Residuals.about(found, factor)
         self.last[label] = now
         if before is None or now is None:
@@ -201,6 +208,11 @@ class NoiseScale:
             self.changes.take(chi2, freedom)
         if self.log_new < LOG_CHANGED:
             self.new, self.log_new = _vague(), LOG_CHANGED
+
+
+def _fits_badly(found: Finding, factor: float) -> bool:
+    """Whether a finding with σ times a factor is not trusted, and its residuals are larger than usual."""
+    return found.status is not Status.MATCHED and (found.noise_factor or 0.0) * factor >= QUIET
 
 
 def _vague() -> Scale:
