@@ -137,6 +137,13 @@ class Finding:
             facts = replace(facts, contested=True, sure_of_the_rest=False)
         return replace(self, facts=facts)
 
+    def less_certain(self, factor: float) -> Self:
+        """A copy that is less probable by a factor, as is each of its matches; ambiguous as of `doubted`."""
+        if self.facts.probability is None or self.confidence is None:
+            return self
+        less = np.where(self.assignment >= 0, factor, 1.0) * self.confidence
+        return replace(self.doubted(factor * self.facts.probability), confidence=less)
+
     @property
     def every_confidence(self) -> Floats | None:
         """Confidence (n,) in each match, of several bodies in those of each; None if none is known."""

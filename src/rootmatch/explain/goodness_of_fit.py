@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
-
-import numpy as np
 
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding
@@ -15,8 +12,6 @@ from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
 MOST_INFLATION = 4.0
 """Largest factor on the given variances: of a pose that asks for more than twice the given σ nothing is believed. A
 round value; what it refuses: the unrelated points of benchmarks/constellations.py."""
-
-
 SHAPE = 0.2
 """Of the distribution Beta(a, 1) of the chance of residuals as large as those of something else. A round value."""
 FREEDOM_OF_RIG = 5.0
@@ -78,8 +73,7 @@ def doubted_by_fit(found: Finding, fault: Misfit, of_rig: bool = False) -> Findi
         return found
     own = min((1.0 + WRONG_MODEL) / (1.0 + WRONG_MODEL * fault.for_something_else(of_rig)), 1.0)
     present = None if found.facts.present is None else own * found.facts.present
-    sure = None if found.confidence is None else np.where(found.assignment >= 0, own, 1.0) * found.confidence
-    return replace(found.with_facts(present=present).doubted(own * found.facts.probability), confidence=sure)
+    return found.with_facts(present=present).less_certain(own)
 
 
 def does_not_fit(fault: Misfit) -> bool:

@@ -31,6 +31,7 @@ from rootmatch.explain.image_hypotheses import (
     is_enough,
     proposals_by_prediction,
 )
+from rootmatch.explain.known_place import pairs_by_angle
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.pose_density import Doubted
@@ -135,7 +136,9 @@ class _Body:
         if self.task.prior_pose is not None:
             self.predicted = proposals_by_prediction(self.candidate.model)
         elif self.task.known is not None:
-            self.predicted = proposals_by_knowledge(self.task, self.candidate.model)
+            self.predicted = proposals_by_knowledge(
+                self.task, self.candidate.model, pairs_by_angle(self.task, self.task.known)
+            )
         if self.predicted is not None:
             self.candidate = self.candidate.proposed([], self.predicted)
 

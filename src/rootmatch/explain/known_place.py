@@ -46,7 +46,7 @@ class Pairs(NamedTuple):
 
 
 def poses_by_position(
-    task: MatchingTask, known: PosePrior, model: DetectionModel, pairs: Pairs | None = None
+    task: MatchingTask, known: PosePrior, model: DetectionModel, pairs: Pairs | None
 ) -> Proposals | None:
     """What is assigned about the best poses with a known position; None if it is vague, or no pair agrees with it.
 
@@ -58,12 +58,12 @@ def poses_by_position(
     model : DetectionModel
         Of the task.
     pairs : Pairs, optional
-        Those of `pairs_by_angle`, if they are known.
+        Those of `pairs_by_angle`.
     """
     if known.place is None or known.turn is not None:
         return None
     if pairs is None:
-        pairs = pairs_by_angle(task, known) or _every(task, known.place)
+        pairs = _every(task, known.place)
     if not len(pairs.rotation):
         return None
     return assigned_about(model, known, pairs.matches, (pairs.rotation, known.place[0] + pairs.rotation @ model.centre))

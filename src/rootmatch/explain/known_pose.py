@@ -92,10 +92,10 @@ def _searched(
     return found
 
 
-def proposals_by_knowledge(task: MatchingTask, model: DetectionModel, pairs: Pairs | None = None) -> Proposals | None:
+def proposals_by_knowledge(task: MatchingTask, model: DetectionModel, pairs: Pairs | None) -> Proposals | None:
     """What is assigned about the poses that a known rotation or position leaves, or both; None without any.
 
-    ``pairs``: those of `pairs_by_angle`, if they are known.
+    ``pairs``: those of `pairs_by_angle`.
     """
     known = knowledge_of(task)
     assert known is not None

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.algebra.rotation import rotation_vector
+from rootmatch.algebra.rotation import one_rotation_vector
 from rootmatch.arrays import Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
@@ -65,7 +65,7 @@ def agrees_with_prior(found: Finding) -> bool | None:
         return found.prior_holds
     if prior.covariance is None or pose.covariance is None or len(prior.covariance) != len(pose.covariance):
         return False
-    off = np.concatenate([rotation_vector((pose.R @ prior.R.T)[None])[0], pose.t - prior.t])
+    off = np.array([*one_rotation_vector(pose.R @ prior.R.T), *(pose.t - prior.t)])
     return bool(off @ np.linalg.solve(prior.covariance + pose.covariance, off) <= WITHIN)
 
 

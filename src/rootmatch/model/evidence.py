@@ -215,7 +215,11 @@ def stepped(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
 
 def squared_deviations(model: DetectionModel, assignments: Integers, at: Linearised) -> Floats:
     """Squared deviations (K,) of the detections of assignments (K, n) from poses, in units of their noise."""
-    return np.asarray((deviations(model, assignments, at)[0] ** 2).sum(axis=(1, 2)))
+    used, image = assignments >= 0, np.maximum(assignments, 0)
+    offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
+    if not model.has_covariances:
+        return np.asarray(((offset / model.noise_of(at, image)[..., None]) ** 2).sum(axis=(1, 2)))
+    return np.asarray((_whitened(model, at, used, image, offset)[1] ** 2).sum(axis=(1, 2)))
 
 
 def deviations(model: DetectionModel, assignments: Integers, at: Linearised) -> tuple[Floats, Floats]:

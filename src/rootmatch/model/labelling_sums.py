@@ -39,8 +39,7 @@ MARGIN = 6.0
 """The same, less this, about the motion of the best labelling. A round value."""
 
 SHARED = 0.5
-"""Fraction of its matches that a hypothesis of the same motion has in common with another one. A round value, as in
-`rootmatch.explain.confidence`."""
+"""Fraction of its matches that a hypothesis of the same motion has in common with another one. A round value."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,7 @@ from rootmatch.model.compiled.averaging import average
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence, squared_deviations
 from rootmatch.model.modes import Modes
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 
@@ -33,8 +34,6 @@ WEAK = 0.02
 """Standard deviation in radians, or over the distance, from which a direction is averaged over. A round value."""
 PLACES = np.linspace(-3.0, 3.0, 7)
 """Poses on the line, in standard deviations of the fit. A round value."""
-NOTICED = 1e-3
-"""Probability of changes of an assignment below which they are not averaged over: that of a wrong model."""
 LEAST = 0.25
 """Least variance along the line, over that of the fit: the poses on it are no closer. By construction."""
 
@@ -73,7 +72,7 @@ def _over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]:
     _, values, steps = modes.near[k]
     weight = np.exp(np.minimum(values - modes.log_odds[k], 0.0))
     weight /= 1.0 + weight.sum()
-    if float(weight.sum()) < NOTICED:
+    if float(weight.sum()) < WRONG_MODEL:
         return R, position, covariance
     mean = weight @ steps
     spread = (weight[:, None] * steps).T @ steps - np.outer(mean, mean)

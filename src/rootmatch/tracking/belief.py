@@ -236,18 +236,15 @@ class Belief:
         each = _log(told.probabilities[: len(origin)])
         elsewhere = ~np.isin(place, [one.place for one in self.poses])
         others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
-        weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown) + more
         first = int((origin >= 0).argmax())
-        known_places = {int(place[first]), *(one.place for one in self.poses)}
-        new = np.array([one not in known_places for one in place.tolist()])
+        often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
+        weight = log_share[origin] + often * (each - log_share[origin] - shown) + more
+        new = elsewhere & (place != place[first])
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         if new.any() and origin[first] >= 0:
             met = met_beside(model, modes, each, alone, first)
             weight[new] = weight[first] + log_back(self.poses[origin[first]], time) + met[new]
         nothing, go_on = float(_log(np.array(told.clutter))), []
-        often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
-        if origin[first] < 0:
-            weight = each - shown
         is_shown = float(told.probabilities.sum()) >= found.facts.min_probability  # whether or not it fits
         for k, of in enumerate(origin.tolist()):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():

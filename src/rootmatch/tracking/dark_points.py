@@ -16,14 +16,13 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.explain.finding import Finding
 from rootmatch.model.detection_model import USUAL_RATE
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.two_states import chance_later
 
 LASTS = 0.25
 """Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
 LIT = 0.8
 """Probability that a point is lit of which nothing is known. A round value."""
-NOTICED = 1e-3
-"""Part of a probability below which nothing is changed: that of a wrong model. A round value."""
 FACING = 1e-3
 """Visibility of a point below which nothing is learned of it. A round value."""
 
@@ -52,7 +51,7 @@ class DarkPoints:
         local = np.minimum(sure[matched] / whole, 1.0)
         told = local * lit[matched] / (local * lit[matched] + 1.0 - local)
         less = float(np.prod(told / np.maximum(local, 1e-300)))
-        if less > 1.0 - NOTICED:
+        if less > 1.0 - WRONG_MODEL:
             return found
         confidence = sure.copy()
         confidence[matched] = whole * told

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
-import numpy as np
-
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
@@ -31,8 +29,6 @@ right and trusted as often as with 1 (benchmarks/flights.py, all families, 3 fli
 BRIEF = 0.05
 """Seconds between frames beyond which none is waited for: a prediction so far ahead may well miss by itself. A round
 value."""
-
-
 MISSING = 3
 """Largest number of frames between searches for one of several bodies that is missing. A round value: in 15 flights of
 a rig (seeds from 1110) a controller with five LEDs in view was not told in 8 frames, in 14 with 10; the median frame
@@ -192,11 +188,9 @@ class FollowedBody:
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        certain, chance, sure = self.belief.certainty_of(found, time), found.facts.probability, found.every_confidence
+        certain = self.belief.certainty_of(found, time)
         unsure |= certain < found.facts.min_probability
-        if certain < 1.0 - WRONG_MODEL and chance is not None and sure is not None:
-            less = np.where(found.assignment >= 0, certain * sure, sure)
-            found = replace(found.doubted(certain * chance), confidence=less)
+        found = found.less_certain(certain) if certain < 1.0 - WRONG_MODEL else found
         if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found

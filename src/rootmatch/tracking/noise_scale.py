@@ -62,6 +62,16 @@ class Scale:
     chi2: float = NOISE_FREEDOM
     freedom: float = NOISE_FREEDOM
 
+    @classmethod
+    def stated(cls) -> Scale:
+        """The scale as σ was stated."""
+        return cls(FREEDOM_OF_CHANGES)
+
+    @classmethod
+    def vague(cls) -> Scale:
+        """A scale that is hardly known."""
+        return cls(FREEDOM_OF_CHANGES, VAGUE, VAGUE)
+
     @property
     def factor(self) -> float:
         """Of σ."""
@@ -115,13 +125,13 @@ class NoiseScale:
     """The factor on the stated σ that the frames so far suggest; at least 1."""
 
     residuals: Scale = field(default_factory=lambda: Scale(MOST_FREEDOM + NOISE_FREEDOM))
-    changes: Scale = field(default_factory=lambda: _stated())
+    changes: Scale = field(default_factory=Scale.stated)
     is_stated: bool = True
     """Whether nothing says that the noise alone is more than it was stated to be."""
     fresh: float = 0.0
     every: float = 0.0
     """Variance of the residuals that changed in the last few frames, and all of it."""
-    new: Scale = field(default_factory=lambda: _vague())
+    new: Scale = field(default_factory=Scale.vague)
     """Of the changes since the noise may have become another one."""
     log_new: float = LOG_CHANGED
     """Log-odds that it has (a test of Page, 1954)."""
@@ -177,7 +187,7 @@ class NoiseScale:
         """Take in how much the residuals of a body differ from those of the frame before."""
         quiet = found.status is Status.MATCHED and (found.noise_factor or 0.0) * factor < QUIET
         if quiet and self.is_stated:  # as usual: nothing to compare
-            self.new, self.log_new, self.last[label] = _vague(), LOG_CHANGED, None
+            self.new, self.log_new, self.last[label] = Scale.vague(), LOG_CHANGED, None
             return
         before, now = self.last.get(label), Residuals.about(found, factor)
         self.last[label] = now
@@ -201,28 +211,18 @@ class NoiseScale:
         self.new.take(chi2, freedom)
         if self.log_new > 0.0:
             seen = self.new.chi2 - VAGUE, self.new.freedom - VAGUE
-            self.is_stated = _stated().log_density(*seen) > _vague().log_density(*seen)
-            self.changes = _stated() if self.is_stated else self.new
-            self.new, self.log_new = _vague(), LOG_CHANGED
+            self.is_stated = Scale.stated().log_density(*seen) > Scale.vague().log_density(*seen)
+            self.changes = Scale.stated() if self.is_stated else self.new
+            self.new, self.log_new = Scale.vague(), LOG_CHANGED
         elif not self.is_stated:
             self.changes.take(chi2, freedom)
         if self.log_new < LOG_CHANGED:
-            self.new, self.log_new = _vague(), LOG_CHANGED
+            self.new, self.log_new = Scale.vague(), LOG_CHANGED
 
 
 def _fits_badly(found: Finding, factor: float) -> bool:
     """Whether a finding with σ times a factor is not trusted, and its residuals are larger than usual."""
     return found.status is not Status.MATCHED and (found.noise_factor or 0.0) * factor >= QUIET
-
-
-def _vague() -> Scale:
-    """A scale that is hardly known."""
-    return Scale(FREEDOM_OF_CHANGES, VAGUE, VAGUE)
-
-
-def _stated() -> Scale:
-    """The scale as σ was stated."""
-    return Scale(FREEDOM_OF_CHANGES)
 
 
 def _of_noise(residuals: Floats) -> float:

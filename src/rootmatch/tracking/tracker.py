@@ -312,18 +312,17 @@ max_evaluations
             label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
         }
-        is_louder = False
+        changed = False
         if of_images:
             every = self.tracking.search_every
+            # in half of the frames, some in a row: what is compared are two
             lost = not poses and self.labels is None and self.time is not None and 2 * (self._frame % every) < every
             asked: Container[Label | None] = (None,) if lost else poses
-            is_louder = self._noise.compare(
-                self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f))
-            )
+            changed = self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
             self._noise.take(part, factor)
-            if is_louder:
+            if changed:
                 self._bodies[label].acquit()
         name_places(self._identical, self._bodies, parts, when)
         if self._frame % self.tracking.search_every == 0:

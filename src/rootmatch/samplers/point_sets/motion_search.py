@@ -145,13 +145,15 @@ class MotionSearch:
         ordered = number[order]
         rank = np.arange(len(order)) - np.searchsorted(ordered, ordered)
         chosen = order[(rank < REFINED) & (counts[order] > 3)]
-        chosen, at = chosen[np.argsort(-counts[chosen], kind="stable")], 0
+        if not len(chosen):
+            return
+        chosen, at, motions = chosen[np.argsort(-counts[chosen], kind="stable")], 0, joined_motions(every)
         together = 1  # few at first: where one of them is right, hardly any other is of account
         while at < len(chosen):
             next_ones = chosen[at : at + together].tolist()
             some = [k for k in next_ones if self._is_new(sources[k], images[k], int(counts[k]))]
             if some:
-                self._refine(joined_motions([every[k // step].take(np.array([k % step])) for k in some]))
+                self._refine(motions.take(np.array(some)))
             at, together = at + together, min(2 * together, step)
 
     def _is_new(self, triple: Integers, images: Integers, explained: int) -> bool:
