@@ -190,16 +190,23 @@ def merged(frame: dict[str, Any], nearer: float) -> dict[str, Any]:
 
 
 def fly(
-    xr: ModuleType, family: str, seed: int, tally: Tally, merge: float = 0.0, resolution: float = 0.0, off: float = 0.0
+    xr: ModuleType,
+    family: str,
+    seed: int,
+    tally: Tally,
+    merge: float = 0.0,
+    resolution: float = 0.0,
+    off: float = 0.0,
+    limit: float | None = None,
 ) -> None:
-    """Add one flight to a tally."""
+    """Add one flight to a tally; ``limit``: seconds for each frame after the first."""
     tracker, bodies = tracker_of(xr, family, resolution or None, off)
     runs, flips = [0] * len(bodies), [0] * len(bodies)
     for k, frame in enumerate(frames_of(xr, family, seed)):
         frame = merged(frame, merge)
         target: Any = (frame["target"], frame["camera"]) if family == "rig" else frame["target"]
         started = time.process_time()
-        match = tracker.update(target, time=float(frame["time"]), prior=frame.get("prior"))
+        match = tracker.update(target, time=float(frame["time"]), prior=frame.get("prior"), max_seconds=limit if k else None)
         if k:
             tally.times.append(1e3 * (time.process_time() - started))
         for place, (label, number) in enumerate(bodies):
@@ -258,6 +265,7 @@ def main() -> None:
     ask.add_argument("--merge", type=float, default=0.0, help="pixels below which detections are one blob")
     ask.add_argument("--resolution", type=float, default=0.0, help="what the tracker is told of that")
     ask.add_argument("--off", type=float, default=0.0, help="pixels by which the cameras of the rig are turned")
+    ask.add_argument("--limit", type=float, help="seconds for each frame after the first")
     ask.add_argument("--scenes", help="folder of the scenes")
     given = ask.parse_args()
     numba.set_num_threads(1)
@@ -269,7 +277,7 @@ def main() -> None:
         gc.freeze()
         tally = Tally()
         for seed in range(given.first_seed, given.first_seed + given.flights):
-            fly(xr, family, seed, tally, given.merge, given.resolution, given.off)
+            fly(xr, family, seed, tally, given.merge, given.resolution, given.off, given.limit)
         print(
             f"{family}: {given.flights} flights from {given.first_seed}: right {tally.right} of {tally.shown} "
             f"({tally.right / max(tally.shown, 1):.3f}); trusted {tally.trusted}, of those wrong {tally.wrong}, "

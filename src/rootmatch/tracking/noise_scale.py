@@ -176,11 +176,13 @@ class NoiseScale:
         with_more : callable
             From another factor to the findings with it.
         """
-        doubtful = {label for label in parts if label in asked and _fits_badly(parts[label], factor)}
-        louder, before = with_more(MOST_OF_CHANGES) if doubtful else {}, self.changes
+        doubtful = {label for label, part in parts.items() if _fits_badly(part, factor)}
+        louder, before = with_more(MOST_OF_CHANGES) if any(label in asked for label in doubtful) else {}, self.changes
         for label, part in parts.items():
-            found = (louder[label], MOST_OF_CHANGES) if label in doubtful else (part, factor)
-            self.take_changes(label, *found)
+            if label not in doubtful:
+                self.take_changes(label, part, factor)
+            elif label in asked:
+                self.take_changes(label, louder[label], MOST_OF_CHANGES)
         return self.changes is not before
 
     def take_changes(self, label: Hashable, found: Finding, factor: float) -> None:

@@ -318,6 +318,8 @@ max_evaluations
             # in half of the frames, some in a row: what is compared are two
             lost = not poses and self.labels is None and self.time is not None and 2 * (self._frame % every) < every
             asked: Container[Label | None] = (None,) if lost else poses
+            if any(body.served == self._frame for body in self._bodies.values()):
+                asked = ()  # a frame that was searched takes long enough: the next one is compared instead
             changed = self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
