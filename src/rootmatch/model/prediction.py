@@ -57,6 +57,9 @@ class PredictionOptions(Options):
 
 
 DEFAULT_PREDICTION = PredictionOptions()
+NARROWER = 8
+"""Looks about a prediction that is too wide, each half as far as the one before: a body is hardly ever as far off as it
+may be. A round value."""
 HIDDEN = 0.1
 """Least visibility of a point with candidates."""
 
@@ -98,17 +101,26 @@ def proposals_about(
     Returns
     -------
     Proposals or None
-        None if the prediction has no candidates, or too many.
+        None if the prediction has no candidates, or too many even where it is narrowed.
     """
     pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded
     most = options.most_pairs * max(len(model.images), 1)
-    looked = _looked(model, pose, covariance, options, rounds=options.rounds, most=most)
-    if not 0 < np.count_nonzero(looked.candidates) <= most:
-        return None
     known: dict[bytes, Settled] = {}
-    start = settle(model, pose, covariance, options=options, known=known, looked=looked)
+    start, torn = None, None
+    for narrower in range(NARROWER):
+        looked = _looked(model, pose, covariance, options, rounds=options.rounds, most=most)
+        if not (count := np.count_nonzero(looked.candidates)):
+            break
+        if count <= most:
+            torn = torn or (looked, covariance)
+            start = settle(model, pose, covariance, options=options, known=known, looked=looked)
+            if not narrower or (start is not None and start.is_convincing(options)):
+                break
+        covariance = 0.25 * covariance
+    if torn is None:
+        return None
     if start is None or not start.is_convincing(options):
-        first = looked.at.one(0)
+        (looked, covariance), first = torn, torn[0].at.one(0)
         with suppress(OutOfTime):  # what is known by then is handed on
             for step, narrowed in _narrowed(model, looked, covariance, options):
                 moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
