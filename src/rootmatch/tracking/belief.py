@@ -154,9 +154,9 @@ class Belief:
         """Give up some hypotheses, and remember the share of the places that are not followed any more."""
         if all(kept):
             return
-        before = self.places
+        before, things = self.places, {one.place: chance_of_copy(one.alone) for one in self.poses}
         self.poses = [one for one, keep in zip(self.poses, kept, strict=True) if keep]
-        self.gone.add(before, self.places)
+        self.gone.add(before, self.places, things)
 
     def lose(self, absent: float = 1.0) -> None:
         """Give up all: what is found next may be what was in any of the places, or else, if the body is ``absent``."""

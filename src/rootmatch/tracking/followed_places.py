@@ -57,16 +57,26 @@ class GonePlaces:
     def __init__(self) -> None:
         self.share = self._most = 0.0
 
-    def add(self, before: Mapping[int, float], after: Mapping[int, float]) -> None:
+    def add(self, before: Mapping[int, float], after: Mapping[int, float], things: Mapping[int, float]) -> None:
         """Give up some of the places with their shares, those that are not among the places after.
 
-        If none is left, what is found next may be of any of them, and is so best with the share of the largest.
+        If none is left, what is found next may be of any of them, and is so best with the share of the largest. It
+        comes back as probably as any of the other things, so its share counts for less the more of them there are.
+
+        Parameters
+        ----------
+        before, after : dict
+            Shares of the places.
+        things : dict
+            Probability that each place has something that lasts, whether or not it is the body.
         """
         every = [(1.0 - self.share) * share for place, share in before.items() if place not in after]
         self._most = max([self._most, *every])
         self.share += sum(every)
         if not after:
-            self.share, self._most = 1.0 - self._most, 0.0
+            others = sum(things.values())
+            comes_back = sum(share / (1.0 + others - things[place]) for place, share in before.items())
+            self.share, self._most = 1.0 - min(self._most, comes_back), 0.0
 
     def fade(self, seconds: float) -> None:
         """Count that the body has not come back there for some seconds in which what is followed was seen."""

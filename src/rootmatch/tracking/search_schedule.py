@@ -1,4 +1,4 @@
-"""Searches for several bodies that go on over frames, so that no frame takes much longer than the others."""
+"""Searches that go on over frames, so that few take much longer than the others."""
 
 from __future__ import annotations
 
@@ -12,6 +12,37 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import SearchPart
 from rootmatch.tracking.followed_body import FollowedBody
+
+LONGEST_SEARCH = 16
+"""Length of the longest search relative to the shortest one. A round value."""
+
+
+class SearchLength:
+    """Lengths of searches that found nothing in time, relative to the shortest one: 1, 1, 2, 1, 1, 2, 4, 1, …
+
+    How long a search has to be depends on how much is in view. In this order, each length has the same share of the
+    time, which is within a small factor of the best that can be done without knowing it (Luby, Sinclair and Zuckerman
+    1993).
+    """
+
+    def __init__(self) -> None:
+        self.failures = 0
+
+    @property
+    def factor(self) -> int:
+        """Length of the next search."""
+        return min(luby(self.failures + 1), LONGEST_SEARCH)
+
+    def take(self, found: bool, cut: bool) -> None:
+        """Count a frame: whether everything was found in it, and whether its search was cut short."""
+        self.failures = 0 if found else self.failures + cut
+
+
+def luby(number: int) -> int:
+    """The element of Luby's sequence with this number, 1 or more."""
+    while (number + 1) & number:  # not the last of a block, which begins as the block before it
+        number -= (1 << (number.bit_length() - 1)) - 1
+    return (number + 1) // 2
 
 
 def next_part(

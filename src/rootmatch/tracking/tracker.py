@@ -15,6 +15,7 @@ from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.match_options import SamplerName
@@ -33,7 +34,7 @@ from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, Trac
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.noise_scale import NoiseScale
-from rootmatch.tracking.search_schedule import next_part
+from rootmatch.tracking.search_schedule import SearchLength, next_part
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 
@@ -133,7 +134,7 @@ max_evaluations
         self.time: float | None = None
         self.labels = self.matcher.labels
         self._frame = 0
-        self._steps = FrameSteps()
+        self._steps, self._length = FrameSteps(), SearchLength()
         self._noise = NoiseScale()
         self._bodies: dict[Label | None, FollowedBody] = {}
         points, normals = self.matcher.source, self.matcher.normals
@@ -186,7 +187,7 @@ max_evaluations
 
     def reset(self) -> None:
         """Forget all poses: the next frame is searched."""
-        self.time, self._frame, self._noise = None, 0, NoiseScale()
+        self.time, self._frame, self._noise, self._length = None, 0, NoiseScale(), SearchLength()
         for body in self._bodies.values():
             body.forget()
 
@@ -247,7 +248,7 @@ max_evaluations
     @property
     def _budget(self) -> int | None:
         """Evaluations of a search; None for the first frame, which is limited only as `rootmatch.match` is."""
-        return None if self.time is None else self.tracking.search_budget
+        return None if self.time is None else self.tracking.search_budget * self._length.factor
 
     def _found(
         self,
@@ -308,6 +309,8 @@ max_evaluations
                 return SearchPart(0, rest=self._bodies[None].appeared(near))
 
             found = explained(choice)
+        all_found = all(part.status is Status.MATCHED for part in self._parts(found).values())
+        self._length.take(all_found, cut=self._budget is not None and found.evaluated >= self._budget)
         parts = {
             label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
