@@ -206,7 +206,9 @@ def fly(
         frame = merged(frame, merge)
         target: Any = (frame["target"], frame["camera"]) if family == "rig" else frame["target"]
         started = time.process_time()
-        match = tracker.update(target, time=float(frame["time"]), prior=frame.get("prior"), max_seconds=limit if k else None)
+        match = tracker.update(
+            target, time=float(frame["time"]), prior=frame.get("prior"), max_seconds=limit if k else None
+        )
         if k:
             tally.times.append(1e3 * (time.process_time() - started))
         for place, (label, number) in enumerate(bodies):

@@ -43,7 +43,7 @@ from rootmatch.tracking.followed_places import (
     odds_alone,
 )
 from rootmatch.tracking.followed_pose import FollowedPose, Step, moved_alike
-from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, GivenUp, after_frame
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 
 MOST = 4
@@ -54,8 +54,7 @@ TEMPER = 0.5
 """Weight of a frame's evidence: errors of the source points, or a σ that is stated too small, act in the same way in
 every frame. The weight delays decisions; it does not change which pose leads."""
 LIKELY = 0.5
-"""Probability of a mode, among everything that a prediction may have become, from which its pose is used: more likely
-than all else together."""
+"""Probability of a mode, among all that a prediction may have become, from which its pose is used."""
 LOOKED_AT = 8
 """Largest number of modes of a frame that are considered. A round value."""
 DOUBTED = 1e-3
@@ -76,12 +75,17 @@ class Belief:
 
     def __init__(self, source: Floats, motion: MotionOptions) -> None:
         self.source, self.motion = source, motion
+        self.forget()
+
+    def forget(self) -> None:
+        """Give up all, and know nothing of the body any more."""
         self.poses: list[FollowedPose] = []
         self.time = -math.inf
         """Of the last frame that was taken in, seconds."""
         self.unfollowed = 0.0
         """Probability of poses that a frame left possible and that are not followed, as there were too many."""
         self.gone = GonePlaces()
+        self.given_up: GivenUp | None = None
         self.most = 0
         """Largest number of matches with which a single place was weighed for itself alone."""
         self.absent = 1.0 - IN_VIEW
@@ -100,14 +104,15 @@ class Belief:
     def certainty_of(self, found: Finding, time: float) -> float:
         """Probability that what holds in a frame is right, as far as the frame does not tell.
 
-        That it is the body itself rather than a copy, that no pose was left out, and that the body is not where nothing
-        is seen any more.
+        That it is the body itself, that no pose was left out, and that the body is not where nothing is seen any more.
         """
         holds = bool(found.prior_holds) and bool(self.poses)
         absent = log_back(self.poses[0], time) if holds else self._log_absent(time, False)
         sure = (1.0 - self.gone.share) / (1.0 + COPY * math.exp(absent))
         if holds:
             sure *= (1.0 - self.unfollowed) * (1.0 - self._hidden(found)) / (1.0 + math.exp(self.poses[0].log_other))
+        elif found.pose is not None and self.given_up is not None:
+            sure /= 1.0 + math.exp(self.given_up.log_other(found.pose, time))
         return sure
 
     def _hidden(self, found: Finding) -> float:
@@ -163,15 +168,10 @@ class Belief:
         self._keep([False] * len(self.poses))
         self.unfollowed, self.absent, self.most = 0.0, absent, 0
 
-    def forget(self) -> None:
-        """Give up all, and know nothing of the body any more."""
-        self.poses, self.unfollowed, self.gone = [], 0.0, GonePlaces()
-        self.time, self.absent, self.most, self.excluded = -math.inf, 1.0 - IN_VIEW, 0, -math.inf
-
     def keep_best(self, time: float) -> None:
         """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
         self.poses = [replace(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
-        self.gone, self.absent, self.time = GonePlaces(), DOUBT, time
+        self.gone, self.absent, self.time, self.given_up = GonePlaces(), DOUBT, time, None
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
         """Also follow the best pose after motions (R, t) that nearly map the body onto itself.
@@ -223,9 +223,8 @@ class Belief:
             self._take_motion(found, time)
         if told is None or model is None or not len(told.probabilities):
             return False
-        modes = told.modes.take(slice(LOOKED_AT))
-        log_share = np.log([*self.shares, DOUBT if self.poses else 1.0])  # the last is that of a new one
-        origin = np.full(len(modes.log_odds), -1)
+        modes, log_share = told.modes.take(slice(LOOKED_AT)), np.log([*self.shares, DOUBT if self.poses else 1.0])
+        origin = np.full(len(modes.log_odds), -1)  # the last share is that of a new one
         if self.poses and isinstance(model.prior, Doubted):
             origin = model.prior.prediction_of(modes.rotation, modes.position)
         shown = modes.detected.copy()
@@ -260,8 +259,8 @@ class Belief:
                 if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
                     chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
             if chance >= LIKELY:
-                where = int(place[k])
-                go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=float(alone[k])))
+                where, best = int(place[k]), float(alone[k])
+                go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=best))
         stay = [self._stays(k, often * nothing, go_on, time) for k in range(len(self.poses))]
         gone = {step.origin for step in go_on}
         after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
@@ -273,6 +272,8 @@ class Belief:
         every = [self._after(step, found, modes, time, absent) for step in likely]
         every = moved_alike(every, [step.mode for step in likely], model, modes)
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
+        given_up = [GivenUp(one.filter, one.log_other) for one in every if one.log_other >= GIVEN_UP]
+        self.given_up = next(iter(given_up), self.given_up)
         share = np.exp([step.total - after[0].total for step in after])
         kept = np.array([step in likely for step in after], np.bool_)
         left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
@@ -326,18 +327,20 @@ class Belief:
         assert model is not None
         if step.mode is None:
             return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
-        pose, log_other = averaged_pose(model, modes, step.mode), FLOOR
+        pose = averaged_pose(model, modes, step.mode)
         if step.origin < 0:
-            last = FollowedPose(MotionFilter(self.source, pose, time, self.motion), since=time, log_absent=absent)
+            log_other = FLOOR if self.given_up is None else self.given_up.log_other(pose, time)
+            filter_ = MotionFilter(self.source, pose, time, self.motion)
+            last = FollowedPose(filter_, log_other=log_other, since=time, log_absent=absent)
         else:
             last = self.poses[step.origin]
             last = replace(last, filter=last.filter.copy())
             last.filter.update(pose, time, step.chance)
-            if step.mode == found.mode and (factor := found.noise_factor) is not None:
-                misfit = Misfit(factor**2, factor, found.noise_dof)
-            else:
-                misfit = misfit_of(model, modes, step.mode)
-            log_other = after_frame(last.log_other, misfit, TEMPER, len(model.images) > 1)
+        if step.mode == found.mode and (factor := found.noise_factor) is not None:
+            misfit = Misfit(factor**2, factor, found.noise_dof)
+        else:
+            misfit = misfit_of(model, modes, step.mode)
+        log_other = after_frame(last.log_other, misfit, TEMPER, len(model.images) > 1)
         return replace(
             last, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place, alone=step.alone
         )

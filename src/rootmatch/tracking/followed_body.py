@@ -198,6 +198,7 @@ class FollowedBody:
     def acquit(self) -> None:
         """Forget that what is followed did not fit: the noise was larger than it was taken to be."""
         self.belief.poses = [replace(one, log_other=FLOOR) for one in self.belief.poses]
+        self.belief.given_up = None
 
     def take(self, found: Finding, time: float, frame: int, searched: bool) -> None:
         """Take in the finding of a frame that was searched for the body, or was not.

@@ -4,19 +4,42 @@ A prediction counts for whatever is there, the body, its reflection, or another 
 found where it was expected. What tells them apart is how well the detections fit the body: see
 `rootmatch.explain.goodness_of_fit`. The odds are those of a test of both, frame by frame, but for frames that nothing
 explains, and never below the first ones: the body may have been exchanged since (Page 1954).
+
+What was given up as something else is still there: what is found in its place next has its odds, for a while.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.tracking.motion_filter import MotionFilter
 
 FLOOR = math.log(WRONG_MODEL)
 """Log-odds at first, and the least: those of a wrong model."""
 GIVEN_UP = math.log(9.0)
 """Log-odds from which a pose is no longer followed. A round value."""
+STAYS = 1.0
+"""Seconds within which something else leaves its place. A round value, that of a body."""
+
+
+class GivenUp(NamedTuple):
+    """What was followed and is something else."""
+
+    filter: MotionFilter
+    log_odds: float
+    """That it is, when it was given up."""
+
+    def log_other(self, pose: Pose, time: float) -> float:
+        """Log-odds that what is found with a pose is something else, by where it is."""
+        if not self.filter.is_in_sight(pose, time):
+            return FLOOR
+        return float(np.logaddexp(self.log_odds - (time - self.filter.time) / STAYS, FLOOR))
 
 
 def after_frame(log_odds: float, misfit: Misfit, weight: float, of_rig: bool = False) -> float:

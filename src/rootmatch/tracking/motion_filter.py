@@ -137,6 +137,12 @@ class MotionFilter:
         off = pose.t + pose.scale * pose.R @ self.centre - t
         return bool((R * pose.R).sum() > ALIKE) and float(np.linalg.norm(off)) <= self.radius
 
+    def is_in_sight(self, pose: Pose, time: float) -> bool:
+        """Whether a pose at a time is where the body is expected to be seen, however it is turned, near or far."""
+        t = self._at(time)[1]
+        off = np.cross(pose.t + pose.scale * pose.R @ self.centre, t)
+        return float(np.linalg.norm(off)) <= self.radius * float(np.linalg.norm(t))
+
     def predicted(self, time: float) -> Pose:
         """The pose at a later time."""
         R, t, _, P = self._at(time)

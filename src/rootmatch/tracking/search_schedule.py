@@ -18,11 +18,11 @@ LONGEST_SEARCH = 16
 
 
 class SearchLength:
-    """Lengths of searches that found nothing in time, relative to the shortest one: 1, 1, 2, 1, 1, 2, 4, 1, …
+    """Lengths of searches that found nothing in time, relative to the shortest one.
 
-    How long a search has to be depends on how much is in view. In this order, each length has the same share of the
-    time, which is within a small factor of the best that can be done without knowing it (Luby, Sinclair and Zuckerman
-    1993).
+    How long a search has to be depends on how much is in view. In the order 1, 1, 2, 1, 1, 2, 4, 1, …, each length has
+    the same share of the time, which is within a small factor of the best that can be done without knowing it (Luby,
+    Sinclair and Zuckerman 1993).
     """
 
     def __init__(self) -> None:

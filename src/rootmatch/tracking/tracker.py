@@ -131,11 +131,8 @@ max_evaluations
         )
         check_followed(self.matcher.problem)
         self.tracking = tracking
-        self.time: float | None = None
         self.labels = self.matcher.labels
-        self._frame = 0
-        self._steps, self._length = FrameSteps(), SearchLength()
-        self._noise = NoiseScale()
+        self._steps = FrameSteps()
         self._bodies: dict[Label | None, FollowedBody] = {}
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
@@ -148,12 +145,12 @@ max_evaluations
         for label, own in each.items():
             turns = near_symmetries(points[own], None if normals is None else normals[own], TURNS)
             self._bodies[label] = FollowedBody(points[own], tracking, turns)
+        self.reset()
 
     @property
     def state(self) -> TrackingState:
         """Whether the body, or any of several, is being followed."""
-        order = list(TrackingState)
-        return max(self.states.values(), key=order.index)
+        return max(self.states.values(), key=list(TrackingState).index)
 
     @property
     def states(self) -> dict[Label | None, TrackingState]:
@@ -187,7 +184,8 @@ max_evaluations
 
     def reset(self) -> None:
         """Forget all poses: the next frame is searched."""
-        self.time, self._frame, self._noise, self._length = None, 0, NoiseScale(), SearchLength()
+        self.time: float | None = None
+        self._frame, self._noise, self._length = 0, NoiseScale(), SearchLength()
         for body in self._bodies.values():
             body.forget()
 
@@ -277,8 +275,7 @@ max_evaluations
             elif told is not None:
                 poses[label] = told
         of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
-        chances = {label: body.present(when) for label, body in self._bodies.items()}
-        present = {label: chance for label, chance in chances.items() if chance is not None}
+        present = {label: chance for label, body in self._bodies.items() if (chance := body.present(when)) is not None}
         factor = self.noise_factor if of_images else 1.0
         stated = self.matcher.noise if noise is None else noise
         gap = 0.0 if self.time is None else when - self.time
@@ -309,20 +306,19 @@ max_evaluations
                 return SearchPart(0, rest=self._bodies[None].appeared(near))
 
             found = explained(choice)
-        all_found = all(part.status is Status.MATCHED for part in self._parts(found).values())
-        self._length.take(all_found, cut=self._budget is not None and found.evaluated >= self._budget)
+        every_one = all(part.status is Status.MATCHED for part in self._parts(found).values())
+        self._length.take(every_one, cut=found.evaluated >= (self._budget or math.inf))
         parts = {
             label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
         }
         changed = False
         if of_images:
-            every = self.tracking.search_every
-            # in half of the frames, some in a row: what is compared are two
+            every = self.tracking.search_every  # in half of the frames, some in a row: what is compared are two
             lost = not poses and self.labels is None and self.time is not None and 2 * (self._frame % every) < every
             asked: Container[Label | None] = (None,) if lost else poses
             if any(body.served == self._frame for body in self._bodies.values()):
-                asked = ()  # a frame that was searched takes long enough: the next one is compared instead
+                asked = ()  # a frame that was searched takes long enough
             changed = self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
