@@ -178,20 +178,28 @@ def test_places_are_told_by_most_of_their_detections() -> None:
 
 def test_what_is_found_next_may_be_of_any_place_that_is_gone() -> None:
     gone = GonePlaces()
-    gone.add({0: 0.5, 1: 0.3, 2: 0.2}, {0: 1.0})
+    gone.add({0: 0.5, 1: 0.3, 2: 0.2}, {0: 1.0}, {0: 1.0, 1: 1.0, 2: 1.0})
     assert gone.share == pytest.approx(0.5)
-    gone.add({0: 1.0}, {})
+    gone.add({0: 1.0}, {}, {0: 1.0})
     assert gone.share == pytest.approx(0.5)
     other = GonePlaces()
-    other.add({0: 0.97, 1: 0.03}, {1: 1.0})
+    other.add({0: 0.97, 1: 0.03}, {1: 1.0}, {0: 1.0, 1: 0.0})
     assert other.share == pytest.approx(0.97)
-    other.add({1: 1.0}, {})  # the body is back, most probably
+    other.add({1: 1.0}, {}, {1: 0.0})  # the body is back, most probably
     assert other.share == pytest.approx(0.03)
+
+
+def test_of_things_that_are_gone_at_once_each_comes_back_as_probably() -> None:
+    copies, clutter = GonePlaces(), GonePlaces()
+    copies.add({0: 0.99, 1: 0.01}, {}, {0: 1.0, 1: 1.0})
+    assert copies.share == pytest.approx(0.5)  # it is known which was the body, not which of them is found
+    clutter.add({0: 0.99, 1: 0.01}, {}, {0: 1.0, 1: 0.0})
+    assert clutter.share == pytest.approx(0.01)
 
 
 def test_a_place_that_is_gone_fades_while_the_body_does_not_come_back_there() -> None:
     gone = GonePlaces()
-    gone.add({0: 0.3, 1: 0.7}, {1: 1.0})
+    gone.add({0: 0.3, 1: 0.7}, {1: 1.0}, {0: 1.0, 1: 1.0})
     for _ in range(30):
         gone.fade(0.1)
     assert gone.share / (1.0 - gone.share) == pytest.approx(0.3 / 0.7 * math.exp(-3.0 * IN_VIEW))

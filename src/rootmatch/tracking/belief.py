@@ -43,7 +43,7 @@ from rootmatch.tracking.followed_places import (
     odds_alone,
 )
 from rootmatch.tracking.followed_pose import FollowedPose, Step, moved_alike
-from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, GivenUp, after_frame
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 
 MOST = 4
@@ -85,7 +85,7 @@ class Belief:
         self.unfollowed = 0.0
         """Probability of poses that a frame left possible and that are not followed, as there were too many."""
         self.gone = GonePlaces()
-        self.given_up: GivenUp | None = None
+        self.given_up: MotionFilter | None = None
         self.most = 0
         """Largest number of matches with which a single place was weighed for itself alone."""
         self.absent = 1.0 - IN_VIEW
@@ -112,7 +112,7 @@ class Belief:
         if holds:
             sure *= (1.0 - self.unfollowed) * (1.0 - self._hidden(found)) / (1.0 + math.exp(self.poses[0].log_other))
         elif found.pose is not None and self.given_up is not None:
-            sure /= 1.0 + math.exp(self.given_up.log_other(found.pose, time))
+            sure /= 1.0 + math.exp(log_other_in_sight(self.given_up, found.pose, time))
         return sure
 
     def _hidden(self, found: Finding) -> float:
@@ -272,8 +272,7 @@ class Belief:
         every = [self._after(step, found, modes, time, absent) for step in likely]
         every = moved_alike(every, [step.mode for step in likely], model, modes)
         known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
-        given_up = [GivenUp(one.filter, one.log_other) for one in every if one.log_other >= GIVEN_UP]
-        self.given_up = next(iter(given_up), self.given_up)
+        self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)
         share = np.exp([step.total - after[0].total for step in after])
         kept = np.array([step in likely for step in after], np.bool_)
         left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
@@ -329,7 +328,7 @@ class Belief:
             return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose = averaged_pose(model, modes, step.mode)
         if step.origin < 0:
-            log_other = FLOOR if self.given_up is None else self.given_up.log_other(pose, time)
+            log_other = FLOOR if self.given_up is None else log_other_in_sight(self.given_up, pose, time)
             filter_ = MotionFilter(self.source, pose, time, self.motion)
             last = FollowedPose(filter_, log_other=log_other, since=time, log_absent=absent)
         else:

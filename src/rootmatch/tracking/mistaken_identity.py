@@ -11,7 +11,6 @@ What was given up as something else is still there: what is found in its place n
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,18 +27,14 @@ STAYS = 1.0
 """Seconds within which something else leaves its place. A round value, that of a body."""
 
 
-class GivenUp(NamedTuple):
-    """What was followed and is something else."""
+def log_other_in_sight(given_up: MotionFilter, pose: Pose, time: float) -> float:
+    """Log-odds that what is found with a pose is what was given up, by where it is seen.
 
-    filter: MotionFilter
-    log_odds: float
-    """That it is, when it was given up."""
-
-    def log_other(self, pose: Pose, time: float) -> float:
-        """Log-odds that what is found with a pose is something else, by where it is."""
-        if not self.filter.is_in_sight(pose, time):
-            return FLOOR
-        return float(np.logaddexp(self.log_odds - (time - self.filter.time) / STAYS, FLOOR))
+    They begin anew with those at which it was given up, whatever they have become: the body may have come there since.
+    """
+    if not given_up.is_in_sight(pose, time):
+        return FLOOR
+    return float(np.logaddexp(GIVEN_UP - (time - given_up.time) / STAYS, FLOOR))
 
 
 def after_frame(log_odds: float, misfit: Misfit, weight: float, of_rig: bool = False) -> float:

@@ -1,0 +1,64 @@
+"""Searches of a tracker that go on over frames, and become longer where they find nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rootmatch as rm
+from rootmatch.tracking.search_schedule import LONGEST_SEARCH, SearchLength, luby
+
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
+
+
+def lamps(rng: np.random.Generator) -> np.ndarray:
+    """Some sixty lamps of a ceiling, .8 m from each other and 10 cm off the grid."""
+    grid = np.stack(np.meshgrid(np.arange(9), np.arange(8)), axis=-1).reshape(-1, 2)
+    every = np.column_stack([0.8 * grid + rng.normal(0.0, 0.1, grid.shape), rng.normal(2.5, 0.05, len(grid))])
+    return every[rng.random(len(every)) < 0.85]
+
+
+def test_the_sequence_of_luby() -> None:
+    every = [1]
+    while len(every) < 1000:
+        every = [*every, *every, 2 * every[-1]]
+    assert [luby(k + 1) for k in range(1000)] == every[:1000]
+
+
+def test_searches_become_longer_until_something_is_found() -> None:
+    length, factors = SearchLength(), []
+    for _ in range(63):
+        factors.append(length.factor)
+        length.take(found=False, cut=True)
+    assert factors[:7] == [1, 1, 2, 1, 1, 2, 4]
+    assert max(factors) == LONGEST_SEARCH
+    length.take(found=False, cut=False)  # nothing was left to search
+    assert length.failures == 63
+    length.take(found=True, cut=True)
+    assert length.factor == 1
+
+
+def test_a_tracker_searches_longer_for_what_is_in_no_frame() -> None:
+    rng = np.random.default_rng(5)
+    tracker = rm.Tracker(lamps(rng), rm.P3P(CAMERA), noise=0.4)
+    tracker.update(np.empty((0, 2)))
+    evaluated = [tracker.update(rng.uniform((0.0, 0.0), (1280.0, 960.0), (9, 2))).evaluated for _ in range(7)]
+    assert evaluated[6] > 2.0 * evaluated[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_map_is_followed_from_the_second_frame_on(seed: int) -> None:
+    """Where its speed is not known yet, a camera may have gone anywhere; most probably it has hardly moved."""
+    rng = np.random.default_rng(seed)
+    source = lamps(rng)
+    tracker = rm.Tracker(source, rm.P3P(CAMERA), noise=0.4, tracking=rm.TrackingOptions(interval=1.0 / 30.0))
+    followed = 0
+    for k in range(12):
+        pixels = CAMERA.project(source - (3.2 + 0.5 * k / 30.0, 2.8, 0.3))
+        seen = np.flatnonzero(((pixels > 0.0) & (pixels < (1280.0, 960.0))).all(axis=1))
+        target = np.concatenate([pixels[seen], rng.uniform((0.0, 0.0), (1280.0, 960.0), (4, 2))])
+        match = tracker.update(target + rng.normal(0.0, 0.4, target.shape))
+        points, detections = match.pairs.T
+        followed += bool(match) and len(points) >= 0.8 * len(seen)
+        assert not match or (np.append(seen, [-1] * 4)[detections] == points).all()
+    assert followed >= 10
