@@ -10,7 +10,13 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.compiled.crowds import densities_of_crowds, shares_of_crowds
+from rootmatch.model.compiled.crowds import (
+    densities_about_places,
+    densities_given,
+    densities_of_crowds,
+    log_of_taken,
+    shares_of_crowds,
+)
 
 FEW = 3
 """Smallest number of detections that determine the area of their image: fewer span none. By construction."""
@@ -72,12 +78,22 @@ class Clutter:
         Density per px² of a point that lies anywhere in the image of each detection.
     alone : float
         Share of those.
+    target, sigma : (n', k) and (n',) float64
+        The detections.
+    shares : (S,) float64
+        Of crowds, by width.
+    widths : (S, k) float64
+        Standard deviations of crowds along each axis.
     """
 
     about: Floats
     centres: Integers
     uniform: Floats
     alone: float
+    target: Floats
+    sigma: Floats
+    shares: Floats
+    widths: Floats
 
     @cached_property
     def log_density(self) -> Floats:
@@ -103,6 +119,54 @@ class Clutter:
         density = self.alone * self.uniform + (rest @ self.about.T + share * self.uniform) / (left + 1.0)
         owed = np.where(taken, self.log_density - np.log(density), 0.0)
         return np.asarray(np.maximum(owed.sum(axis=1) / np.maximum(taken.sum(axis=1), 1), 0.0))
+
+    def about_places(self, places: Floats, variance: Floats, chance: Floats) -> Floats:
+        """Density (K, n'), in parts of each detection's own, of crowds about places (K, n, k) with a variance (K, n).
+
+        Each place has a crowd with some chance (K, n).
+        """
+        density = np.empty((len(places), len(self.target)))
+        given = (np.ascontiguousarray(one, np.float64) for one in (places, variance, chance))
+        densities_about_places(self.target, self.sigma, *given, self.widths, self.shares, density)
+        return np.asarray(density * np.exp(-self.log_density) / max(len(self.centres) - 1, 1))
+
+    def log_taken(self, taken: Bools, more: Floats) -> Floats:
+        """Logarithm (K,) of the density of detections (K, n') that are taken, as clutter, given all that is left.
+
+        What is left may crowd about what is taken, and has ``more`` (K, n') density, in parts of its own, about places
+        where nothing was detected. Each clutter point lies anywhere or crowds about another one, and none about its own
+        followers. The sum over all such forests is a determinant.
+        """
+        out, centres = np.empty(len(taken)), self.centres
+        log_of_taken(taken[:, centres], more[:, centres], self._descents, self.log_density[centres], out)
+        if len(centres) == len(self.target):
+            return out
+        # nothing crowds about the others
+        whole = np.where(taken, self.log_density, -np.log1p(more))
+        whole[:, centres] = 0.0
+        return np.asarray(out + whole.sum(axis=1))
+
+    def log_each(self, taken: Bools, more: Floats) -> Floats:
+        """Logarithm (n',) of the density of each detection, as clutter, given that some (n',) are taken already.
+
+        Of one that is taken: given that the others are. ``more`` (n',): see `log_taken`; of what is taken as well.
+        """
+        each, out = 1.0 + more, np.empty(len(self.centres))
+        densities_given(taken[self.centres], more[self.centres], self._descents, out)
+        each[self.centres] = out
+        return np.asarray(self.log_density + np.log(each))
+
+    @property
+    def log_alone(self) -> Floats:
+        """Logarithm (n',) of the density of each detection, as clutter, if all others are."""
+        return self.log_each(np.zeros(len(self.target), np.bool_), np.zeros(len(self.target)))
+
+    @cached_property
+    def _descents(self) -> Floats:
+        """Inverse (c, c) of the matrix whose determinant is the sum over forests, in units of `log_density`."""
+        scale = np.exp(-0.5 * self.log_density[self.centres])
+        about = scale[:, None] * self.about[self.centres] * scale / max(len(self.centres) - 1, 1)
+        return np.asarray(np.linalg.inv(np.eye(len(self.centres)) - about))
 
 
 def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[Integers] = ()) -> Clutter:
@@ -150,7 +214,8 @@ def _of_values(
     target, sigma = np.frombuffer(target_bytes).reshape(-1, len(extents)), np.frombuffer(sigma_bytes)
     label, count = np.frombuffer(label_bytes, np.int64), len(target)
     if count < FEW:
-        return Clutter(np.zeros((count, count)), np.arange(count), uniform, 1.0)
+        none = np.zeros(0), np.empty((0, len(extents)))
+        return Clutter(np.zeros((count, count)), np.arange(count), uniform, 1.0, target.copy(), sigma.copy(), *none)
     centres = np.arange(count)
     if count > MOST:
         centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
@@ -164,4 +229,4 @@ def _of_values(
     shares = PRIOR / PRIOR.sum()
     shares_of_crowds(densities, PRIOR, STEPS, shares)
     about = (shares[1:] @ kernels.reshape(SCALES, -1)).reshape(kernels.shape[1:])
-    return Clutter(about, centres, uniform, float(shares[0]))
+    return Clutter(about, centres, uniform, float(shares[0]), target.copy(), sigma.copy(), shares[1:].copy(), widths)
