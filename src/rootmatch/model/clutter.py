@@ -185,7 +185,9 @@ def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[In
     for k, own in enumerate(images):
         label[own] = k
     mean = float(areas.sum()) / len(areas)
-    return _of_values(*map(_bytes, (target, sigma, 1.0 / areas[label], np.full(2, math.sqrt(mean)))), label.tobytes(), PSEUDO)
+    return _of_values(
+        *map(_bytes, (target, sigma, 1.0 / areas[label], np.full(2, math.sqrt(mean)))), label.tobytes(), PSEUDO
+    )
 
 
 def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
@@ -199,7 +201,7 @@ def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
         Of the box.
     """
     uniform, label = np.full(len(target), 1.0 / np.prod(extents)), np.zeros(len(target), np.int64)
-    return _of_values(*map(_bytes, (target, sigma, uniform, extents)), label.tobytes(), PSEUDO_IN_SPACE)
+    return _of_values(*map(_bytes, (target, sigma, uniform, extents)), label.tobytes(), crowds=PSEUDO_IN_SPACE)
 
 
 def _bytes(values: Floats) -> bytes:
@@ -208,9 +210,17 @@ def _bytes(values: Floats) -> bytes:
 
 @lru_cache(maxsize=8)
 def _of_values(
-    target_bytes: bytes, sigma_bytes: bytes, uniform_bytes: bytes, extents_bytes: bytes, label_bytes: bytes, crowds: float
+    target_bytes: bytes,
+    sigma_bytes: bytes,
+    uniform_bytes: bytes,
+    extents_bytes: bytes,
+    label_bytes: bytes,
+    crowds: float,
 ) -> Clutter:
-    """Clutter by the values of detections, σ, densities of the uniform part, and extents that clutter fills."""
+    """Clutter by the values of detections, σ, densities of the uniform part, and extents that clutter fills.
+
+    ``crowds``: pseudo-count of all of them together.
+    """
     extents, uniform = np.frombuffer(extents_bytes), np.frombuffer(uniform_bytes)
     target, sigma = np.frombuffer(target_bytes).reshape(-1, len(extents)), np.frombuffer(sigma_bytes)
     label, count = np.frombuffer(label_bytes, np.int64), len(target)

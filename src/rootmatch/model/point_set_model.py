@@ -10,7 +10,8 @@ the odds
 
 - δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points.
 - λ is integrated under Jeffreys' prior λ^(−½): the second factor, about 1/n'^m.
-- f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one.
+- f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one; and
+  about points of the object that are hidden, as their reflections do, with the same shares and widths.
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
   labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
@@ -155,6 +156,8 @@ class PointSetModel:
 
     def about_points(self, fit: PointSetFit, which: Bools) -> Floats:
         """Density (K, n') of clutter about the places of some points (K, n), in parts of that about targets."""
+        if not which.any():
+            return np.zeros((len(which), len(self.clouds.target)))
         places, own = fit.places
         variance = own + (fit.scale**2)[:, None] * self.clouds.source_variance
         matched = (fit.assignments >= 0).sum(axis=1, keepdims=True)
