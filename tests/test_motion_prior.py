@@ -174,8 +174,7 @@ def test_what_is_where_it_was_predicted_is_fitted_once(monkeypatch: pytest.Monke
     source = np.vstack([TOOL, 1.5 * TOOL + (300.0, 0.0, 0.0)])
     match = rm.match(source, source, rm.Rigid(), noise=(0.0, SIGMA), bodies=bodies, prior={"a": pose, "b": pose})
     assert match.status is rm.Status.MATCHED
-    assert len(fitted) == 4  # each with a neighbourhood: a target may be a ghost of its marker
-    assert all((labelling >= 0).sum() >= 4 for _, labellings, _ in fitted for labelling in labellings)
+    assert len(fitted) == 2
 
 
 @pytest.mark.parametrize("gap", [1.0, 100.0])

@@ -208,6 +208,21 @@ def test_a_ghost_of_a_hidden_marker_is_not_that_marker() -> None:
     assert wrong <= 4
 
 
+def test_residuals_beyond_the_noise_make_a_match_less_probable() -> None:
+    """As of images: something else of nearly the shape may be there. Not where σ is estimated."""
+    rng = np.random.default_rng(0)
+    source = rng.uniform(-80.0, 80.0, (8, 3))
+    moved, noise = source @ Rotation.random(rng=rng).as_matrix().T, rng.normal(size=(8, 3))
+    told = [rm.match(source, moved + sigma * noise, rm.Rigid(), noise=(0.0, 0.3)) for sigma in (0.3, 0.6, 0.9)]
+    probable = [match.probability for match in told]
+    assert probable[0] == pytest.approx(0.999)
+    assert 0.95 < probable[1] < 0.998
+    assert probable[2] < 0.7
+    for match in told[1:]:
+        np.testing.assert_allclose(match.confidence, match.probability, atol=0.01)
+    assert rm.match(source, moved + 0.9 * noise, rm.Rigid(), noise="auto").probability == pytest.approx(0.999)
+
+
 def test_clutter_turns_with_the_targets() -> None:
     """Whatever the frame: the box and its crowds turn with the targets."""
     rng = np.random.default_rng(8)
