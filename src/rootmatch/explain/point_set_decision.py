@@ -259,7 +259,11 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         prior_holds=prior_holds,
         pose=_with_prior(task, model, judged),
     )
-    return told if task.noise_is_estimated else doubted_by_fit(told, fault)
+    if task.noise_is_estimated:
+        return told
+    doubted = doubted_by_fit(told, fault)
+    # something is there that does not fit, which the advice says
+    return doubted.with_facts(present=present) if does_not_fit(fault) else doubted
 
 
 def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pose | None:

@@ -225,8 +225,10 @@ def _of_values(
     target, sigma = np.frombuffer(target_bytes).reshape(-1, len(extents)), np.frombuffer(sigma_bytes)
     label, count = np.frombuffer(label_bytes, np.int64), len(target)
     if count < FEW:
-        none = np.zeros(0), np.empty((0, len(extents)))
-        return Clutter(np.zeros((count, count)), np.arange(count), uniform, 1.0, target.copy(), sigma.copy(), *none)
+        return Clutter(
+            np.zeros((count, count)), np.arange(count), uniform, 1.0,
+            target=target.copy(), sigma=sigma.copy(), shares=np.zeros(0), widths=np.empty((0, len(extents))),
+        )  # fmt: skip
     centres = np.arange(count)
     if count > MOST:
         centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
@@ -241,4 +243,7 @@ def _of_values(
     shares = prior / prior.sum()
     shares_of_crowds(densities, prior, STEPS, shares)
     about = (shares[1:] @ kernels.reshape(SCALES, -1)).reshape(kernels.shape[1:])
-    return Clutter(about, centres, uniform, float(shares[0]), target.copy(), sigma.copy(), shares[1:].copy(), widths)
+    return Clutter(
+        about, centres, uniform, float(shares[0]),
+        target=target.copy(), sigma=sigma.copy(), shares=shares[1:].copy(), widths=widths,
+    )  # fmt: skip
