@@ -129,7 +129,12 @@ class Clutter:
         density = np.empty((len(places), len(self.target)))
         given = (np.ascontiguousarray(one, np.float64) for one in (places, variance, chance))
         densities_about_places(self.target, self.sigma, *given, self.widths, self.shares, density)
-        return np.asarray(density * np.exp(-self.log_density) / max(len(self.centres) - 1, 1))
+        return density * self._part
+
+    @cached_property
+    def _part(self) -> Floats:
+        """What one member of a crowd is (n',) in parts of each detection's density."""
+        return np.asarray(np.exp(-self.log_density) / max(len(self.centres) - 1, 1))
 
     def log_taken(self, taken: Bools, more: Floats) -> Floats:
         """Logarithm (K,) of the density of detections (K, n') that are taken, as clutter, given all that is left.
