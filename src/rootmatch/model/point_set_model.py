@@ -211,7 +211,7 @@ class PointSetModel:
 
     @cached_property
     def _log_counts(self) -> Floats:
-        """Logarithm, by the number of matches, of the first two factors of the odds, with clutter about hidden points."""
+        """Logarithm, by the number of matches, of two factors of the odds, with clutter about hidden points."""
         n, n_target = len(self.clouds.source), len(self.clouds.target)
         counts = _log_counts(n, n_target, self.detection_rate)
         return np.asarray(counts - self.log_more_clutter(np.arange(len(counts))))
