@@ -26,7 +26,7 @@ PSEUDO = 1.0
 """Pseudo-count of the uniform share of the mixture; all crowds together have as many in an image."""
 PSEUDO_IN_SPACE = 0.1
 """The same of all crowds together between point sets: most have none, or crowds of one width. With 1, that one in 200
-markers has a ghost, a marker 5 σ away was none in 9 of 300 sets of fiducials; of .25 to .03 any does. A round value."""
+markers has a ghost, a marker 5 σ away was none in 10 of 300 sets of fiducials; .25 to .03 all do. A round value."""
 MOST = 256
 """Largest number of detections about which others may crowd, drawn at random if there are more. A round value; it
 bounds time and memory."""
