@@ -131,8 +131,13 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
         log_weight -= (a - 1.0) * np.log(rate) + (b - 1.0) * np.log1p(-rate)
     log_weight += n * np.log1p(-rate)
     rows, columns = np.nonzero(_likely(model, fit))
-    log_odds = _log_odds(model, motions, exact, (rows, columns))
-    log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density))[:, None]
+    near = model.about_points(motions, np.ones((SAMPLES, n), np.bool_))
+    of_hidden = model.log_more_clutter(matched) - model.log_more_clutter(min(matched + 1.0, n, n_target))
+    log_clutter = model.clutter.log_alone
+    more = near * np.exp(model.clutter.log_density - log_clutter)
+    log_weight += np.log1p(more).sum(axis=1)
+    log_odds = _log_odds(model, motions, exact, (rows, columns)) - (log_clutter + np.log1p(more))[:, columns]
+    log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density) + of_hidden)[:, None]
     sums = matchings_in_parts(log_odds, rows, columns, LEAST)
     log_weight += sums.log_total
     known = np.flatnonzero(np.isfinite(log_weight))
@@ -160,14 +165,14 @@ def _likely(model: PointSetModel, fit: PointSetFit) -> Bools:
 
 
 def _log_odds(model: PointSetModel, motions: PointSetFit, exact: Floats, pairs: tuple[Integers, Integers]) -> Floats:
-    """Logarithm (S, P) of the density of each pair over that of clutter at a place."""
+    """Logarithm (S, P) of the density of each pair."""
     rows, columns = pairs
     clouds, size = model.clouds, model.clouds.source.shape[1]
     moved = motions.scale[:, None, None] * clouds.source @ motions.rotation.swapaxes(1, 2) + motions.shift[:, None]
     squared = ((moved[:, rows] - clouds.target[columns]) ** 2).sum(axis=2)
     variance = (motions.scale**2)[:, None] * clouds.source_variance[rows] + clouds.target_variance[columns]
     variance = variance / exact[:, None]
-    odds = -0.5 * (squared / variance + size * np.log(2.0 * np.pi * variance)) - model.clutter.log_density[columns]
+    odds = -0.5 * (squared / variance + size * np.log(2.0 * np.pi * variance))
     if model.weights is not None:
         odds += np.log(model.weights[rows, columns])
     return np.asarray(odds)

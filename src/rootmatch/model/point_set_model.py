@@ -10,7 +10,8 @@ the odds
 
 - δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points.
 - λ is integrated under Jeffreys' prior λ^(−½): the second factor, about 1/n'^m.
-- f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one.
+- f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one; and
+  about points of the object that are hidden, as their reflections do, with the same shares and widths.
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
   labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
@@ -106,7 +107,7 @@ class PointSetModel:
         return self._space[1]
 
     @cached_property
-    def _space(self) -> tuple[float, Clutter]:
+    def _space(self) -> tuple[float, Clutter, Floats, Floats]:
         clouds = self.clouds
         return _space_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), clouds.target.shape[1])
 
@@ -119,7 +120,7 @@ class PointSetModel:
         fit = self.fit(assignments)
         known, held = self._known(fit)
         matched = (assignments >= 0).sum(axis=1)
-        odds = self.log_density(fit) - self.log_volume + self._log_counts[matched] - self._log_clutter(assignments)
+        odds = self.log_density(fit) - self.log_volume + self._log_counts[matched] - self._log_clutter(fit)
         return Judged(fit, np.asarray(odds + self._log_weights(assignments) + known), known, held)
 
     def judged_one(self, assignment: Integers) -> Judged:
@@ -133,10 +134,34 @@ class PointSetModel:
         """Remember one labelling for `judged_one`."""
         self._kept[first.fit.assignments[0].tobytes()] = first
 
-    def _log_clutter(self, assignments: Integers) -> Floats:
-        """Logarithm (K,) of the density of the matched targets if they are clutter."""
-        taken = uses_of(assignments, len(self.clouds.target))
-        return np.asarray(taken @ self.clutter.log_density - self.clutter.log_first(taken))
+    def _log_clutter(self, fit: PointSetFit) -> Floats:
+        """Logarithm (K,) of the density of the matched targets as clutter, given what a labelling leaves as clutter.
+
+        That may crowd about points of which nothing was detected.
+        """
+        taken = uses_of(fit.assignments, len(self.clouds.target))
+        return self.clutter.log_taken(taken, self.about_points(fit, fit.assignments < 0))
+
+    def log_more_clutter(self, matched: Floats | Integers | float) -> Floats:
+        """Logarithm by which the targets left are too few for crowds about hidden points, by the number of matches."""
+        n, n_target = len(self.clouds.source), len(self.clouds.target)
+        about = (1.0 - self.clutter.alone) * self._seen(matched) * (n - matched) / max(n_target, 1)
+        return np.asarray((n_target - matched + 0.5) * np.log1p(about))
+
+    def _seen(self, matched: Floats | Integers | float) -> Floats:
+        """Rate at which a hidden point's reflections are detected: as often as points are."""
+        seen = (matched + 1.0) / (len(self.clouds.source) + 2.0)
+        return np.asarray(seen if self.detection_rate is None else self.detection_rate)
+
+    def about_points(self, fit: PointSetFit, which: Bools) -> Floats:
+        """Density (K, n') of clutter about the places of some points (K, n), in parts of that about targets."""
+        if not which.any():
+            return np.zeros((len(which), len(self.clouds.target)))
+        places, own = fit.places
+        variance = own + (fit.scale**2)[:, None] * self.clouds.source_variance
+        matched = (fit.assignments >= 0).sum(axis=1, keepdims=True)
+        middle, axes = self._space[2:]
+        return self.clutter.about_places((places - middle) @ axes, variance, self._seen(matched) * which)
 
     def log_left(self, taken: Bools) -> Floats:
         """Logarithm (K,) of the odds of as many clutter points as targets (K, n') that are taken leave."""
@@ -159,19 +184,22 @@ class PointSetModel:
 
     def gains(self, fit: PointSetFit, k: int) -> Floats:
         """Log-odds (n, n') of each correspondence given the rest of fitted assignment k, to first order."""
-        matched = int((fit.assignments[k] >= 0).sum())
+        one = fit if len(fit.scale) == 1 else fit.take(np.array([k]))
+        assignment = one.assignments[0]
         n, n_target = len(self.clouds.source), len(self.clouds.target)
-        counts, own = self._log_counts, fit.assignments[k] >= 0
+        counts, own = self._log_counts, assignment >= 0
+        matched = int(own.sum())
         # an added match is the last of m + 1, an existing one the last of m
         more = counts[min(matched + 1, n, n_target)] - counts[min(matched, n - 1, n_target - 1)]
-        squared, gains = fit.predictions(k)
-        places = np.flatnonzero(own), fit.assignments[k][own]
-        chi2, freedom, size = float(fit.chi2[k]), float(fit.dof[k]), self.clouds.source.shape[1]
+        squared, gains = one.predictions(0)
+        places = np.flatnonzero(own), assignment[own]
+        chi2, freedom, size = float(one.chi2[0]), float(one.dof[0]), self.clouds.source.shape[1]
         now = float(student(chi2, freedom, NOISE_FREEDOM))
         others = np.maximum(chi2 - squared[places], 0.0)
         gained = student(chi2 + squared, freedom + size, NOISE_FREEDOM) - now
         gained[places] = now - student(others, max(freedom - size, 0.0), NOISE_FREEDOM)
-        gains += gained - self.clutter.log_density
+        (near,) = self.about_points(one, np.ones((1, n), np.bool_))
+        gains += gained - self.clutter.log_each(uses_of(one.assignments, n_target)[0], near)
         gains += np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
         if self.weights is not None:
             with np.errstate(divide="ignore"):
@@ -183,8 +211,10 @@ class PointSetModel:
 
     @cached_property
     def _log_counts(self) -> Floats:
-        """Logarithm, by the number of matches, of the first two factors of the odds."""
-        return _log_counts(len(self.clouds.source), len(self.clouds.target), self.detection_rate)
+        """Logarithm, by the number of matches, of two factors of the odds, with clutter about hidden points."""
+        n, n_target = len(self.clouds.source), len(self.clouds.target)
+        counts = _log_counts(n, n_target, self.detection_rate)
+        return np.asarray(counts - self.log_more_clutter(np.arange(len(counts))))
 
     def _log_weights(self, assignments: Integers) -> Floats:
         """Sum (K,) of the logarithms of the prior weights of an assignment's matches."""
@@ -212,11 +242,11 @@ def _log_counts(n: int, n_target: int, detection_rate: float | None) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def _space_of(target: bytes, variance: bytes, size: int) -> tuple[float, Clutter]:
-    """Logarithm of the volume that targets span, and the clutter in it, once for all bodies among them."""
+def _space_of(target: bytes, variance: bytes, size: int) -> tuple[float, Clutter, Floats, Floats]:
+    """Logarithm of the volume that targets span, the clutter in it, once for all bodies among them, and its frame."""
     own = np.frombuffer(variance)
-    along, extents = box_of(np.frombuffer(target).reshape(-1, size), own)
-    return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(own), extents)
+    middle, axes, along, extents = box_of(np.frombuffer(target).reshape(-1, size), own)
+    return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(own), extents), middle, axes
 
 
 def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
@@ -229,12 +259,16 @@ def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
     )
 
 
-def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats]:
-    """Points (n, k) along their principal axes, and extents (k,) of the box they fill, corrected for n uniform ones.
+def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Mean and principal axes of points (n, k), these along them, and extents (k,) of the box that they fill.
 
-    Whatever the axes of the frame, points of a plane span a thin box; it is as thick as the noise.
+    Corrected for n uniform ones. Whatever the axes of the frame, points of a plane span a thin box; it is as thick as
+    the noise.
     """
-    centred = points - points.mean(axis=0)
-    along = centred @ np.linalg.eigh(centred.T @ centred)[1]
+    middle = points.mean(axis=0)
+    centred = points - middle
+    axes = np.linalg.eigh(centred.T @ centred)[1]
+    along = centred @ axes
     extent = np.ptp(along, axis=0) * ((len(points) + 1) / max(len(points) - 1, 1))
-    return along, np.asarray(np.maximum(extent, 2.0 * np.sqrt(2.0 * np.pi * float(variance.max()))))
+    thickness = 2.0 * np.sqrt(2.0 * np.pi * float(variance.max()))
+    return middle, axes, along, np.asarray(np.maximum(extent, thickness))

@@ -7,7 +7,12 @@ import math
 import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, driver
+from rootmatch.jit.decorators import FASTMATH, driver, part
+
+TINY = 1e-12
+"""Below which a number is zero but for rounding."""
+NEGLIGIBLE = 30.0
+"""Squared deviation beyond which nothing crowds about a place. A round value."""
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -77,3 +82,112 @@ def densities_of_crowds(target, sigma, centres, label, widths, about, whole):  #
                 about[k, i, c] = density
                 total += density
             whole[k, i] = total / others
+
+
+@part
+def bordered(taken, more, descents, own, root, factor):  # type: ignore[no-untyped-def]
+    """See `log_of_taken`: the Cholesky factor of the matrix of what is taken or near a place, and how large it is.
+
+    ``own``, ``root`` (c,): which centres these are, and the roots of what they have; filled.
+    """
+    size = 0
+    for c in range(taken.shape[0]):
+        if taken[c] or more[c] > 0.0:
+            own[size], root[size] = c, 1.0 if taken[c] else math.sqrt(more[c])
+            size += 1
+    for a in range(size):
+        for b in range(a + 1):
+            value = root[a] * root[b] * descents[own[a], own[b]]
+            if a == b and not taken[own[a]]:
+                value += 1.0
+            for c in range(b):
+                value -= factor[a, c] * factor[b, c]
+            factor[a, b] = math.sqrt(max(value, TINY)) if a == b else value / factor[b, b]
+    return size
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def log_of_taken(taken, more, descents, log_density, out):  # type: ignore[no-untyped-def]
+    """Logarithm of the density of centres that are taken, see `rootmatch.model.clutter.Clutter.log_taken`.
+
+    Parameters
+    ----------
+    taken, more : (K, c) arrays
+    descents : (c, c) array
+    log_density : (c,) array
+    out : (K,) array
+        Filled.
+    """
+    taken, more, descents, log_density, out = borrowed((taken, more, descents, log_density, out))
+    count = descents.shape[0]
+    own, root, factor = np.empty(count, np.int64), np.empty(count), np.empty((count, count))
+    for k in range(taken.shape[0]):
+        size = bordered(taken[k], more[k], descents, own, root, factor)
+        total = 0.0
+        for a in range(size):
+            total -= 2.0 * math.log(factor[a, a])
+            if taken[k, own[a]]:
+                total += log_density[own[a]]
+        out[k] = total
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def densities_given(taken, more, descents, out):  # type: ignore[no-untyped-def]
+    """Density (c,) of each centre in parts of its own, see `rootmatch.model.clutter.Clutter.log_each`.
+
+    ``taken``, ``more`` (c,) and ``descents`` (c, c): as there; ``out`` (c,): filled.
+    """
+    taken, more, descents, out = borrowed((taken, more, descents, out))
+    count = descents.shape[0]
+    own, root, factor = np.empty(count, np.int64), np.empty(count), np.empty((count, count))
+    size = bordered(taken, more, descents, own, root, factor)
+    solved = np.empty(size)
+    for j in range(count):
+        squared = 0.0
+        for a in range(size):
+            value = (1.0 if own[a] == j else 0.0) if taken[j] else root[a] * descents[own[a], j]
+            for b in range(a):
+                value -= factor[a, b] * solved[b]
+            solved[a] = value / factor[a, a]
+            squared += solved[a] * solved[a]
+        out[j] = squared + more[j] if taken[j] else 1.0 / max(descents[j, j] - squared, TINY)
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def densities_about_places(target, sigma, places, variance, chance, widths, shares, density):  # type: ignore[no-untyped-def]
+    """Densities of crowds about places, added to those given.
+
+    Parameters
+    ----------
+    target, sigma : (n', k) and (n',) arrays
+        Detections.
+    places : (K, n, k) array
+        About which they crowd.
+    variance : (K, n) array
+        Of the places, on each axis.
+    chance : (K, n) array
+        Weight of each place.
+    widths, shares : (S, k) and (S,) arrays
+        Of crowds.
+    density : (K, n') array
+        Filled.
+    """
+    target, sigma, places, variance, chance, widths, shares, density = borrowed(
+        (target, sigma, places, variance, chance, widths, shares, density)
+    )
+    for k in range(places.shape[0]):
+        for j in range(target.shape[0]):
+            total = 0.0
+            for i in range(places.shape[1]):
+                if chance[k, i] > 0.0:
+                    own = sigma[j] * sigma[j] + variance[k, i]
+                    for s in range(widths.shape[0]):
+                        squared, volume = 0.0, 1.0
+                        for axis in range(target.shape[1]):
+                            off = target[j, axis] - places[k, i, axis]
+                            spread = widths[s, axis] * widths[s, axis] + own
+                            squared += off * off / spread
+                            volume *= 2.0 * math.pi * spread
+                        if squared < NEGLIGIBLE:
+                            total += chance[k, i] * shares[s] * math.exp(-0.5 * squared) / math.sqrt(volume)
+            density[k, j] = total

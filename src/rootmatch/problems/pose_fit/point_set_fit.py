@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -57,22 +58,27 @@ class PointSetFit:
 
         The variance is that of both points and the mean over directions of the motion's own.
         """
+        moved, own = self.places
         clouds = self.clouds
-        turned = self.scale[:, None, None] * (clouds.source - self.centre[:, None]) @ self.rotation.swapaxes(1, 2)
-        moved = turned + (self.shift + self.scale[:, None] * _applied(self.rotation, self.centre))[:, None]
         middle = clouds.target.mean(axis=0)
         first, second = moved - middle, clouds.target - middle
         squared = (first**2).sum(axis=2)[:, :, None] - 2.0 * first @ second.T + (second**2).sum(axis=1)
-        size = clouds.source.shape[1]
+        both = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
+        return np.maximum(squared, 0.0), both + own[:, :, None]
+
+    @cached_property
+    def places(self) -> tuple[Floats, Floats]:
+        """Places (K, n, k) of moved source points, and the mean over directions (K, n) of the motion's own variance."""
+        turned = self.scale[:, None, None] * (self.clouds.source - self.centre[:, None]) @ self.rotation.swapaxes(1, 2)
+        moved = turned + (self.shift + self.scale[:, None] * _applied(self.rotation, self.centre))[:, None]
+        size = self.clouds.source.shape[1]
         along = turned @ self.frame
         if size == 3:
             # a turn about an axis moves a point by its distance from the axis
             moment = (along**2).sum(axis=2)[:, :, None] - along**2
         else:
             moment = 0.5 * (along**2).sum(axis=2)[:, :, None] * np.ones(2)
-        own = 1.0 / self.total[:, None] + (moment * self.spread[:, None]).sum(axis=2) / size
-        both = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
-        return np.maximum(squared, 0.0), both + own[:, :, None]
+        return moved, 1.0 / self.total[:, None] + (moment * self.spread[:, None]).sum(axis=2) / size
 
     def predictions(self, k: int) -> tuple[Floats, Floats]:
         """Squared deviations (n, n') of targets from where each point is predicted, and the logarithm of 1 / √|2π S|.
