@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from rootmatch.problems.up2pf import UP2PF as UP2PF
     from rootmatch.result import Match, Status
     from rootmatch.samplers.guided.sampler import Guided
+    from rootmatch.tracking.motion_filter import MotionOptions
     from rootmatch.tracking.tracker import Tracker, TrackingOptions, TrackingState
 
 _LATER = {
@@ -42,6 +43,7 @@ _LATER = {
     "Guided": "samplers.guided.sampler",
     "Match": "result",
     "Matcher": "matcher",
+    "MotionOptions": "tracking.motion_filter",
     "Points": "problems.derived.measurements",
     "Pose": "problems.pose_fit.pose",
     "PosePrior": "problems.pose_fit.pose_prior",
@@ -87,6 +89,7 @@ __all__ = [
     "InputError",
     "Match",
     "Matcher",
+    "MotionOptions",
     "Points",
     "Pose",
     "PosePrior",

@@ -48,7 +48,26 @@ class TrackingState(Enum):
 
 @dataclass(frozen=True)
 class TrackingOptions(Options):
-    """Options that decide when a tracker searches and gives up; their effect is measured in benchmarks/tracking.py."""
+    """Options that decide when a tracker searches and gives up; their effect is measured in benchmarks/tracking.py.
+
+    Parameters
+    ----------
+    interval : float
+        Seconds between frames that are given without a time.
+    coasting : float
+        Seconds without a match after which a body is lost.
+    patience : int
+        Frames in which a prediction may fail before one is searched without it.
+    present : float
+        Detections, relative to the last matched frame, from which such a frame is searched.
+    search_budget : int
+        Evaluations of a search; of every seventh that finds nothing four times as many, of every 31st 16 times. Larger
+        for a body of many points, such as a map, where a long frame does no harm.
+    search_every : int
+        Frames before a followed body is searched for elsewhere.
+    motion : MotionOptions
+        How fast a body, or the camera, may move.
+    """
 
     interval: float = option(1.0 / 60.0, above=0.0)
     """Seconds between frames that are given without a time."""

@@ -24,7 +24,27 @@ the p rows of a pose's covariance first."""
 class MotionOptions(Options):
     """Options for how fast a body may move and change its motion; their effect is measured in benchmarks/tracking.py.
 
-    Lengths are in units of the body's root mean square radius: for a headset with 0.1 m, 100 radii/s² are 10 m/s².
+    Lengths are in units of the body's root mean square radius: for a headset with 0.1 m, 100 radii/s² are 10 m/s². Below
+    a map of 5 m that is far too much: state what the camera can do.
+
+    Parameters
+    ----------
+    angular_acceleration : float
+        Standard deviation on each axis, rad/s².
+    acceleration : float
+        Standard deviation on each axis, radii/s².
+    angular_velocity : float
+        Standard deviation on each axis of one that is not known yet, rad/s.
+    velocity : float
+        The same, radii/s.
+    persistence : float
+        Seconds for which an acceleration lasts.
+    memory : float
+        Degrees of freedom over which the size of the accelerations is estimated.
+    least_scale, most_scale : float
+        Bounds of that size, relative to the stated one.
+    scale_drift : float
+        Of `Similarity`: standard deviation of the change of the logarithm of the scale in a second.
     """
 
     angular_acceleration: float = option(30.0, above=0.0)
