@@ -64,7 +64,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
     searching = task.deadline.part(SEARCHED)
     views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
-    parts = [_of_camera(task, k, guided) for k in views]
+    parts = [of_camera(task, k, guided) for k in views]
     for number, (k, own, part) in enumerate(parts):
         if len(own) < task.minimal or searching.passed():
             continue
@@ -103,7 +103,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
 
 
-def _of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers, MatchingTask]:
+def of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers, MatchingTask]:
     """One camera, its detections (m,) among all, and the task of these."""
     assert task.rig is not None
     own = np.flatnonzero(task.camera_of == k)

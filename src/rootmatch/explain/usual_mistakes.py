@@ -16,6 +16,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
+from rootmatch.explain.displaced_cameras import displaced_cameras
 from rootmatch.explain.mistake import Change, Mistake
 from rootmatch.explain.point_set_mistakes import of_point_sets
 from rootmatch.explain.prior_mistakes import LENGTHS, of_priors
@@ -110,6 +111,7 @@ def _of_axes(task: MatchingTask, cameras: dict[str, Any], pointed: Callable[...,
         for factor, (wrong, right) in LENGTHS.items():
             name = f"the model is in {wrong}, the rig in {right}"
             yield Mistake(name, "use one unit for the points and the rig's translations", _in_unit(task, factor))
+        yield from displaced_cameras(task)
         return
     centres = [_centre(cameras.get("camera2") or camera, task), _centre(camera, task)]
 
