@@ -50,22 +50,22 @@ def discretise(soft: ArrayLike) -> NDArray[np.int64]:
     if found == INVALID:
         raise InputError(f"soft: expected a matrix of finite values ≥ 0, got shape {value.shape} or other values")
     if found == UNCLEAR:
+        checkpoint(SECONDS_PER_STEP * value.size * min(value.shape))
         # A common scale changes nothing, and keeps sums of huge values finite.
         largest = value.max(initial=0.0)
-        source, target = _largest_total(value / largest if largest > 0 else value)
-        evident = value[source, target] > 0
-        assignment[:] = -1
-        assignment[source[evident]] = target[evident]
+        return largest_total(value / largest if largest > 0 else value, 0.0)
     return assignment
 
 
-def _largest_total(value: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the one-to-one selection with the largest total."""
+def largest_total(value: NDArray[np.float64], above: float = -np.inf) -> NDArray[np.int64]:
+    """The one-to-one assignment (n,) with the largest total of values (n, n'), of the pairs ``above`` some value."""
     from scipy.optimize import linear_sum_assignment  # slow to import, and a clear case has no need of it
 
-    checkpoint(SECONDS_PER_STEP * value.size * min(value.shape))
     rows, columns = linear_sum_assignment(value, maximize=True)
-    return rows, columns
+    good = value[rows, columns] > above
+    assignment = np.full(len(value), -1, np.int64)
+    assignment[rows[good]] = columns[good]
+    return assignment
 
 
 def one_hot(assignment: NDArray[np.int64], n_target: int) -> NDArray[np.float64]:

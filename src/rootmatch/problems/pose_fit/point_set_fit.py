@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.problems.points import PointClouds
+from rootmatch.problems.points import PointClouds, squared_distances_to
 
 ROUNDS = 8
 """Maximum number of rounds in which an unknown scale changes the weights. Not tuned: three are usual."""
@@ -60,9 +60,6 @@ class PointSetFit:
         clouds = self.clouds
         turned = self.scale[:, None, None] * (clouds.source - self.centre[:, None]) @ self.rotation.swapaxes(1, 2)
         moved = turned + (self.shift + self.scale[:, None] * _applied(self.rotation, self.centre))[:, None]
-        middle = clouds.target.mean(axis=0)
-        first, second = moved - middle, clouds.target - middle
-        squared = (first**2).sum(axis=2)[:, :, None] - 2.0 * first @ second.T + (second**2).sum(axis=1)
         size = clouds.source.shape[1]
         along = turned @ self.frame
         if size == 3:
@@ -72,7 +69,7 @@ class PointSetFit:
             moment = 0.5 * (along**2).sum(axis=2)[:, :, None] * np.ones(2)
         own = 1.0 / self.total[:, None] + (moment * self.spread[:, None]).sum(axis=2) / size
         both = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
-        return np.maximum(squared, 0.0), both + own[:, :, None]
+        return squared_distances_to(moved, clouds.target), both + own[:, :, None]
 
     def predictions(self, k: int) -> tuple[Floats, Floats]:
         """Squared deviations (n, n') of targets from where each point is predicted, and the logarithm of 1 / √|2π S|.
