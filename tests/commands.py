@@ -1,8 +1,9 @@
-"""Command lines in forked children, which have everything imported already: each takes a hundredth of a second."""
+"""Command lines in this process, and in forked children, which have everything imported already: each takes 10 ms."""
 
 from __future__ import annotations
 
 import contextlib
+import csv
 import os
 import signal
 import sys
@@ -13,6 +14,22 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from typer.testing import CliRunner
+
+from rootmatch.cli import app
+
+
+def run(*arguments: object, text: str | None = None) -> Any:
+    """Run a command in this process."""
+    return CliRunner().invoke(app, [str(one) for one in arguments], input=text, catch_exceptions=False)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows of a table, by its header."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
 
 
 @dataclass

@@ -184,12 +184,6 @@ def bezout(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.linalg.solve(right, np.linalg.solve(left, table).T).T
 
 
-def common_root(p: np.ndarray, q: np.ndarray) -> float:
-    """x whose powers (1, x, ...) the last k - 1 rows of the Bezout matrix annihilate: the common root, if any."""
-    null = np.linalg.svd(bezout(_unit(p), _unit(q))[1:])[2][-1]
-    return float(null[1] / null[0])
-
-
 # ------------------------------------------------------------------ noise
 
 

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.assignment import apart_from, discretise, margin
-from rootmatch.hypergraph.clear_assignment import CLEAR, INVALID, UNCLEAR, assign_clear
+from rootmatch.hypergraph.assignment import CLEAR, INVALID, UNCLEAR, apart_from, assign_clear, discretise, margin
 
 
 @pytest.mark.parametrize(("n", "n_target"), [(4, 4), (3, 5), (5, 3), (1, 4)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import re
@@ -19,22 +18,13 @@ import pytest
 from typer.testing import CliRunner
 
 import rootmatch as rm
+from commands import rows_of, run
 from rootmatch.cli import app
 from rootmatch.cli.error_messages import as_options
 from rootmatch.simulation import up2p_scene
 
 PROGRAM = [sys.executable, "-c", "from rootmatch.cli import main; main()"]
 CAMERA = "1000,1000,320,240"
-
-
-def run(*arguments: object) -> Any:
-    """Run the command in this process."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
 
 
 @pytest.fixture(scope="module")
@@ -400,7 +390,6 @@ class TestBadInput:
             ({"image": "x,y\n0,0\n1,0\n0,1\n"}, ["image.csv", "3 given and at least 4 needed"]),
             ({"model": GOOD_MODEL + "1,0\n"}, ["model.csv, row 7", "2 values given, 3 expected"]),
             ({"model": GOOD_MODEL + "1,0,0\n"}, ["model.csv, row 7", "same point as in row 3"]),
-            ({"image": GOOD_IMAGE + "300.0,200.0\n"}, ["image.csv, row 7", "same point as in row 2"]),
             ({"model": "x,y,z\n" + "".join(f"{k},{2 * k},{-k}\n" for k in range(5))}, ["model.csv", "line"]),
         ],
     )

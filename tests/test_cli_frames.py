@@ -18,11 +18,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rootmatch as rm
-from commands import Command, descendants
-from rootmatch.cli import app
+from commands import Command, descendants, rows_of, run
 from rootmatch.errors import InputError
 from rootmatch.io.frame_files import Frame, read_frames
 from rootmatch.io.known_files import read_known
@@ -32,15 +30,6 @@ from test_worker_lifetime import running
 
 OPTIONS = ("--problem", "p3p", "--camera", "800,780,320,240", "--noise", "0.2")
 FRAMES, HIDDEN = 8, (5,)
-
-
-def run(*arguments: object, text: str | None = None) -> Any:
-    return CliRunner().invoke(app, [str(one) for one in arguments], input=text, catch_exceptions=False)
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
 
 
 def write(path: Path, header: str, rows: list[list[Any]]) -> Path:

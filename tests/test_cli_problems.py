@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rootmatch as rm
+from commands import rows_of, run
 from pose_scenes import CAMERA, PoseScene, planar, point_sets, up2pf
-from rootmatch.cli.app import app
-
-
-def run(*arguments: object) -> Any:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 def write(path: Path, points: np.ndarray) -> Path:
@@ -63,7 +56,7 @@ def test_from_files_to_poses(name: str, tmp_path: Path) -> None:
         "--plot", tmp_path / "match.png",
     )  # fmt: skip
     assert result.exit_code == 0, result.output + result.stderr
-    rows = list(csv.DictReader(matches.open(newline="")))
+    rows = rows_of(matches)
     found = {int(row["source"]): int(row["target"]) for row in rows}
     assert sum(scene.assignment[i] == j for i, j in found.items()) >= len(found) - 1 >= len(scene.source) - 2
     assert all(float(row["residual"]) >= 0.0 for row in rows)
@@ -85,7 +78,7 @@ def test_fiducials_against_a_tracker_with_missing_and_stray_markers(tmp_path: Pa
     result = run("match", *files, "--problem", "rigid", "--noise", "0,0.1", "--poses", poses, "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["assignment"] == [2, 4, 1, -1, 0, 3, -1]
-    (row,) = csv.DictReader(poses.open(newline=""))
+    (row,) = rows_of(poses)
     numbers = [float(row[name]) for name in ("tx", "ty", "tz", "qx", "qy", "qz", "qw")]
     np.testing.assert_allclose(numbers, [100, 20, -300, 0, 0, 0, 1], atol=1.0)
 
@@ -119,7 +112,7 @@ def test_poses_of_a_plane_are_no_quaternions(tmp_path: Path) -> None:
     assert not poses.exists()
     table = tmp_path / "poses.csv"
     assert run("match", *files, "--problem", "rigid", "--noise", "0.01,0.01", "--poses", table).exit_code == 0
-    (row,) = csv.DictReader(table.open(newline=""))
+    (row,) = rows_of(table)
     angle = np.arctan2(scene.R[1, 0], scene.R[0, 0])
     assert float(row["angle"]) == pytest.approx(angle, abs=0.05)
     assert float(row["cov_angle_angle"]) > 0.0

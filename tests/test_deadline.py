@@ -44,7 +44,7 @@ from rootmatch.solvers.ascent.subset_index import build_index
 
 
 class Clock:
-    """Seconds that pass with every look at it."""
+    """Seconds that pass when told, and with every look at it."""
 
     def __init__(self, step: float = 0.0) -> None:
         self.now, self.step = 0.0, step

@@ -38,19 +38,9 @@ from rootmatch.samplers.guided.visible_search import search_of
 from rootmatch.samplers.point_sets import triangles
 from rootmatch.samplers.point_sets.motion_search import MotionSearch
 from rootmatch.solvers.base import SECONDS_PER_PAIR, Solution, empty_solution, solved
+from test_deadline import Clock
 
 CAMERA = Camera(900.0, 900.0, 640.0, 480.0)
-
-
-class Clock:
-    """Seconds that pass when told, and with every look."""
-
-    def __init__(self, step: float = 0.0) -> None:
-        self.now, self.step = 0.0, step
-
-    def __call__(self) -> float:
-        self.now += self.step
-        return self.now
 
 
 class Body:

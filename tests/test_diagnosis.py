@@ -158,7 +158,7 @@ def test_a_camera_that_was_knocked_is_named(knocked: int | None) -> None:
     target = np.vstack(pixels) + rng.normal(0.0, 0.3, (42, 2)), np.repeat([0, 1, 2], 14)
     if knocked is not None:
         R, t = places[knocked]
-        places[knocked] = Rotation.from_rotvec([0.03, -0.04, 0.02]).as_matrix() @ R, t + (0.01, 0.0, -0.01)
+        places[knocked] = Rotation.from_rotvec([0.03, -0.04, 0.02]).as_matrix() @ R, t + np.array([0.01, 0.0, -0.01])
     match = rm.match(points, target, rm.P3P(rm.Rig([(CAMERA, R, t) for R, t in places])), noise=0.3)
     named = [one.mistake for one in match.diagnose(SECONDS).fits if one.mistake.startswith("camera ")]
     assert named == ([] if knocked is None else [f"camera {knocked} is not where the rig has it"])

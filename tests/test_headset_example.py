@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import runpy
 import sys
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from commands import rows_of
 from rootmatch.cli.app import app
 
 pytest.importorskip("cv2")
@@ -21,10 +21,6 @@ FRAMES = 8
 def run(monkeypatch: pytest.MonkeyPatch, script: str, *arguments: str) -> None:
     monkeypatch.setattr(sys, "argv", [script, *arguments])
     runpy.run_path(str(EXAMPLE / script), run_name="__main__")
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(path.read_text().splitlines()))
 
 
 @pytest.mark.parametrize("lens", [(), ("--fisheye",)], ids=["distorted", "fisheye"])
@@ -41,8 +37,8 @@ def test_a_recording_is_tracked(
         picture = tmp_path / "flight.gif"
         run(monkeypatch, "track.py", str(folder), str(poses), str(picture))
         assert picture.stat().st_size > 1000
-    truth = {(row["frame"], row["body"]): row for row in rows(folder / "truth.csv")}
-    found = [row for row in rows(poses) if row["status"] == "matched"]
+    truth = {(row["frame"], row["body"]): row for row in rows_of(folder / "truth.csv")}
+    found = [row for row in rows_of(poses) if row["status"] == "matched"]
     assert len(found) >= 2 * FRAMES - 2
     for row in found:
         off = [float(row[name]) - float(truth[row["frame"], row["body"]][name]) for name in ("tx", "ty", "tz")]

@@ -32,6 +32,12 @@ SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene}
 MODULES = {P3PTables: p3p_hypotheses, UP2PTables: up2p_hypotheses}
 
 
+def look_up(grid: detection_grid.DetectionGrid, x: float, y: float, z: float) -> tuple[int, float]:
+    """The detection at a point in the grid's basis, and its squared distance."""
+    fields = grid.cells, grid.positions, grid.rays, detection_grid.field_of(grid), grid.gate2, grid.whole
+    return detection_grid.detection_at(*fields, x, y, z)
+
+
 def poses(tables, points: list[int], images: list[int], rays: np.ndarray | None = None) -> list:
     """Poses of a minimal set in the frames of the tables, by poselib, all points in front of the camera."""
     places = np.array([tables.points[:, i] for i in points])
@@ -173,7 +179,7 @@ def test_grid_finds_the_nearest_detection_within_its_gate() -> None:
         spots = np.concatenate([places[rng.integers(0, count, 400)] + rng.normal(0, gate, (400, 2)), places])
         for u, v in spots:
             distance = np.hypot(*(places - (u, v)).T)
-            k, distance2 = detection_grid.look_up(built, 2.0 * u, 2.0 * v, 2.0)
+            k, distance2 = look_up(built, 2.0 * u, 2.0 * v, 2.0)
             if k < 0:
                 # nothing there, or the cell belongs to a neighbour that is out of reach from here
                 nearest = np.sort(distance)[:2]
@@ -182,9 +188,9 @@ def test_grid_finds_the_nearest_detection_within_its_gate() -> None:
                 assert distance[k] <= gate
                 assert distance2 == pytest.approx(distance[k] ** 2, rel=1e-9)
                 assert distance[k] <= distance.min() + 1.5 * cell
-        assert detection_grid.look_up(built, 0.0, 0.0, -1.0)[0] == -1
-        assert detection_grid.look_up(built, math.nan, 0.0, 1.0)[0] == -1
-        assert detection_grid.look_up(built, 1e9, -1e9, 1.0)[0] == -1
+        assert look_up(built, 0.0, 0.0, -1.0)[0] == -1
+        assert look_up(built, math.nan, 0.0, 1.0)[0] == -1
+        assert look_up(built, 1e9, -1e9, 1.0)[0] == -1
 
 
 def test_density_is_that_of_the_field_of_detections() -> None:

@@ -116,6 +116,8 @@ def test_tolerated_writings(tmp_path: Path, content: bytes) -> None:
         (2, 'id,x,y\n"a\tb",1,2\n', 2, "line break"),
         (2, "x,y\n1,2\n3,4\n1.0,2.0\n", 4, "the same point as in row 2"),
         (2, 'x,y\n"1,2\n', 2, "quotes"),
+        (2, "# by a detector\nx,y\n1,2\n", 1, "remove the lines that begin with #"),
+        (2, "x,y,\n1,2,\n", 1, "a column without a name"),
         (3, "x,y,z,nx,ny\n1,2,3,0,0\n", None, "column nz is missing"),
         (3, "x,y,z,sx,sz\n1,2,3,0,0\n", None, "column sy is missing although sx is given; give sx,sy,sz or none"),
         (3, "x,y,z,sigma,sx,sy,sz\n1,2,3,0,0,0,0\n", None, "columns sigma and sx; one of them says"),
@@ -133,6 +135,11 @@ def test_bad_points_are_named(tmp_path: Path, dimension: int, content: str, row:
     assert text.startswith(f"{path}, row {row}: " if row else f"{path}: ")
     assert words in text
     assert "\n" not in text
+
+
+def test_a_detection_may_be_repeated(tmp_path: Path) -> None:
+    (tmp_path / "image.csv").write_text("x,y\n1,2\n3,4\n1,2\n")
+    assert len(read_points(tmp_path / "image.csv", 2, of_image=True).points) == 3
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:

@@ -14,11 +14,7 @@ from rootmatch.solvers.ascent.random_walk_start import _contract_among, random_w
 from rootmatch.solvers.ascent.start_selection import next_starts, within
 from rootmatch.solvers.ascent.subset_index import build_index, ranked_hyperedges
 from solver_oracles import dense_contraction, dense_tensor, naive_support, planted, random_edges
-
-
-def random_tensor(seed, n=6, n_target=7, count=400):
-    rng = np.random.default_rng(seed)
-    return AffinityTensor(random_edges(rng, n, n_target, 3, count), rng.random(count), (n, n_target))
+from test_solvers_ascent import random_tensor
 
 
 def one_pair(count=28):
@@ -51,12 +47,12 @@ def test_ranks_are_places_in_any_order():
 
 def test_who_gets_a_table():
     assert build_index(random_tensor(0)).paired
-    assert not build_index(random_tensor(0, 12, 12, 400)).paired
+    assert not build_index(random_tensor(0, 12, 12)).paired
     rng = np.random.default_rng(0)
     assert not build_index(AffinityTensor(random_edges(rng, 5, 5, 4, 900), np.ones(900), (5, 5))).paired
 
 
-@pytest.mark.parametrize("make", [lambda: random_tensor(1), lambda: random_tensor(2, 5, 9, 20), one_pair, dense])
+@pytest.mark.parametrize("make", [lambda: random_tensor(1), lambda: random_tensor(2, 5, 9, count=20), one_pair, dense])
 def test_table_against_the_definition(make, monkeypatch):
     tensor = make()
     index = tabled(tensor, monkeypatch)
@@ -78,7 +74,7 @@ def test_table_against_the_definition(make, monkeypatch):
         assert best[a] == (containing[np.argmax(rank[containing])] if containing.size else -1)
 
 
-@pytest.mark.parametrize("make", [lambda: random_tensor(3), lambda: random_tensor(4, 5, 9, 30), one_pair, dense])
+@pytest.mark.parametrize("make", [lambda: random_tensor(3), lambda: random_tensor(4, 5, 9, count=30), one_pair, dense])
 def test_gains_are_those_of_the_buckets_to_the_last_bit(make, monkeypatch):
     tensor = make()
     table, buckets = tabled(tensor, monkeypatch), build_index(tensor, bucket_bits=6)

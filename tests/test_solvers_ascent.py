@@ -18,7 +18,7 @@ from solver_oracles import assignments, best_score, naive_support, objective, pl
 from test_neighbourhood import one_change_neighbours
 
 
-def random_tensor(seed, n, n_target, order, count, unary=False):
+def random_tensor(seed, n=6, n_target=7, order=3, count=400, unary=False):
     rng = np.random.default_rng(seed)
     indices = random_edges(rng, n, n_target, order, count)
     prior = rng.random((n, n_target)) if unary else None

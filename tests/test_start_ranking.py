@@ -10,12 +10,8 @@ from rootmatch.solvers.ascent.bounded_ascents import BoundedAscents
 from rootmatch.solvers.ascent.climb import climb_from, state_of
 from rootmatch.solvers.ascent.start_ranking import candidates, heaviest, rank_heaviest
 from rootmatch.solvers.ascent.subset_index import build_index
-from solver_oracles import naive_support, planted, random_edges
-
-
-def random_tensor(seed, n, n_target, order, count):
-    rng = np.random.default_rng(seed)
-    return AffinityTensor(random_edges(rng, n, n_target, order, count), rng.random(count), (n, n_target))
+from solver_oracles import naive_support, planted
+from test_solvers_ascent import random_tensor
 
 
 @pytest.mark.parametrize("order", [2, 3, 4, 5])

@@ -18,6 +18,7 @@ import pytest
 import pytheia
 from scipy.spatial.transform import Rotation
 
+from instances import random_unit
 from rootmatch.backends import cpu
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
@@ -93,13 +94,13 @@ def make(
     """
     turn = rng.uniform(-0.95, 0.95) * math.pi if angle is None else angle
     while True:
-        axis, axis2 = (Y if upright else random_axis(rng) for _ in range(2))
+        axis, axis2 = (Y if upright else random_unit(rng) for _ in range(2))
         rotation = to_y(axis2).T @ Rotation.from_rotvec(turn * Y).as_matrix() @ to_y(axis)
         second = np.array([0.0, 0.0, 8.0]) + rng.uniform(-3.0, 3.0, (points, 3))
         if baseline is None:
             translation = np.array([0.0, 0.0, 8.0]) - rotation @ [0.0, 0.0, 8.0] + rng.uniform(-1.0, 1.0, 3)
         else:
-            translation = baseline * rng.uniform(1.0, 2.0) * random_axis(rng)
+            translation = baseline * rng.uniform(1.0, 2.0) * random_unit(rng)
         first = (second - translation) @ rotation
         if first[:, 2].min() > 1.0 and np.abs(first[:, :2]).max() < 2.0 * first[:, 2].min():
             break
@@ -107,11 +108,6 @@ def make(
     camera, camera2 = random_camera(rng), random_camera(rng)
     source, target = camera.project(first), camera2.project(second)
     return Instance(family, source, target, camera, camera2, axis, axis2, rotation, translation, turn)
-
-
-def random_axis(rng: np.random.Generator) -> np.ndarray:
-    axis = rng.normal(size=3)
-    return axis / np.linalg.norm(axis)
 
 
 def all_instances() -> list[Instance]:

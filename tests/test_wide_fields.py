@@ -9,8 +9,9 @@ import pytest
 
 import instances
 import rootmatch as rm
-from rootmatch.samplers.guided.detection_grid import build_grid, look_up
+from rootmatch.samplers.guided.detection_grid import build_grid
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
+from test_hypotheses import look_up
 
 K = np.array([[400.0, 0.0, 640.0], [0.0, 400.0, 480.0], [0.0, 0.0, 1.0]])
 CAMERAS = {

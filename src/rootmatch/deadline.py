@@ -91,6 +91,10 @@ class Deadline:
         """The deadline, or a later one if fewer than ``seconds`` are left: for work better done late than not."""
         return self if self.left() >= seconds else Deadline(seconds, clock=self.clock)
 
+    def at_most(self, seconds: float | None) -> Deadline:
+        """The deadline, or an earlier one of its own if more than ``seconds`` are left; None for any."""
+        return self if seconds is None or seconds >= self.left() else Deadline(seconds, clock=self.clock)
+
     def with_grace(self) -> Deadline:
         """The deadline a little later, so that handing on the results of a stage that ended in time is not cut off."""
         if not self.is_set:

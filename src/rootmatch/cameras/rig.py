@@ -135,7 +135,12 @@ class Rig(CameraModel):
 
     def bearings(self, pixels: ArrayLike) -> Floats:
         """Unit rays (m, 3) in the rig's frame of rows (m, 3) of x, y and index; they begin at different centres."""
-        return self._of_each(pixels, lambda camera, own: camera.bearings(own), 3)
+        rows = np.asarray(pixels, dtype=float)
+        out = np.empty((len(rows), 3))
+        for k, (camera, rotation) in enumerate(zip(self.cameras, self.rotations, strict=True)):
+            own = rows[:, 2] == k
+            out[own] = camera.bearings(rows[own, :2]) @ rotation
+        return out
 
     def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:
         """Isotropic noise of the rays in radians; see `CameraModel.angular_noise`."""
@@ -184,14 +189,6 @@ class Rig(CameraModel):
     def jacobian(self, points: ArrayLike) -> Floats:
         """Refused, as `project` is: a rig has several images."""
         return self.project(points)
-
-    def _of_each(self, pixels: ArrayLike, of: Any, size: int) -> Floats:
-        rows = np.asarray(pixels, dtype=float)
-        out = np.empty((len(rows), size))
-        for k, (camera, rotation) in enumerate(zip(self.cameras, self.rotations, strict=True)):
-            own = rows[:, 2] == k
-            out[own] = of(camera, rows[own, :2]) @ rotation
-        return out
 
 
 @lru_cache(maxsize=4)

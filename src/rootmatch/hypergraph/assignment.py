@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.clear_assignment import INVALID, UNCLEAR, assign_clear
+from rootmatch.jit.decorators import driver
 
 SECONDS_PER_ENTRY = 2e-8
 """Time that one entry takes when it is checked whether a soft assignment is clear."""
 SECONDS_PER_STEP = 1e-8
 """Time that a step of the Hungarian method takes. It makes n² n' steps at most, as it does if the rank is 1."""
+INVALID, UNCLEAR, CLEAR = 0, 1, 2
+"""What `assign_clear` says of a soft assignment."""
 
 
 def apart_from(assignments: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -50,22 +54,55 @@ def discretise(soft: ArrayLike) -> NDArray[np.int64]:
     if found == INVALID:
         raise InputError(f"soft: expected a matrix of finite values ≥ 0, got shape {value.shape} or other values")
     if found == UNCLEAR:
+        checkpoint(SECONDS_PER_STEP * value.size * min(value.shape))
         # A common scale changes nothing, and keeps sums of huge values finite.
         largest = value.max(initial=0.0)
-        source, target = _largest_total(value / largest if largest > 0 else value)
-        evident = value[source, target] > 0
-        assignment[:] = -1
-        assignment[source[evident]] = target[evident]
+        return largest_total(value / largest if largest > 0 else value, 0.0)
     return assignment
 
 
-def _largest_total(value: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the one-to-one selection with the largest total."""
+@driver(nogil=True)
+def assign_clear(soft, assignment, taken):  # type: ignore[no-untyped-def]
+    """Fill in the assignment (n,) of a soft one (n, n') if that is `CLEAR`; return which of the three it is.
+
+    It is clear if the largest entry of each row (with n > n', of each column) is unique, and no two of these share a
+    column (a row). It is `INVALID` if an entry is negative or not finite. ``taken``, as long as the larger set, is
+    False at first.
+    """
+    n, n_target = soft.shape
+    for i in range(n):
+        assignment[i] = -1
+        for k in range(n_target):
+            if not 0.0 <= soft[i, k] < math.inf:
+                return INVALID
+    wide = n <= n_target
+    for line in range(min(n, n_target)):
+        best, largest, ties = 0, -1.0, 0
+        for place in range(max(n, n_target)):
+            value = soft[line, place] if wide else soft[place, line]
+            if value > largest:
+                best, largest, ties = place, value, 0
+            ties += value == largest
+        if ties != 1 or taken[best]:
+            return UNCLEAR
+        taken[best] = True
+        if largest > 0.0:
+            if wide:
+                assignment[line] = best
+            else:
+                assignment[best] = line
+    return CLEAR
+
+
+def largest_total(value: NDArray[np.float64], above: float = -np.inf) -> NDArray[np.int64]:
+    """The one-to-one assignment (n,) with the largest total of values (n, n'), of the pairs ``above`` some value."""
     from scipy.optimize import linear_sum_assignment  # slow to import, and a clear case has no need of it
 
-    checkpoint(SECONDS_PER_STEP * value.size * min(value.shape))
     rows, columns = linear_sum_assignment(value, maximize=True)
-    return rows, columns
+    good = value[rows, columns] > above
+    assignment = np.full(len(value), -1, np.int64)
+    assignment[rows[good]] = columns[good]
+    return assignment
 
 
 def one_hot(assignment: NDArray[np.int64], n_target: int) -> NDArray[np.float64]:

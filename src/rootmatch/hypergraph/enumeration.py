@@ -58,11 +58,6 @@ def subsets(n: int, size: int) -> NDArray[np.int64]:
     return _kept_subsets(n, size).copy() if math.comb(n, size) <= KEPT_SUBSETS else _subsets(n, size)
 
 
-@lru_cache(maxsize=16)
-def _kept_subsets(n: int, size: int) -> NDArray[np.int64]:
-    return _subsets(n, size)
-
-
 def _subsets(n: int, size: int) -> NDArray[np.int64]:
     if size == 0:
         return np.empty((1, 0), np.int64)
@@ -79,6 +74,9 @@ def _subsets(n: int, size: int) -> NDArray[np.int64]:
         every[place : place + count, 1:] = after[len(after) - count :] + 1
         place += count
     return every
+
+
+_kept_subsets = lru_cache(maxsize=16)(_subsets)
 
 
 def _check_room(count: int, length: int, size: int) -> None:
@@ -115,11 +113,6 @@ def target_arrangements(n_target: int, length: int, usable: NDArray[np.bool_] | 
     return _arrangements(n_target, length)
 
 
-@lru_cache(maxsize=64)
-def _kept_arrangements(n_target: int, length: int) -> NDArray[np.int32]:
-    return _arrangements(n_target, length)
-
-
 def _arrangements(n_target: int, length: int) -> NDArray[np.int32]:
     if length == 0:
         return np.empty((1, 0), np.int32)
@@ -132,6 +125,9 @@ def _arrangements(n_target: int, length: int) -> NDArray[np.int32]:
         every[first, :, 0] = first
         every[first, :, 1:] = after + (after >= first)
     return every.reshape(-1, length)
+
+
+_kept_arrangements = lru_cache(maxsize=64)(_arrangements)
 
 
 def shuffled_arrangements(rng: np.random.Generator, n_target: int, length: int) -> NDArray[np.int32]:

@@ -118,6 +118,10 @@ def check_header(path: Path, row: int, header: list[str], needed: Sequence[str],
     for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and separator in header[0]:
             raise InputError(f"{where}: {name} between the columns; save with commas, and decimal points in numbers")
+    if header[0].startswith("#"):
+        raise InputError(f"{where}: a comment; remove the lines that begin with #")
+    if "" in header:
+        raise InputError(f"{where}: a column without a name; name it, or remove the comma at the end of each row")
     if all(_is_number(cell) for cell in header):
         raise InputError(f"{where}: numbers instead of column names; add a header row {expected}")
     repeated = [name for name in header if header.count(name) > 1]

@@ -93,9 +93,10 @@ def read_points(
     bodies = None
     if "body" in rows[0][1]:
         bodies = _labels(path, rows, "body", "label")
-    owners = bodies or ("",) * len(rows)
-    each = zip(rows, points.tolist(), owners, strict=True)
-    refuse_repeats(path, [(row, (owner, *point)) for (row, _), point, owner in each], "point")
+    if dimension == 3 or not of_image:  # a detection may be reported twice: both stay unmatched
+        owners = bodies or ("",) * len(rows)
+        each = zip(rows, points.tolist(), owners, strict=True)
+        refuse_repeats(path, [(row, (owner, *point)) for (row, _), point, owner in each], "point")
     normals = None
     if with_normals:
         normals = np.array([[number(path, row, name, cells[name]) for name in NORMALS] for row, cells in rows])

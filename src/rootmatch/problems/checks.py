@@ -123,13 +123,13 @@ def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> Fl
     return np.ascontiguousarray(np.broadcast_to(np.cos(radians), (count,)))
 
 
-def check_not_collinear(points: Floats, name: str) -> None:
+def check_not_collinear(points: Floats) -> None:
     """Refuse points that all lie on one line: every rotation about it looks the same."""
     centred = points - points.mean(axis=0)
     values = np.linalg.svd(centred, compute_uv=False)
     if values[1] <= 1e-9 * values[0]:
         raise InputError(
-            f"{name}: all {len(points)} points are collinear, which determines no pose; add points off the line"
+            f"source: all {len(points)} points are collinear, which determines no pose; add points off the line"
         )
 
 

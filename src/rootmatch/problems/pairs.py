@@ -10,6 +10,8 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Any
 
+import numpy as np
+
 from rootmatch.algebra.any_degree import last_entry_of, lesser_last_entry_of, singular_value_of
 from rootmatch.jit.decorators import kernel
 from rootmatch.problems.limits import MOST_PAIRS
@@ -26,6 +28,16 @@ def pair_orders(minimal: int) -> tuple[tuple[int, ...], ...]:
 def comparisons(degree: int) -> dict[type, Any]:
     """Kernels that compare two polynomials of a degree, by the kind of residual; see `rootmatch.algebra.any_degree`."""
     return {QR: last_entry_of(degree), QRBoth: lesser_last_entry_of(degree), SVD: singular_value_of(degree)}
+
+
+def root_of(squared: Any) -> Any:
+    """Edge kernel of a residual, from the one of its squares."""
+
+    @kernel
+    def edge(tables, kind, i, j):  # type: ignore[no-untyped-def]
+        return np.sqrt(squared(tables, kind, i, j))
+
+    return edge
 
 
 def edge_of_pairs(residual: Any, minimal: int) -> Any:

@@ -171,6 +171,14 @@ def squared_distances(points: Floats) -> Floats:
     return squared
 
 
+def squared_distances_to(points: Floats, others: Floats) -> Floats:
+    """(H, n, n') squared distances of points (H, n, k) from others (n', k), quick, about the centre of the others."""
+    centre = others.mean(axis=0)
+    first, second = points - centre, others - centre
+    squared = (first**2).sum(axis=-1)[..., None] - 2.0 * first @ second.T + (second**2).sum(axis=-1)
+    return np.asarray(np.maximum(squared, 0.0))
+
+
 def distances(points: Floats) -> Floats:
     """(n, n) distances of points (n, k)."""
     squared = squared_distances(points)

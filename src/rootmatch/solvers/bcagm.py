@@ -11,7 +11,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline
-from rootmatch.hypergraph.assignment import one_hot
+from rootmatch.hypergraph.assignment import largest_total, one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
@@ -109,7 +109,7 @@ class _Ascent:
         improved = False
         for b in range(self.blocks):
             slope = self.gradient(b)
-            assignment = _hungarian(slope)
+            assignment = largest_total(slope)  # min(n, n') points, without gain too
             x = one_hot(assignment, self.tensor.shape[1])
             if self.key[b] == b"" or float((slope * (x - self.x[b])).sum()) > least:
                 self.x[b], self.key[b] = x, assignment.tobytes()
@@ -189,16 +189,6 @@ class _Ascent:
             product = math.prod(float((x[p] * x[q]).sum()) for p, q in pairs)
             value += self.alpha / len(pairings) * product * float((x[0] * x[partner]).sum())
         return value
-
-
-def _hungarian(slope: Floats) -> Integers:
-    """Full assignment of the largest total, min(n, n') points matched, without gain too."""
-    from scipy.optimize import linear_sum_assignment  # slow to import
-
-    assignment = np.full(slope.shape[0], -1, np.int64)
-    source, target = linear_sum_assignment(slope, maximize=True)
-    assignment[source] = target
-    return assignment
 
 
 def _pairings(others: list[int]) -> Iterator[tuple[int, list[tuple[int, int]]]]:

@@ -24,8 +24,8 @@ the p rows of a pose's covariance first."""
 class MotionOptions(Options):
     """Options for how fast a body may move and change its motion; their effect is measured in benchmarks/tracking.py.
 
-    Lengths are in units of the body's root mean square radius: for a headset with 0.1 m, 100 radii/s² are 10 m/s². Below
-    a map of 5 m that is far too much: state what the camera can do.
+    Lengths are in units of the body's root mean square radius: for a headset with 0.1 m, 100 radii/s² are 10 m/s².
+    Below a map of 5 m that is far too much: state what the camera can do.
 
     Parameters
     ----------

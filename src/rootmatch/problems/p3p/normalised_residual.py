@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from math import nan
 
-import numpy as np
-
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE
 from rootmatch.problems.p3p.quartic import STEP, quadratics
 from rootmatch.problems.p3p.resultant_residual import COINCIDENT, distinct
 from rootmatch.problems.p3p.roots import ratio_pairs, solve_all
-from rootmatch.problems.pairs import edge_of_pairs, slab_of_edges
+from rootmatch.problems.pairs import edge_of_pairs, root_of, slab_of_edges
 
 
 @scalar
@@ -209,12 +207,7 @@ def squared_of_pair(t, i, j, order):  # type: ignore[no-untyped-def]
 
 squared = edge_of_pairs(squared_of_pair, 3)
 several = slab_of_edges(squared)
-
-
-@kernel
-def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
-    """Edge kernel of `Normalised`."""
-    return np.sqrt(squared(t, kind, i, j))
+edge = root_of(squared)
 
 
 @kernel

@@ -117,7 +117,7 @@ def _distances(source: Floats) -> tuple[Floats, Floats]:
 
     The unit keeps polynomials of kilometres and of millimetres alike.
     """
-    check_not_collinear(source, "source")
+    check_not_collinear(source)
     places = source - source.mean(axis=0)
     places /= np.sqrt((places**2).mean())
     return squared_distances(places), np.ascontiguousarray(places.T)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.problems.points import PointClouds
+from rootmatch.problems.points import PointClouds, squared_distances_to
 
 ROUNDS = 8
 """Maximum number of rounds in which an unknown scale changes the weights. Not tuned: three are usual."""
@@ -60,11 +60,8 @@ class PointSetFit:
         """
         moved, own = self.places
         clouds = self.clouds
-        middle = clouds.target.mean(axis=0)
-        first, second = moved - middle, clouds.target - middle
-        squared = (first**2).sum(axis=2)[:, :, None] - 2.0 * first @ second.T + (second**2).sum(axis=1)
         both = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
-        return np.maximum(squared, 0.0), both + own[:, :, None]
+        return squared_distances_to(moved, clouds.target), both + own[:, :, None]
 
     @cached_property
     def places(self) -> tuple[Floats, Floats]:

@@ -63,11 +63,14 @@ class Upright:
     camera: Floats
     noise: float
 
+    def turned(self, angle: Floats) -> Floats:
+        """Rotations (…, 3, 3) in which the vertical is exact, by angles (…) about it."""
+        return np.asarray(self.camera.T @ rotation_about_y(np.cos(angle), np.sin(angle)) @ self.world)
+
     def nearest(self, rotation: Floats) -> Floats:
         """The rotation (3, 3) nearest to another one in which the vertical is exact."""
         turn = self.camera @ rotation @ self.world.T
-        angle = np.arctan2(turn[0, 2] - turn[2, 0], turn[0, 0] + turn[2, 2])
-        return np.asarray(self.camera.T @ rotation_about_y(np.cos(angle), np.sin(angle)) @ self.world)
+        return self.turned(np.arctan2(turn[0, 2] - turn[2, 0], turn[0, 0] + turn[2, 2]))
 
     def residuals(self, rotation: Floats) -> Floats:
         """Angles (B, 2) between the vertical as measured and as rotated into the camera, about two axes, over σ."""

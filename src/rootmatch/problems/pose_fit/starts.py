@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross, rotation_about_y, spread_rotations
+from rootmatch.algebra.rotation import cross, spread_rotations
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.problems.pose_fit.descent import Model, State
 from rootmatch.problems.pose_fit.prior_residuals import Upright
@@ -41,8 +41,7 @@ def starting_poses(points: Floats, rays: Floats, weight: Floats, upright: Uprigh
         The known vertical.
     """
     if upright is not None:
-        angle = 2.0 * np.pi * np.arange(GRID) / GRID
-        grid = upright.camera.T @ rotation_about_y(np.cos(angle), np.sin(angle)) @ upright.world
+        grid = upright.turned(2.0 * np.pi * np.arange(GRID) / GRID)
         return np.tile(grid, (len(points), 1, 1, 1)), _translations(grid, points, rays, weight)
     grid = spread_rotations(GRID)
     chosen = np.concatenate([triples(_plane(rays), weight > 0.0), _random_triples(weight > 0.0)], axis=1)

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.points import PointSets
@@ -70,19 +69,19 @@ class ZoomFits(NamedTuple):
 def zoom_starts(points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, most: int) -> ZoomFits:
     """Poses of a grid of rotations, with what then follows from linear equations; see `zoom_poses`."""
     model, _, unit = _model_of(points, centre, upright, assignments)
-    starts, cost = _best_starts(model, upright, most)
-    shape = len(assignments), most
-    return ZoomFits(
-        starts[0].reshape(*shape, 3, 3), unit * starts[1].reshape(*shape, 3), starts[2].reshape(shape), cost
-    )
+    return _fits(*_best_starts(model, upright, most), unit, (len(assignments), most))
 
 
 def zoom_fits(points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, most: int) -> ZoomFits:
     """The ``most`` lowest rough fits of each assignment, of `STARTS` that are made; several may be of one valley."""
     model, _, unit = _model_of(points, centre, upright, assignments)
     state, chi2 = descended(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0], ROUGH_STEPS)
-    (rotation, place, log), chi2 = lowest_of(state, chi2, len(assignments), most)
-    shape = len(assignments), most
+    return _fits(*lowest_of(state, chi2, len(assignments), most), unit, (len(assignments), most))
+
+
+def _fits(state: State, chi2: Floats, unit: float, shape: tuple[int, int]) -> ZoomFits:
+    """The fits (K S, …) of a model, by assignment and in the caller's unit."""
+    rotation, place, log = state
     return ZoomFits(
         rotation.reshape(*shape, 3, 3), unit * place.reshape(*shape, 3), log.reshape(shape), chi2.reshape(shape)
     )
@@ -158,19 +157,14 @@ def _model_of(
 
 
 def _best_starts(model: _ZoomModel, upright: Upright, most: int) -> tuple[State, Floats]:
-    """The best starts of each fit, (K most, …), and their χ² (K, most)."""
+    """The best starts of each fit, (K most, …), and their χ² (K most,)."""
     starts = _starts(model.points, model.image, model.weight, upright)
-    count = len(model.points)
-    cost = chi2_of(model.repeated(GRID).residuals(starts)).reshape(count, GRID)
-    order = np.argsort(cost, axis=1, kind="stable")[:, :most]
-    best = (np.arange(count)[:, None] * GRID + order).ravel()
-    return tuple(part[best] for part in starts), np.take_along_axis(cost, order, axis=1)
+    return lowest_of(starts, chi2_of(model.repeated(GRID).residuals(starts)), len(model.points), most)
 
 
 def _starts(points: Floats, image: Floats, weight: Floats, upright: Upright) -> State:
     """For a grid of rotations (S,) translation and focal length by linear equations: (K S, 3, 3), (K S, 3), (K S,)."""
-    angle = 2.0 * np.pi * np.arange(GRID) / GRID
-    rotation = upright.camera.T @ rotation_about_y(np.cos(angle), np.sin(angle)) @ upright.world
+    rotation = upright.turned(2.0 * np.pi * np.arange(GRID) / GRID)
     turned = points[:, None] @ rotation.swapaxes(-1, -2)
     x, y, z = np.moveaxis(turned, -1, 0)
     u, v = (np.broadcast_to(image[:, None, :, axis], x.shape) for axis in (0, 1))

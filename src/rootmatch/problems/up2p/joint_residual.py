@@ -26,7 +26,7 @@ from rootmatch.algebra.vector import (
 )
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE
-from rootmatch.problems.pairs import edge_of_pairs, slab_of_rows
+from rootmatch.problems.pairs import edge_of_pairs, root_of, slab_of_rows
 from rootmatch.problems.up2p.prediction import depths
 from rootmatch.problems.up2p.quadratic import faces, roots, sinusoid
 
@@ -126,12 +126,7 @@ def squared_at_both_roots(value: Any) -> Any:
 
 
 squared = edge_of_pairs(squared_at_both_roots(joint_at), 2)
-
-
-@kernel
-def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
-    """Edge kernel of `Joint`."""
-    return np.sqrt(squared(t, kind, i, j))
+edge = root_of(squared)
 
 
 @kernel

@@ -7,8 +7,6 @@ numbers, after which a root costs sixteen operations an image.
 
 from __future__ import annotations
 
-import numpy as np
-
 from rootmatch.algebra.vector import (
     added,
     column,
@@ -22,17 +20,12 @@ from rootmatch.algebra.vector import (
 )
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE
-from rootmatch.problems.pairs import edge_of_pairs, slab_of_rows
+from rootmatch.problems.pairs import edge_of_pairs, root_of, slab_of_rows
 from rootmatch.problems.up2p.joint_residual import normalised_at, squared_at_both_roots
 from rootmatch.problems.up2p.quadratic import roots, sinusoid
 
 squared = edge_of_pairs(squared_at_both_roots(normalised_at), 2)
-
-
-@kernel
-def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
-    """Edge kernel of `Normalised`."""
-    return np.sqrt(squared(t, kind, i, j))
+edge = root_of(squared)
 
 
 @scalar

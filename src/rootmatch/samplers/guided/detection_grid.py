@@ -220,14 +220,11 @@ def field_of(grid):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def look_up(grid, x, y, z):  # type: ignore[no-untyped-def]
-    """Detection within the gate of a point (x, y, z) in the grid's basis, or −1, and their squared distance."""
-    return detection_at(grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2, grid.whole, x, y, z)
-
-
-@scalar
 def detection_at(cells, positions, rays, field, gate2, whole, x, y, z):  # type: ignore[no-untyped-def]
-    """`look_up` with what it reads of the grid: in a loop, each array of a tuple that is handed on is counted."""
+    """Detection within the gate of a point (x, y, z) in the grid's basis, or −1, and their squared distance.
+
+    It takes the fields of the grid that it reads: in a loop, each array of a tuple that is handed on is counted.
+    """
     left, top, scale, height, width = field
     u, v, there = position_of(whole, x, y, z)
     column = (u - left) * scale

@@ -11,7 +11,6 @@ from copy import copy
 from dataclasses import replace
 from typing import Any
 
-from rootmatch.deadline import Deadline
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.options import GuidedOptions
@@ -35,9 +34,7 @@ def focal_tensor(task: SamplingTask, tables: Callable[[], list[Any]], options: G
 
     ``tables``: those of a camera of each focal length, whose minimal sets are one point smaller.
     """
-    deadline = task.deadline.part(SEARCHED, RESERVE)
-    if options.max_seconds is not None and options.max_seconds < deadline.left():
-        deadline = Deadline(options.max_seconds)
+    deadline = task.deadline.part(SEARCHED, RESERVE).at_most(options.max_seconds)
     few = replace(options, hypotheses=min(options.hypotheses, NAMED))
     tasks = [replace(task, tables=one, order=task.order - 1, progress=None) for one in tables()]
     searches, going = dict[int, Search](), list(range(len(tasks)))

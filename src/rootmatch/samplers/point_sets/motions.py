@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.problems.points import PointClouds
+from rootmatch.problems.points import PointClouds, squared_distances_to
 
 
 class Motions(NamedTuple):
@@ -29,11 +29,8 @@ class Motions(NamedTuple):
     def squares(self, clouds: PointClouds) -> tuple[Floats, Floats]:
         """Squared distances (H, n, n') of targets from moved source points, and variances of a coordinate of these."""
         moved = clouds.source @ self.linear.swapaxes(-1, -2) + self.shift[:, None]
-        centre = clouds.target.mean(axis=0)
-        first, second = moved - centre, clouds.target - centre
-        squared = (first**2).sum(axis=-1)[..., None] - 2.0 * first @ second.T + (second**2).sum(axis=-1)
         variance = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
-        return np.maximum(squared, 0.0), variance
+        return squared_distances_to(moved, clouds.target), variance
 
     def explained(self, clouds: PointClouds, gate: float, allowed: Bools | None) -> Integers:
         """How many points (H,) of the set with fewer of them are within a gate in σ of one of the other set."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from rootmatch.deadline import Deadline
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
@@ -17,9 +16,7 @@ CHANCE_SAMPLES = 100_000
 
 def point_set_tensor(task: SamplingTask, clouds: PointClouds, options: GuidedOptions) -> SampledTensor:
     """Tensor of the hyper-edges among the correspondences that motions name; see `rootmatch.Guided`."""
-    deadline = task.deadline.part(SEARCHED)
-    if options.max_seconds is not None and options.max_seconds < deadline.left():
-        deadline = Deadline(options.max_seconds)
+    deadline = task.deadline.part(SEARCHED).at_most(options.max_seconds)
     search = MotionSearch(task, clouds, deadline)
     with deadline.within():
         search.run(options.budget)

@@ -12,6 +12,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
+from rootmatch.hypergraph.assignment import largest_total
 from rootmatch.jit.threads import LONGEST, in_threads, threads_worth
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
@@ -281,8 +282,6 @@ class PoseSearch:
         Their evidence says too much, as the error of a pose shifts all points together: its differences count for
         `TRUST` of themselves.
         """
-        from scipy.optimize import linear_sum_assignment  # slow to import
-
         if not self.hypotheses:
             return None
         first = self.hypotheses[0]
@@ -295,12 +294,8 @@ class PoseSearch:
             expected += weight * one.ratios / (1.0 + rows + columns - one.ratios)
             total += weight
         expected /= total
-        source, target = linear_sum_assignment(expected, maximize=True)
         # a point is left out where it more probably has no image than this one, by far
-        enough = expected[source, target] > LEAST_SHARE
-        assignment = np.full(self.n, -1, np.int64)
-        assignment[source[enough]] = target[enough]
-        return assignment
+        return largest_total(expected, LEAST_SHARE)
 
     def clusters(self) -> HypothesisClusters:
         """The strongest hypotheses that differ, each with the detections that its points may have."""

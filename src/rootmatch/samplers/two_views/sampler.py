@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rootmatch.deadline import Deadline
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.options import GuidedOptions
@@ -18,9 +17,7 @@ EDGES = 60_000
 
 def two_view_tensor(task: SamplingTask, options: GuidedOptions) -> SampledTensor:
     """Tensor of the hyper-edges among the correspondences that relative poses name; see `rootmatch.Guided`."""
-    deadline = task.deadline.part(SEARCHED, RESERVE)
-    if options.max_seconds is not None and options.max_seconds < deadline.left():
-        deadline = Deadline(options.max_seconds)
+    deadline = task.deadline.part(SEARCHED, RESERVE).at_most(options.max_seconds)
     search = PoseSearch(task, deadline, options.budget)
     with deadline.within():
         search.run()

@@ -104,18 +104,15 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     )  # fmt: skip
 
 
-@lru_cache(maxsize=16)
-def _kept_keys(count: int) -> NDArray[np.uint64]:
-    """The keys of a small problem, which the next one of its size shares; nobody writes to them."""
-    return _random_keys(count)
-
-
 def _random_keys(count: int) -> NDArray[np.uint64]:
     """Fixed numbers without pattern (the output function of SplitMix64; Steele, Lea and Flood 2014)."""
     z = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return np.asarray(z ^ (z >> np.uint64(31)))
+
+
+_kept_keys = lru_cache(maxsize=16)(_random_keys)  # a small problem shares them with the next of its size
 
 
 @internal()
