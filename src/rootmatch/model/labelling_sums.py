@@ -115,8 +115,7 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     about = np.flatnonzero((kind * kind[0] > 0.0) & (probabilities > RARE * probabilities[0]))
     fit, share = fit.take(about), probabilities[about] / probabilities[about].sum()
     motions, log_weight = _motions(fit, share, rng)
-    if model.prior is not None:
-        log_weight += np.logaddexp.reduce(model.prior.log_factors(motions, model.log_volume), axis=0)
+    log_weight += np.logaddexp.reduce(model.log_factors(motions), axis=0)
     # 1 / the factor of the variances, whose prior is a gamma distribution, as is what one labelling tells
     freedom, squares = NOISE_FREEDOM + float(share @ fit.dof), NOISE_FREEDOM + float(share @ fit.chi2)
     exact, log_exact = _gamma(PART * 0.5 * freedom, PART * 0.5 * squares, rng)

@@ -25,6 +25,7 @@ of it. Translations and rotations of a plane are exact.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -38,10 +39,19 @@ from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_sets
+from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
 
 PRESENT = 0.5
 """Prior probability that the object is among the targets. A round value."""
+
+
+INSIDE = 0.5
+"""Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
+its middle alone. A round value."""
+
+
+_HALF = np.polynomial.legendre.leggauss(16)
+_NODES = 0.5 * _HALF[0] + 0.5, 0.5 * _HALF[1]
 
 
 class Judged(NamedTuple):
@@ -117,10 +127,13 @@ class PointSetModel:
     def judged(self, assignments: Integers) -> Judged:
         """Each assignment (K, n) with its motion and log-odds."""
         fit = self.fit(assignments)
-        known, held = self._known(fit)
+        factors = self.log_factors(fit)
+        predicted, total = len(factors) - 1, np.asarray(np.logaddexp.reduce(factors, axis=0))
+        held = np.where((first := factors.argmax(axis=0)) < predicted, first, -1)
+        known = np.zeros(len(total)) if self.prior is None else total
         matched = (assignments >= 0).sum(axis=1)
         odds = self.log_density(fit) - self.log_volume + self._log_counts[matched] - self._log_clutter(fit)
-        return Judged(fit, np.asarray(odds + self._log_weights(assignments) + known), known, held)
+        return Judged(fit, np.asarray(odds + self._log_weights(assignments) + total), known, held)
 
     def judged_one(self, assignment: Integers) -> Judged:
         """The same of one assignment (n,), for which several stages ask."""
@@ -164,14 +177,43 @@ class PointSetModel:
         """Logarithm (K,) of the odds of as many clutter points as targets (K, n') that are taken leave."""
         return np.asarray(log_odds_of_counts((taken.shape[1],), taken.shape[1])[0, taken.sum(axis=1)])
 
-    def _known(self, fit: PointSetFit) -> tuple[Floats, Integers]:
-        """See `Judged`: what is known of the motions, and the predictions that hold."""
+    def log_factors(self, fit: PointSetFit) -> Floats:
+        """Logarithm (predictions + 1, K) of what each prediction of a motion makes of its density, and at last nothing.
+
+        Where nothing is known of it, the whole object is where targets are, or its middle alone is.
+        """
+        placed = np.logaddexp(math.log(INSIDE) + self._log_inside(fit), math.log1p(-INSIDE))
         if self.prior is None:
-            return np.zeros(len(fit.scale)), np.full(len(fit.scale), -1)
+            return placed[None]
         factors = self.prior.log_factors(fit, self.log_volume)
-        first = factors.argmax(axis=0)
-        held = np.where(first < len(self.prior.predictions), first, -1)
-        return np.asarray(np.logaddexp.reduce(factors, axis=0)), held
+        factors[-1] += placed
+        return factors
+
+    def _log_inside(self, fit: PointSetFit) -> Floats:
+        """Logarithm (K,) of how much more probable motions are if the object is wholly within the box of clutter.
+
+        That of targets alone has edges r along its axes, with all points of the object r', and these span l. With c
+        points that may be anywhere in a box of unknown size and place, whose edge L has the density L⁻²,
+
+            (c + 1) (c + 2) r^(c + 1) ∫ (L − r') L^(−c − 2) / (L − l) dL,  L > r',
+
+        is how much more there is of L^(−c) / (L − l) for boxes about all points than of L^(−c − 1) for those of targets.
+        If its scale is unknown, it has any size up to that of the box: a flat density of s, not of its logarithm.
+        """
+        _, clutter, middle, axes = self._space
+        along = (fit.places[0] - middle) @ axes
+        own = np.sqrt(2.0 * np.pi * float(self.clouds.target_variance.max()))
+        low, high = clutter.target.min(axis=0), clutter.target.max(axis=0)
+        low, high = np.minimum(low, 0.5 * (low + high) - own), np.maximum(high, 0.5 * (low + high) + own)
+        first, last = along.min(axis=1), along.max(axis=1)
+        both = np.maximum(last, high) - np.minimum(first, low)
+        left = clutter.alone * (len(clutter.target) - (fit.assignments >= 0).sum(axis=1))[:, None]
+        share = (last - first) / both
+        nodes, weights = _NODES
+        above = 1.0 - nodes ** (1.0 / (left[..., None] + 1.0))  # 1 − r' / L, by (r' / L)^(c + 1)
+        slack = (left + 2.0) * (above / (1.0 - share[..., None] * (1.0 - above)) @ weights)
+        size = np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0
+        return np.asarray(((left + 1.0) * np.log((high - low) / both) + np.log(slack)).sum(axis=1) + size)
 
     def log_density(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the density of the matched targets, motion and σ integrated out."""

@@ -23,6 +23,8 @@ TURN = 2.0 * math.pi
 """Range of a rotation that nothing determines: of one point all three, of two points that about their line."""
 DECADES = 4.0
 """Width of the prior of an unknown scale, which is flat in its logarithm: from a hundredth to a hundredfold."""
+RANGE_OF_LOG = DECADES * math.log(10.0)
+"""The same of the natural logarithm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,8 +226,7 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
     evidence = norm + 0.5 * size * np.log(TURN / total) + turned - 0.5 * chi2
     if clouds.scaled:
         freedom = freedom - 1
-        range_of_log = DECADES * math.log(10.0)
-        evidence += 0.5 * np.log(TURN / (scale**2 * spread + TURN / range_of_log**2)) - math.log(range_of_log)
+        evidence += 0.5 * np.log(TURN / (scale**2 * spread + TURN / RANGE_OF_LOG**2)) - math.log(RANGE_OF_LOG)
     own = 1.0 / (curvature + 1.0 / TURN)
     fit = PointSetFit(
         chi2=chi2, dof=np.maximum(freedom, 0).astype(np.int64), evidence=evidence, clouds=clouds,
@@ -264,8 +265,7 @@ def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     if scaled:
         column = rest[:, :size, size]
         of_scale = rest[:, size, size] - (column * np.linalg.solve(of_shift, column[..., None])[..., 0]).sum(axis=1)
-        range_of_log = DECADES * math.log(10.0)
-        evidence += 0.5 * np.log(TURN / (of_scale + TURN / range_of_log**2)) - math.log(range_of_log)
+        evidence += 0.5 * np.log(TURN / (of_scale + TURN / RANGE_OF_LOG**2)) - math.log(RANGE_OF_LOG)
     own = 1.0 / (curvature + 1.0 / TURN)
     vague = np.zeros(len(rest[0]) + angles)
     vague[:angles] = 1.0 / TURN
