@@ -14,7 +14,7 @@ from rootmatch.errors import InputError
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
-from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
+from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import lead_by_odds
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.near_symmetries import symmetries_of
@@ -236,7 +236,7 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
     different = ((others >= 0) & (others != assignment)).any(axis=1)
     fault = Misfit.of(float(judged.fit.chi2[0]), int(judged.fit.dof[0]))
-    return replace(
+    told = replace(
         base,
         labellings=every,
         assignment=assignment,
@@ -259,6 +259,11 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         prior_holds=prior_holds,
         pose=_with_prior(task, model, judged),
     )
+    if task.noise_is_estimated:
+        return told
+    doubted = doubted_by_fit(told, fault)
+    # something is there that does not fit, which the advice says
+    return doubted.with_facts(present=present) if does_not_fit(fault) else doubted
 
 
 def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pose | None:

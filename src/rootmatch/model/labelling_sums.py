@@ -130,12 +130,13 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
         log_weight -= (a - 1.0) * np.log(rate) + (b - 1.0) * np.log1p(-rate)
     log_weight += n * np.log1p(-rate)
     rows, columns = np.nonzero(_likely(model, fit))
-    near, _ = model.about_points(motions, np.ones((SAMPLES, n), np.bool_))
+    near = model.about_points(motions, np.ones((SAMPLES, n), np.bool_))
+    of_hidden = model.log_more_clutter(matched) - model.log_more_clutter(min(matched + 1.0, n, n_target))
     log_clutter = model.clutter.log_alone
     more = near * np.exp(model.clutter.log_density - log_clutter)
     log_weight += np.log1p(more).sum(axis=1)
     log_odds = _log_odds(model, motions, exact, (rows, columns)) - (log_clutter + np.log1p(more))[:, columns]
-    log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density))[:, None]
+    log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density) + of_hidden)[:, None]
     sums = matchings_in_parts(log_odds, rows, columns, LEAST)
     log_weight += sums.log_total
     known = np.flatnonzero(np.isfinite(log_weight))

@@ -10,7 +10,8 @@ the odds
 
 - δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points.
 - λ is integrated under Jeffreys' prior λ^(−½): the second factor, about 1/n'^m.
-- f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one.
+- f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one; and
+  about points of the object that are hidden, as their reflections do, with the same shares and widths.
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
   labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
@@ -151,27 +152,30 @@ class PointSetModel:
 
         That may crowd about points of which nothing was detected.
         """
-        hidden = fit.assignments < 0
         taken = uses_of(fit.assignments, len(self.clouds.target))
-        more, expected = self.about_points(fit, hidden)
-        left = len(self.clouds.target) - taken.sum(axis=1)
-        return np.asarray(self.clutter.log_taken(taken, more) + (left + 0.5) * np.log1p(expected))
+        log = self.clutter.log_taken(taken, self.about_points(fit, fit.assignments < 0))
+        return np.asarray(log + self.log_more_clutter(taken.sum(axis=1)))
 
-    def about_points(self, fit: PointSetFit, which: Bools) -> tuple[Floats, Floats]:
-        """Density (K, n') of clutter about the places of points (K, n), in parts of that about targets.
-
-        And how much more clutter (K,) there is for each point of the rest. A point has as few
-        reflections as are seen of itself: detected as a part of all is.
-        """
+    def log_more_clutter(self, matched: Floats | Integers | float) -> Floats:
+        """Logarithm by which the targets left are too few for crowds about hidden points, by the number of matches."""
         n, n_target = len(self.clouds.source), len(self.clouds.target)
-        rate = self.detection_rate
-        chance = ((fit.assignments >= 0).sum(axis=1) + 1.0) / (n + 2.0) if rate is None else np.full(len(which), rate)
-        chance = chance[:, None] * which
-        expected = (1.0 - self.clutter.alone) * chance.sum(axis=1) / max(n_target, 1)
+        about = (1.0 - self.clutter.alone) * self._seen(matched) * (n - matched) / max(n_target, 1)
+        return np.asarray((n_target - matched + 0.5) * np.log1p(about))
+
+    def _seen(self, matched: Floats | Integers | float) -> Floats:
+        """Rate at which a hidden point's reflections are detected: as often as points are."""
+        seen = (matched + 1.0) / (len(self.clouds.source) + 2.0)
+        return np.asarray(seen if self.detection_rate is None else self.detection_rate)
+
+    def about_points(self, fit: PointSetFit, which: Bools) -> Floats:
+        """Density (K, n') of clutter about the places of some points (K, n), in parts of that about targets."""
+        if not which.any():
+            return np.zeros((len(which), len(self.clouds.target)))
         places, own = fit.places
         variance = own + (fit.scale**2)[:, None] * self.clouds.source_variance
+        matched = (fit.assignments >= 0).sum(axis=1, keepdims=True)
         middle, axes = self._space[2:]
-        return self.clutter.about_places((places - middle) @ axes, variance, chance), expected
+        return self.clutter.about_places((places - middle) @ axes, variance, self._seen(matched) * which)
 
     def log_left(self, taken: Bools) -> Floats:
         """Logarithm (K,) of the odds of as many clutter points as targets (K, n') that are taken leave."""
@@ -237,7 +241,7 @@ class PointSetModel:
         others = np.maximum(chi2 - squared[places], 0.0)
         gained = student(chi2 + squared, freedom + size, NOISE_FREEDOM) - now
         gained[places] = now - student(others, max(freedom - size, 0.0), NOISE_FREEDOM)
-        (near,), _ = self.about_points(one, np.ones((1, n), np.bool_))
+        (near,) = self.about_points(one, np.ones((1, n), np.bool_))
         gains += gained - self.clutter.log_each(uses_of(one.assignments, n_target)[0], near)
         gains += np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
         if self.weights is not None:
