@@ -15,13 +15,15 @@ the odds
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
   labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
-  number of labellings.
+  number of labellings. Half of it puts the middle of the object anywhere into V, and half the whole object, whose
+  translation is then the better known the more of V it fills (`PointSetModel.log_factors`).
 - Where something is known of the motion, its prior takes the place of that volume (`rootmatch.model.motion_prior`).
 - σ is that given times a factor, whose square has an inverse gamma prior of `NOISE_FREEDOM` degrees of freedom about 1:
   exp(−χ²/2) becomes a power of 1 + χ²/ν, as of Student's t.
 
 Two parts are approximated: rotations in space, by Laplace's method with exact curvature, and the factor of σ, outside
-of it. Translations and rotations of a plane are exact.
+of it. Translations and rotations of a plane are exact. Where axes differ in noise, σ² are the covariances of each pair,
+and all of the motion is integrated by Laplace's method.
 """
 
 from __future__ import annotations
@@ -51,8 +53,8 @@ INSIDE = 0.5
 its middle alone. A round value."""
 
 
-_HALF = np.polynomial.legendre.leggauss(16)
-_NODES = 0.5 * _HALF[0] + 0.5, 0.5 * _HALF[1]
+NODES = 16
+"""Of the integral over a box, which is then off by less than .003 in its logarithm."""
 
 
 class Judged(NamedTuple):
@@ -196,13 +198,13 @@ class PointSetModel:
     def _log_inside(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of how much more probable motions are if the object is wholly within the box of clutter.
 
-        That of targets alone has edges r along its axes, with all points of the object r', and these span l. With c
-        points that may be anywhere in a box of unknown size and place, whose edge L has the density L⁻²,
+        The box has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all points of the
+        object r', and these alone l. With c points that may be anywhere in the box, its translation has the density
+        1 / (L − l) in the place of 1 / L, and each edge the factor
 
-            (c + 1) (c + 2) r^(c + 1) ∫ (L − r') L^(−c − 2) / (L − l) dL,  L > r',
+            (c + 1) (c + 2) r^(c + 1) ∫ (L − r') L^(−c − 2) / (L − l) dL,  L > r'.
 
-        is how much more there is of L^(−c) / (L − l) for boxes about all points than of L^(−c − 1) for those of targets.
-        If its scale is unknown, it has any size up to that of the box: a flat density of s, not of its logarithm.
+        If its scale is unknown, the object has any size up to that of the box: s is flat, and not its logarithm.
         """
         _, clutter, middle, axes = self._space
         along = (fit.places[0] - middle) @ axes
@@ -213,9 +215,9 @@ class PointSetModel:
         both = np.maximum(last, high) - np.minimum(first, low)
         left = clutter.alone * (len(clutter.target) - (fit.assignments >= 0).sum(axis=1))[:, None]
         share = (last - first) / both
-        nodes, weights = _NODES
-        above = 1.0 - nodes ** (1.0 / (left[..., None] + 1.0))  # 1 − r' / L, by (r' / L)^(c + 1)
-        slack = (left + 2.0) * (above / (1.0 - share[..., None] * (1.0 - above)) @ weights)
+        nodes, weights = np.polynomial.legendre.leggauss(NODES)
+        above = 1.0 - (0.5 + 0.5 * nodes) ** (1.0 / (left[..., None] + 1.0))  # 1 − r' / L, by (r' / L)^(c + 1)
+        slack = 0.5 * (left + 2.0) * (above / (1.0 - share[..., None] * (1.0 - above)) @ weights)
         size = np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0
         return np.asarray(((left + 1.0) * np.log((high - low) / both) + np.log(slack)).sum(axis=1) + size)
 

@@ -1,4 +1,4 @@
-"""Motions of one point set onto another with the noise of both, as fits take them, and with noise that axes differ in."""
+"""Motions of one point set onto another with the noise of both, also where its axes differ, as fits take them."""
 
 from __future__ import annotations
 

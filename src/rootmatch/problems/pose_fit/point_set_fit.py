@@ -62,7 +62,7 @@ class PointSetFit:
 
     @cached_property
     def covariance(self) -> Floats:
-        """Covariance (K, p, p) of a turn, of a shift of the centre's image and, if unknown, of the scale's logarithm."""
+        """Covariance (K, p, p) of a turn, a shift of the centre's image and, if unknown, the logarithm of the scale."""
         if self.full.shape[1]:
             return self.full
         size = self.shift.shape[1]
@@ -156,7 +156,7 @@ class PointSetFit:
 
     @property
     def _linear(self) -> Floats:
-        """scale · R (K, k, k)."""
+        """The matrices (K, k, k) scale · R."""
         return np.asarray(self.scale[:, None, None] * self.rotation)
 
     def take(self, which: NDArray[np.integer]) -> PointSetFit:
@@ -240,9 +240,9 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
     if not mirror:
         return found
     flipped = replace(fit, rotation=(u * np.where(np.arange(size) == size - 1, -signs, signs)[:, None]) @ vt)
-    image = _full(flipped, centre2)
-    every, better = found.joined(image), (image.evidence > found.evidence) * count + np.arange(count)
-    return replace(every.take(better), evidence=np.logaddexp(found.evidence, image.evidence) - math.log(2.0))
+    other_kind = _full(flipped, centre2)
+    every, better = found.joined(other_kind), (other_kind.evidence > found.evidence) * count + np.arange(count)
+    return replace(every.take(better), evidence=np.logaddexp(found.evidence, other_kind.evidence) - math.log(2.0))
 
 
 def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
@@ -273,7 +273,7 @@ def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
         fit, chi2=found.chi2, evidence=evidence, rotation=found.rotation, scale=found.scale,
         shift=found.shift - found.scale[:, None] * _applied(found.rotation, fit.centre),
         spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=frame if size == 3 else fit.frame,
-        full=np.linalg.inv(information + np.diag(vague)),
+        full=np.asarray(np.linalg.inv(information + np.diag(vague)), np.float64),
     )  # fmt: skip
 
 

@@ -51,8 +51,7 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
     if points.has_covariances:
         known = points.source_covariance, points.target_covariance
         of_source, of_target = (
-            None if own is None else own[some]
-            for own, some in zip(known, (members, assignment[members]), strict=True)
+            None if own is None else own[some] for own, some in zip(known, (members, assignment[members]), strict=True)
         )
         clouds = clouds._replace(source_covariance=of_source, target_covariance=of_target)
         model, state = reweighted(model, state, clouds, np.arange(len(members))[None])
