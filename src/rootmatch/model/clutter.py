@@ -26,7 +26,7 @@ PSEUDO = 1.0
 """Pseudo-count of the uniform share of the mixture; all crowds together have as many in an image."""
 PSEUDO_IN_SPACE = 0.1
 """The same of all crowds together between point sets: most have none, or crowds of one width. With 1, that one in 200
-markers has a ghost, a marker 5 σ away was none in 9 of 300 sets of fiducials; of .25 to .03 any does. A round value."""
+markers has a ghost, a marker 5 σ away was none in 10 of 300 sets of fiducials; .25 to .03 all do. A round value."""
 MOST = 256
 """Largest number of detections about which others may crowd, drawn at random if there are more. A round value; it
 bounds time and memory."""
@@ -129,7 +129,12 @@ class Clutter:
         density = np.empty((len(places), len(self.target)))
         given = (np.ascontiguousarray(one, np.float64) for one in (places, variance, chance))
         densities_about_places(self.target, self.sigma, *given, self.widths, self.shares, density)
-        return np.asarray(density * np.exp(-self.log_density) / max(len(self.centres) - 1, 1))
+        return density * self._part
+
+    @cached_property
+    def _part(self) -> Floats:
+        """What one member of a crowd is (n',) in parts of each detection's density."""
+        return np.asarray(np.exp(-self.log_density) / max(len(self.centres) - 1, 1))
 
     def log_taken(self, taken: Bools, more: Floats) -> Floats:
         """Logarithm (K,) of the density of detections (K, n') that are taken, as clutter, given all that is left.

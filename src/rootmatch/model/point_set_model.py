@@ -155,8 +155,7 @@ class PointSetModel:
         That may crowd about points of which nothing was detected.
         """
         taken = uses_of(fit.assignments, len(self.clouds.target))
-        log = self.clutter.log_taken(taken, self.about_points(fit, fit.assignments < 0))
-        return np.asarray(log + self.log_more_clutter(taken.sum(axis=1)))
+        return self.clutter.log_taken(taken, self.about_points(fit, fit.assignments < 0))
 
     def log_more_clutter(self, matched: Floats | Integers | float) -> Floats:
         """Logarithm by which the targets left are too few for crowds about hidden points, by the number of matches."""
@@ -256,8 +255,10 @@ class PointSetModel:
 
     @cached_property
     def _log_counts(self) -> Floats:
-        """Logarithm, by the number of matches, of the first two factors of the odds."""
-        return _log_counts(len(self.clouds.source), len(self.clouds.target), self.detection_rate)
+        """Logarithm, by the number of matches, of two factors of the odds, with clutter about hidden points."""
+        n, n_target = len(self.clouds.source), len(self.clouds.target)
+        counts = _log_counts(n, n_target, self.detection_rate)
+        return np.asarray(counts - self.log_more_clutter(np.arange(len(counts))))
 
     def _log_weights(self, assignments: Integers) -> Floats:
         """Sum (K,) of the logarithms of the prior weights of an assignment's matches."""
