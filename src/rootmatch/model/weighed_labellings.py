@@ -120,7 +120,7 @@ def weighed(
             break
         found = found.joined(model.judged(np.array(new)))
     found = _best(found, of_several)
-    model.keep(found.take(np.arange(1)))
+    model.keep(found.take(slice(1)))
     assignments, known = found.fit.assignments, found.known  # which tells symmetric motions from each other
     odds = found.log_odds - known
     most = float(odds.max())

@@ -119,7 +119,7 @@ class PointSetFit:
         The prediction is that of the other points of assignment k: a point's own match is left out. The motion's own
         uncertainty enters as its mean over directions, but for noise that axes differ in.
         """
-        one = self if len(self.scale) == 1 else self.take(np.array([k]))
+        one = self if len(self.scale) == 1 else self.take(slice(k, k + 1))
         if one.full.shape[1]:
             return one._full_predictions()
         squared, variance = (part[0] for part in one.squares())
@@ -159,9 +159,12 @@ class PointSetFit:
         """The matrices (K, k, k) scale · R."""
         return np.asarray(self.scale[:, None, None] * self.rotation)
 
-    def take(self, which: NDArray[np.integer]) -> PointSetFit:
-        """A subset of the fits."""
-        return replace(self, **{name: getattr(self, name)[which] for name in COLUMNS})
+    def take(self, which: NDArray[np.integer] | slice) -> PointSetFit:
+        """A subset of the fits; a slice costs least."""
+        columns = [getattr(self, name) for name in COLUMNS]
+        # `take` is three times as fast as an index for few
+        some = [one[which] if isinstance(which, slice) else one.take(which, axis=0) for one in columns]
+        return replace(self, **dict(zip(COLUMNS, some, strict=True)))
 
     def joined(self, other: PointSetFit) -> PointSetFit:
         """These fits, followed by others of the same points."""
@@ -190,8 +193,8 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
         Whether the motion may be a reflection: then both kinds are as probable before anything is seen.
     """
     matched = assignments >= 0
-    image = clouds.target[np.where(matched, assignments, 0)]
-    variance2 = clouds.target_variance[np.where(matched, assignments, 0)]
+    own = np.where(matched, assignments, 0)
+    image, variance2 = clouds.target.take(own, axis=0), clouds.target_variance.take(own)
     count, size = len(assignments), clouds.source.shape[1]
     scale = np.ones(count)
     for _ in range(ROUNDS if clouds.scaled else 1):
@@ -205,9 +208,9 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
         signs = np.ones((count, size))
         if not mirror:
             signs[:, -1] = turn
-        spread = (weight * (first**2).sum(axis=2)).sum(axis=1)
         before = scale
         if clouds.scaled:
+            spread = (weight * (first**2).sum(axis=2)).sum(axis=1)
             scale = np.maximum((values * signs).sum(axis=1), 1e-300) / np.maximum(spread, 1e-300)
             if np.all(np.abs(scale - before) <= SETTLED * scale):
                 break
@@ -222,17 +225,17 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
         turned = np.logaddexp(turned, _log_turned(_curvature(scale[:, None] * values * other)) - worse) - math.log(2.0)
     n_matched = matched.sum(axis=1)
     freedom = size * (n_matched - 1) - (3 if size == 3 else 1)
-    norm = 0.5 * size * np.where(matched, np.log(np.where(matched, weight, 1.0) / TURN), 0.0).sum(axis=1)
+    norm = 0.5 * size * np.log(np.where(matched, weight / TURN, 1.0)).sum(axis=1)
     evidence = norm + 0.5 * size * np.log(TURN / total) + turned - 0.5 * chi2
     if clouds.scaled:
         freedom = freedom - 1
         evidence += 0.5 * np.log(TURN / (scale**2 * spread + TURN / RANGE_OF_LOG**2)) - math.log(RANGE_OF_LOG)
-    own = 1.0 / (curvature + 1.0 / TURN)
+    turns = 1.0 / (curvature + 1.0 / TURN)
     fit = PointSetFit(
         chi2=chi2, dof=np.maximum(freedom, 0).astype(np.int64), evidence=evidence, clouds=clouds,
         assignments=assignments, rotation=rotation, shift=centre2 - scale[:, None] * _applied(rotation, centre),
         scale=scale, centre=centre,
-        spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=u, total=total, full=np.empty((count, 0, 0)),
+        spread=turns if size == 3 else np.repeat(turns, 2, axis=1), frame=u, total=total, full=np.empty((count, 0, 0)),
     )  # fmt: skip
     if not clouds.has_covariances:
         return fit
