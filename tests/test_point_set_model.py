@@ -130,7 +130,8 @@ def test_what_is_counted_is_what_is_integrated() -> None:
     for m in (3, 5):
         assignment = np.where(np.arange(n) < m, np.arange(n), -1)[None]
         judged = model.judged(assignment)
-        counted = float((judged.log_odds - model.log_density(judged.fit))[0]) + model.log_volume
+        counted = float((judged.log_odds - model.log_density(judged.fit) - model.log_factors(judged.fit)[0])[0])
+        counted += model.log_volume
         hidden = judged.fit.assignments < 0
         rate = quad(lambda d, m=m: d**m * (1.0 - d) ** (n - m), 0.0, 1.0)[0]
         clutter = [quad(lambda x, c=c: x ** (c - 0.5) * np.exp(-x), 0.0, np.inf)[0] for c in (n_target - m, n_target)]

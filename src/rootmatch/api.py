@@ -125,11 +125,11 @@ def match(
         sets (`ThreePlusOne`, `PlanarMotion`, `Similarity`, `Rigid`), one number holds for both, n' numbers are those of
         the target with their root mean square for the source, and a pair ``(source, target)`` gives each, as a number
         or one for each point: ``(0.0, 0.3)`` for an exact plan. For `Similarity` and `Rigid`, each may also be a σ for
-        each axis, (m, k) for m points, or covariances (m, k, k); matches are then weighed with the mean over the axes,
-        and poses are fitted with all of it. For P3P and UP2P, also with rigs, it may be the covariance of each
-        detection, (n', 2, 2) in px², as of blobs that motion blurs along a direction; searches gate with the mean over
-        the axes, the model of the image has all of it. ``"auto"`` estimates it from the match, in a few rounds; beside
-        ``source_noise``, as that of the detections alone. Zero is refused for a target.
+        each axis, (m, k) for m points, or covariances (m, k, k); the search then gates with the mean over the axes,
+        and matches are weighed and poses fitted with all of it. For P3P and UP2P, also with rigs, it may be the
+        covariance of each detection, (n', 2, 2) in px², as of blobs that motion blurs along a direction; searches gate
+        with the mean over the axes, the model of the image has all of it. ``"auto"`` estimates it from the
+        match, in a few rounds; beside ``source_noise``, as that of the detections alone. Zero is refused for a target.
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.
     view_angle : float or (n,) array, optional

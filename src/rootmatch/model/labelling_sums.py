@@ -23,7 +23,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.matchings import matchings_in_parts
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import NOISE_FREEDOM
-from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, scale_variance
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
 SAMPLES = 128
 """Number of samples. A round value."""
@@ -115,8 +115,7 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     about = np.flatnonzero((kind * kind[0] > 0.0) & (probabilities > RARE * probabilities[0]))
     fit, share = fit.take(about), probabilities[about] / probabilities[about].sum()
     motions, log_weight = _motions(fit, share, rng)
-    if model.prior is not None:
-        log_weight += np.logaddexp.reduce(model.prior.log_factors(motions, model.log_volume), axis=0)
+    log_weight += np.logaddexp.reduce(model.log_factors(motions), axis=0)
     # 1 / the factor of the variances, whose prior is a gamma distribution, as is what one labelling tells
     freedom, squares = NOISE_FREEDOM + float(share @ fit.dof), NOISE_FREEDOM + float(share @ fit.chi2)
     exact, log_exact = _gamma(PART * 0.5 * freedom, PART * 0.5 * squares, rng)
@@ -169,10 +168,16 @@ def _log_odds(model: PointSetModel, motions: PointSetFit, exact: Floats, pairs: 
     rows, columns = pairs
     clouds, size = model.clouds, model.clouds.source.shape[1]
     moved = motions.scale[:, None, None] * clouds.source @ motions.rotation.swapaxes(1, 2) + motions.shift[:, None]
-    squared = ((moved[:, rows] - clouds.target[columns]) ** 2).sum(axis=2)
-    variance = (motions.scale**2)[:, None] * clouds.source_variance[rows] + clouds.target_variance[columns]
-    variance = variance / exact[:, None]
-    odds = -0.5 * (squared / variance + size * np.log(2.0 * np.pi * variance))
+    off = moved[:, rows] - clouds.target[columns]
+    if clouds.has_covariances:
+        first, second = clouds.covariances(motions.scale[:, None, None] * motions.rotation)
+        white = np.linalg.inv(np.linalg.cholesky(first[:, rows] + second[columns]))
+        squared = ((white @ off[..., None]) ** 2).sum(axis=(2, 3))
+        log_volume = -2.0 * np.log(np.diagonal(white, axis1=2, axis2=3)).sum(axis=2)
+    else:
+        variance = (motions.scale**2)[:, None] * clouds.source_variance[rows] + clouds.target_variance[columns]
+        squared, log_volume = (off**2).sum(axis=2) / variance, size * np.log(variance)
+    odds = -0.5 * (squared * exact[:, None] + log_volume + size * np.log(2.0 * np.pi / exact)[:, None])
     if model.weights is not None:
         odds += np.log(model.weights[rows, columns])
     return np.asarray(odds)
@@ -182,34 +187,34 @@ def _motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -> tuple
     """Motions (S,) about those of labellings, without any uncertainty of their own, and −log of their density."""
     which = rng.choice(len(share), SAMPLES, p=share)
     size = fit.shift.shape[1]
-    near, axes = fit.take(which), 3 if size == 3 else 1
-    turn = WIDER * np.sqrt(near.spread[:, :axes]) * rng.normal(size=(SAMPLES, axes))
+    near, angles = fit.take(which), 3 if size == 3 else 1
+    root = WIDER * np.linalg.cholesky(fit.covariance)
+    step = (root[which] @ rng.normal(size=(SAMPLES, root.shape[1], 1)))[..., 0]
+    turn, off = step[:, :angles], step[:, angles : angles + size]
     if size == 3:
-        turned = rotation_from_vector((near.frame @ turn[:, :, None])[:, :, 0])
+        turned = rotation_from_vector(turn)
     else:
         c, s = np.cos(turn[:, 0]), np.sin(turn[:, 0])
         turned = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
-    of_scale = WIDER * np.sqrt(scale_variance(fit)) if fit.clouds.scaled else np.zeros(len(share))
-    scale = near.scale * np.exp(of_scale[which] * rng.normal(size=SAMPLES))
-    off = WIDER / np.sqrt(near.total)[:, None] * rng.normal(size=(SAMPLES, size))
+    scale = near.scale * np.exp(step[:, -1]) if fit.clouds.scaled else near.scale
     rotation = turned @ near.rotation
     shift = _images(near, near.centre) + off - scale[:, None] * (rotation @ near.centre[:, :, None])[:, :, 0]
     motions = replace(
-        near, rotation=rotation, shift=shift, scale=scale,
+        near, rotation=rotation, shift=shift, scale=scale, full=np.zeros_like(near.full),
         spread=np.zeros_like(near.spread), total=np.full(SAMPLES, np.inf),
     )  # fmt: skip
     turns = rotation @ fit.rotation[:, None].swapaxes(2, 3)
     if size == 3:
-        angles = rotation_vector(turns.reshape(-1, 3, 3)).reshape(len(share), SAMPLES, 3) @ fit.frame
+        steps = [rotation_vector(turns.reshape(-1, 3, 3)).reshape(len(share), SAMPLES, 3)]
     else:
-        angles = np.arctan2(turns[:, :, 1, :1], turns[:, :, 0, :1])
+        steps = [np.arctan2(turns[:, :, 1, :1], turns[:, :, 0, :1])]
     moved = scale[:, None] * (fit.centre @ rotation.swapaxes(1, 2)).swapaxes(0, 1) + shift
-    shifts = moved - _images(fit, fit.centre)[:, None]
-    variance = WIDER**2 * fit.spread[:, None, :axes]
-    squared = (angles**2 / variance).sum(axis=2) + fit.total[:, None] / WIDER**2 * (shifts**2).sum(axis=2)
-    log_density = -0.5 * (squared + np.log(variance).sum(axis=2) - size * np.log(fit.total)[:, None])
+    steps.append(moved - _images(fit, fit.centre)[:, None])
     if fit.clouds.scaled:
-        log_density -= 0.5 * (np.log(scale / fit.scale[:, None]) / of_scale[:, None]) ** 2 + np.log(of_scale)[:, None]
+        steps.append(np.log(scale / fit.scale[:, None])[..., None])
+    white = np.linalg.inv(root)
+    squared = ((np.concatenate(steps, axis=2) @ white.swapaxes(1, 2)) ** 2).sum(axis=2)
+    log_density = np.log(np.diagonal(white, axis1=1, axis2=2)).sum(axis=1)[:, None] - 0.5 * squared
     return motions, -np.logaddexp.reduce(log_density + np.log(np.maximum(share, 1e-300))[:, None], axis=0)
 
 

@@ -27,7 +27,7 @@ import numpy as np
 from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit, fitted_point_sets, scale_variance
+from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit, fitted_point_sets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
 
@@ -137,13 +137,11 @@ def motion_covariances(fit: PointSetFit) -> Floats:
     """
     count, size = len(fit.scale), 7 if fit.clouds.scaled else 6
     turned = (fit.rotation @ fit.centre[:, :, None])[:, :, 0]
-    whole = np.zeros((count, size, size))
-    whole[:, :3, :3] = (fit.frame * fit.spread[:, None]) @ fit.frame.swapaxes(1, 2)
-    whole[:, 3:6, 3:6] = np.eye(3) / fit.total[:, None, None]
+    whole = fit.covariance
     change = np.tile(np.eye(size), (count, 1, 1))  # from the centre of the matches to the origin
     change[:, 3:6, :3] = cross_matrix(fit.scale[:, None] * turned)
     if fit.clouds.scaled:
-        whole[:, 6, 6], change[:, 3:6, 6] = fit.scale**2 * scale_variance(fit), -turned
+        change[:, 6, 6], change[:, 3:6, 6] = fit.scale, -fit.scale[:, None] * turned
     return np.asarray(change @ whole @ change.swapaxes(1, 2))
 
 
@@ -190,8 +188,13 @@ def common_covariance(clouds: PointClouds, pose: Pose) -> Floats | float:
     if pose.scale**2 * most <= EXACT * float(clouds.target_variance.max()):
         return 0.0
     variance = np.maximum(clouds.source_variance, EXACT * most)
-    exact = clouds._replace(target=pose.transform(clouds.source), target_variance=0.0 * variance)
-    there = exact._replace(source_variance=variance)
+    exact = clouds._replace(
+        target=pose.transform(clouds.source), target_variance=0.0 * variance, target_covariance=None
+    )
+    known = clouds.source_covariance
+    there = exact._replace(
+        source_variance=variance, source_covariance=None if known is None else known + EXACT * most * np.eye(3)
+    )
     return np.asarray(motion_covariances(fitted_point_sets(there, np.arange(len(variance))[None], False))[0])
 
 
@@ -266,7 +269,7 @@ def _deviations(clouds: PointClouds, pose: Pose) -> Floats:
         [-cross_matrix(moved), np.broadcast_to(np.eye(3), (len(turned), 3, 3)), turned[:, :, None]], axis=2
     )[:, :, : len(pose.covariance)]
     spread = rows @ pose.covariance @ rows.swapaxes(1, 2)
-    both = pose.scale**2 * clouds.source_variance[:, None] + clouds.target_variance
-    whole = spread[:, None] + both[:, :, None, None] * np.eye(3)
+    first, second = clouds.covariances(pose.scale * pose.R)
+    whole = (spread + first)[:, None] + second
     off = clouds.target - (moved + pose.t)[:, None]
     return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))

@@ -15,17 +15,20 @@ the odds
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
   labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
-  number of labellings.
+  number of labellings. Half of it puts the middle of the object anywhere into V, and half the whole object, whose
+  translation is then the better known the more of V it fills (`PointSetModel.log_factors`).
 - Where something is known of the motion, its prior takes the place of that volume (`rootmatch.model.motion_prior`).
 - σ is that given times a factor, whose square has an inverse gamma prior of `NOISE_FREEDOM` degrees of freedom about 1:
   exp(−χ²/2) becomes a power of 1 + χ²/ν, as of Student's t.
 
 Two parts are approximated: rotations in space, by Laplace's method with exact curvature, and the factor of σ, outside
-of it. Translations and rotations of a plane are exact.
+of it. Translations and rotations of a plane are exact. Where axes differ in noise, σ² are the covariances of each pair,
+and all of the motion is integrated by Laplace's method.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -39,10 +42,20 @@ from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_sets
+from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
 
 PRESENT = 0.5
 """Prior probability that the object is among the targets. A round value."""
+
+
+INSIDE = 0.5
+"""Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
+its middle alone. A round value."""
+
+
+_HALF, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Nodes of the integral over a box, which is then off by less than .01 in its logarithm, and weights."""
+_LOG_NODES = np.log(0.5 + 0.5 * _HALF)
 
 
 class Judged(NamedTuple):
@@ -56,7 +69,7 @@ class Judged(NamedTuple):
     held: Integers
     """The prediction (K,) by which each is most probable; −1 if by none."""
 
-    def take(self, which: Integers) -> Judged:
+    def take(self, which: Integers | slice) -> Judged:
         """Some of them."""
         return Judged._make(one.take(which) if isinstance(one, PointSetFit) else one[which] for one in self)
 
@@ -118,10 +131,13 @@ class PointSetModel:
     def judged(self, assignments: Integers) -> Judged:
         """Each assignment (K, n) with its motion and log-odds."""
         fit = self.fit(assignments)
-        known, held = self._known(fit)
+        factors = self.log_factors(fit)
+        predicted, total = len(factors) - 1, np.asarray(np.logaddexp.reduce(factors, axis=0))
+        held = np.where((first := factors.argmax(axis=0)) < predicted, first, -1)
+        known = np.zeros(len(total)) if self.prior is None else total
         matched = (assignments >= 0).sum(axis=1)
         odds = self.log_density(fit) - self.log_volume + self._log_counts[matched] - self._log_clutter(fit)
-        return Judged(fit, np.asarray(odds + self._log_weights(assignments) + known), known, held)
+        return Judged(fit, np.asarray(odds + self._log_weights(assignments) + total), known, held)
 
     def judged_one(self, assignment: Integers) -> Judged:
         """The same of one assignment (n,), for which several stages ask."""
@@ -167,14 +183,45 @@ class PointSetModel:
         """Logarithm (K,) of the odds of as many clutter points as targets (K, n') that are taken leave."""
         return np.asarray(log_odds_of_counts((taken.shape[1],), taken.shape[1])[0, taken.sum(axis=1)])
 
-    def _known(self, fit: PointSetFit) -> tuple[Floats, Integers]:
-        """See `Judged`: what is known of the motions, and the predictions that hold."""
+    def log_factors(self, fit: PointSetFit) -> Floats:
+        """Logarithm (predictions + 1, K) of what each prediction of a motion makes of its density, and at last nothing.
+
+        Where nothing is known of it, the whole object is where targets are, or its middle alone is.
+        """
+        placed = np.logaddexp(math.log(INSIDE) + self._log_inside(fit), math.log1p(-INSIDE))
         if self.prior is None:
-            return np.zeros(len(fit.scale)), np.full(len(fit.scale), -1)
+            return placed[None]
         factors = self.prior.log_factors(fit, self.log_volume)
-        first = factors.argmax(axis=0)
-        held = np.where(first < len(self.prior.predictions), first, -1)
-        return np.asarray(np.logaddexp.reduce(factors, axis=0)), held
+        factors[-1] += placed
+        return factors
+
+    def _log_inside(self, fit: PointSetFit) -> Floats:
+        """Logarithm (K,) of how much more probable motions are if the object is wholly within the box of clutter.
+
+        The box has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all points of the
+        object r', and these alone l. With c points that may be anywhere in the box, its translation has the density
+        1 / (L − l) in the place of 1 / L, and each edge the factor
+
+            (c + 1) (c + 2) r^(c + 1) ∫ (L − r') L^(−c − 2) / (L − l) dL,  L > r'.
+
+        If its scale is unknown, the object has any size up to that of the box: s is flat, and not its logarithm.
+        """
+        middle, axes = self._space[2:]
+        low, high, left, above = self._box
+        along = ((fit.places[0] - middle) @ axes).swapaxes(0, 1).copy()  # extrema of rows take the least time
+        first, last = along.min(axis=0), along.max(axis=0)
+        both = np.maximum(last, high) - np.minimum(first, low)
+        share, matched = (last - first) / both, (fit.assignments >= 0).sum(axis=1)
+        others, beyond = left[matched, None] + 1.0, above[matched, None]
+        log = others * np.log((high - low) / both)
+        log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ _WEIGHTS))
+        return np.asarray(log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0))
+
+    @cached_property
+    def _box(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """See `_box_of`."""
+        clouds = self.clouds
+        return _box_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), *clouds.source.shape)
 
     def log_density(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the density of the matched targets, motion and σ integrated out."""
@@ -184,7 +231,7 @@ class PointSetModel:
 
     def gains(self, fit: PointSetFit, k: int) -> Floats:
         """Log-odds (n, n') of each correspondence given the rest of fitted assignment k, to first order."""
-        one = fit if len(fit.scale) == 1 else fit.take(np.array([k]))
+        one = fit if len(fit.scale) == 1 else fit.take(slice(k, k + 1))
         assignment = one.assignments[0]
         n, n_target = len(self.clouds.source), len(self.clouds.target)
         counts, own = self._log_counts, assignment >= 0
@@ -249,6 +296,19 @@ def _space_of(target: bytes, variance: bytes, size: int) -> tuple[float, Clutter
     return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(own), extents), middle, axes
 
 
+@lru_cache(maxsize=8)
+def _box_of(target: bytes, variance: bytes, count: int, size: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Corners of the box that targets span, how many may be anywhere by how many are matched, and 1 − r' / L at nodes.
+
+    Those of Gauss and Legendre in (r' / L)^(c + 1).
+    """
+    clutter, own = _space_of(target, variance, size)[1], _thickness(np.frombuffer(variance))
+    low, high = clutter.target.min(axis=0), clutter.target.max(axis=0)
+    thin = np.maximum(own - (high - low), 0.0)
+    left = clutter.alone * np.maximum(len(clutter.target) - np.arange(count + 1.0), 0.0)
+    return low - 0.5 * thin, high + 0.5 * thin, left, -np.expm1(_LOG_NODES / (left[:, None] + 1.0))
+
+
 def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
     """Logarithm of exp(−χ²/2) averaged over the factor of the variances, whose powers σ^(−f) it takes along."""
     from scipy.special import gammaln  # slow to import
@@ -270,5 +330,9 @@ def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats, Floats, Fl
     axes = np.linalg.eigh(centred.T @ centred)[1]
     along = centred @ axes
     extent = np.ptp(along, axis=0) * ((len(points) + 1) / max(len(points) - 1, 1))
-    thickness = 2.0 * np.sqrt(2.0 * np.pi * float(variance.max()))
-    return middle, axes, along, np.asarray(np.maximum(extent, thickness))
+    return middle, axes, along, np.asarray(np.maximum(extent, _thickness(variance)))
+
+
+def _thickness(variance: Floats) -> float:
+    """Of the box that points fill whose spread is that of noise."""
+    return 2.0 * math.sqrt(2.0 * math.pi * float(variance.max()))

@@ -120,7 +120,7 @@ def weighed(
             break
         found = found.joined(model.judged(np.array(new)))
     found = _best(found, of_several)
-    model.keep(found.take(np.arange(1)))
+    model.keep(found.take(slice(1)))
     assignments, known = found.fit.assignments, found.known  # which tells symmetric motions from each other
     odds = found.log_odds - known
     most = float(odds.max())
@@ -131,10 +131,12 @@ def weighed(
     in_question = np.logaddexp.reduce(mass) > max(image[1], math.log(1.0 / model.present - 1.0)) - WORTH
     if in_question and len(odds) >= KEPT and np.sort(odds)[-KEPT] > most - NEGLIGIBLE:
         sums = _summed(model, assignments, found.log_odds)
+        left = np.ones(len(assignments), np.bool_)  # what is about two motions counts for the better one
         for one in sums:
+            own = same_motion(assignments, one.about)
             if one.count >= ENOUGH:
-                own = same_motion(assignments, one.about)
-                mass[own] -= math.log(max(float(one.shares(assignments[own]).sum()), 1e-300))
+                mass[left & own] -= math.log(max(float(one.shares(assignments[own]).sum()), 1e-300))
+            left &= ~own
     return Weighed(assignments, odds, mass, *image, sums)
 
 

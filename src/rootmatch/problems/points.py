@@ -18,6 +18,8 @@ SLACK = math.radians(10.0)
 2.5 m, where three points tell a direction to that. A round value."""
 
 
+EXACT = 1e-3
+"""Least deviation of a coordinate, relative to that of the others. A round value."""
 ROWS = 64
 """Rows of a table of distances that are worked out together."""
 
@@ -120,6 +122,36 @@ class PointClouds(NamedTuple):
     """Whether the scale is unknown; 1 otherwise."""
     mirror: bool
     """Whether R may be a reflection: in a plane, where that is asked for."""
+    source_covariance: Floats | None = None
+    """(n, k, k), if axes differ in noise; the variance of a coordinate is then the mean."""
+    target_covariance: Floats | None = None
+    """(n', k, k), likewise."""
+
+    @property
+    def has_covariances(self) -> bool:
+        """Whether axes differ in noise, of either set."""
+        return self.source_covariance is not None or self.target_covariance is not None
+
+    @property
+    def with_means(self) -> PointClouds:
+        """The same with the mean noise of the axes, as searches take it."""
+        return self._replace(source_covariance=None, target_covariance=None)
+
+    def covariances(self, linear: Floats) -> tuple[Floats, Floats]:
+        """Covariances (…, n, k, k) of source points, as motions (…, k, k), scale · R, turn them, and of targets.
+
+        An exact coordinate has a millionth of the noise of the others.
+        """
+        unit = np.eye(self.source.shape[1])
+        first, second = (
+            variance[:, None, None] * unit if known is None else known
+            for known, variance in (
+                (self.source_covariance, self.source_variance),
+                (self.target_covariance, self.target_variance),
+            )
+        )
+        linear = linear[..., None, :, :]
+        return linear @ first @ linear.swapaxes(-1, -2), second + EXACT**2 * self.target_variance[:, None, None] * unit
 
 
 class TwoViews(NamedTuple):

@@ -2,83 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from rootmatch.algebra.rotation import rotation_from_vector, turn_jacobian
-from rootmatch.arrays import Floats, Integers
+from rootmatch.algebra.rotation import turn_jacobian
+from rootmatch.arrays import Integers
 from rootmatch.problems.points import PointClouds, PointSets
 from rootmatch.problems.pose_fit.descent import State, covariance_of, descended
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.motion_model import MotionModel, reweighted
 from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
 from rootmatch.problems.pose_fit.pose import Pose
 
 FLAT = 1e-6
 """Singular value, relative to the largest, below which points lie in a plane, or two on a line. A round value."""
-REWEIGHTED = 3
-"""How often covariances of axes that differ are taken anew. A round value."""
-
-
-@dataclass(frozen=True, eq=False)
-class _MotionModel:
-    """One motion; see `rootmatch.problems.pose_fit.descent.Model`. States: (R, t, log scale).
-
-    The true points are eliminated: a pair deviates by its distance over √(σ'² + scale² σ²) on each axis.
-    """
-
-    source: Floats
-    target: Floats
-    variance: Floats
-    """(m,) of the source."""
-    variance2: Floats
-    """(m,) of the target."""
-    scaled: bool
-    white: Floats | None = None
-    """(m, k, k) in the place of 1 / σ, where axes differ."""
-
-    @property
-    def dimension(self) -> int:
-        """2 or 3."""
-        return int(self.source.shape[1])
-
-    def residuals(self, state: State) -> Floats:
-        """See `Model`."""
-        off, sigma, _ = self._parts(state)
-        if self.white is not None:
-            return np.asarray((self.white @ off[..., None]).reshape(len(off), -1))
-        return (off / sigma[..., None]).reshape(len(off), -1)
-
-    def jacobian(self, state: State) -> Floats:
-        """See `Model`."""
-        off, sigma, moved = self._parts(state)
-        size = self.dimension
-        parts = [turn_jacobian(moved), np.broadcast_to(np.eye(size), (*moved.shape, size))]
-        if self.scaled:
-            # the weights depend on the scale too
-            share = np.exp(2.0 * state[2])[:, None] * self.variance / sigma**2
-            parts.append((moved - (0.0 if self.white is not None else share[..., None] * off))[..., None])
-        whole = np.concatenate(parts, axis=-1)
-        whole = whole / sigma[..., None, None] if self.white is None else self.white @ whole
-        return np.asarray(whole.reshape(len(moved), -1, whole.shape[-1]))
-
-    def moved(self, state: State, step: Floats) -> State:
-        """See `Model`."""
-        angles = 3 if self.dimension == 3 else 1
-        if angles == 3:
-            turn = rotation_from_vector(step[:, :3])
-        else:
-            c, s = np.cos(step[:, 0]), np.sin(step[:, 0])
-            turn = np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0)
-        translation = state[1] + step[:, angles : angles + self.dimension]
-        return turn @ state[0], translation, state[2] + (step[:, -1] if self.scaled else 0.0)
-
-    def _parts(self, state: State) -> tuple[Floats, Floats, Floats]:
-        """Distances (1, m, k), their σ (1, m), and the source points rotated and scaled."""
-        scale = np.exp(state[2])[:, None, None]
-        moved = scale * self.source @ state[0].swapaxes(-1, -2)
-        sigma = np.sqrt(self.variance2 + scale[..., 0] ** 2 * self.variance)
-        return moved + state[1][:, None] - self.target, sigma, moved
 
 
 def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mirror: bool = False) -> Pose:
@@ -108,14 +44,17 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
     solid = bool(values[-1] > FLAT * values[0])
     clouds = PointClouds(source, target, variance, variance2, scaled=scaled, mirror=mirror and solid)
     start = fitted_point_sets(clouds, np.arange(len(members))[None], clouds.mirror)
-    model = _MotionModel(source, target, variance, variance2, scaled)
+    model = MotionModel(source, target, variance, variance2, scaled)
     state: State = start.rotation, start.shift, np.log(start.scale)
     if scaled:
         state, _ = descended(model, state)
-    if points.source_covariance is not None or points.target_covariance is not None:
-        for _ in range(REWEIGHTED):
-            model = replace(model, white=_whitening(points, members, assignment[members], state))
-            state, _ = descended(model, state)
+    if points.has_covariances:
+        known = points.source_covariance, points.target_covariance
+        of_source, of_target = (
+            None if own is None else own[some] for own, some in zip(known, (members, assignment[members]), strict=True)
+        )
+        clouds = clouds._replace(source_covariance=of_source, target_covariance=of_target)
+        model, state = reweighted(model, state, clouds, np.arange(len(members))[None])
     (rotation,), (translation,), (log,) = state
     scale, size = float(np.exp(log)), source.shape[1]
     turned = scale * rotation @ centre
@@ -141,18 +80,3 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
         sigma=np.sqrt(variance2 + scale**2 * variance),
         scale=scale if scaled else 1.0,
     )
-
-
-def _whitening(points: PointSets, members: Integers, images: Integers, state: State) -> Floats:
-    """Inverse Cholesky factors (m, k, k) of the covariances of pairs, the source's as a motion turns it."""
-    turn = np.exp(state[2][0]) * state[0][0]
-    of_source, of_target = (
-        sigma[own, None, None] ** 2 * np.eye(len(turn)) if known is None else known[own]
-        for known, sigma, own in (
-            (points.source_covariance, points.source_noise, members),
-            (points.target_covariance, points.target_noise, images),
-        )
-    )
-    both = turn @ of_source @ turn.T + of_target
-    least = FLAT**2 * np.trace(both, axis1=1, axis2=2)[:, None, None]
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(both + least * np.eye(len(turn)))))

@@ -123,6 +123,8 @@ class Similarity(Problem):
             target_variance=points.target_noise**2,
             scaled=self.scale == 0.0,
             mirror=self.mirror and points.source.shape[1] == 2,
+            source_covariance=points.source_covariance,
+            target_covariance=points.target_covariance,
         )
 
     def poses(self, points: PointSets, assignments: Integers) -> list[Pose | None]:

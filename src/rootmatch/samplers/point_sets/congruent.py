@@ -68,6 +68,7 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | Non
     allowed : (n, n') bool array, optional
         Possible correspondences.
     """
+    clouds = clouds.with_means
     source, target = _alike(clouds, allowed)
     cut = len(source) == MOST_MOTIONS
     proper = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, mirror)]
@@ -84,6 +85,7 @@ def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | N
     found = found[(found >= 0).sum(axis=1) >= 3][:MOST_KEPT]
     if not len(found):
         return found
+    clouds = clouds.with_means
     fit = fitted_point_sets(clouds, found, mirror)
     again = _in_parts(clouds, len(found), lambda some: fit.take(some).squares(), NEAR, allowed)
     return _distinct([found, again], 3)[:MOST_KEPT]
