@@ -131,7 +131,8 @@ def full_fit(clouds: PointClouds, assignments: Integers, centre: Floats, state: 
     diagonal = np.diagonal(model.white, axis1=2, axis2=3)
     log_white = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=(1, 2))
     scale = np.exp(state[2])
-    return FullFit(state[0], state[1], scale, (residuals**2).sum(axis=1), log_white, information)
+    chi2 = (residuals**2).sum(axis=1)
+    return FullFit(state[0], state[1], scale, chi2=chi2, log_white=log_white, information=information)
 
 
 def _of_residuals(model: MotionModel, state: State, residuals: Floats) -> Floats:
