@@ -131,7 +131,7 @@ def test_match_of_similar_sets(dimension: int) -> None:
         source, target, truth = made(Similarity, dimension, seed, 0.01, n=10, outliers=4)
         found = match(source, target, Similarity(dimension), noise=0.01)
         assert found.status is Status.MATCHED
-        # in a plane a stray point may lie as near as the right one, and points are left out: what is near may be a ghost
+        # in a plane a stray point may lie as near as the right one, and points are left out: either may be a ghost
         matched = found.assignment >= 0
         assert np.array_equal(found.assignment[matched], truth[matched])
         assert matched.sum() >= (10 if dimension == 3 else 8)
