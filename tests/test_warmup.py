@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rig_scenes import VIEW, controllers, headset
+from rootmatch.precompile import ahead_of_time
 from rootmatch.precompile.ahead_of_time import load_tracker
 
 FLIGHTS = """
@@ -145,6 +146,7 @@ def test_the_command_loads_what_it_needs_before_the_first_frame(tmp_path: Path, 
 def test_what_is_loaded_before_the_first_frame_is_found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Points that face away were shown as well: no pose fitted, and each start of the command took half a minute."""
     points, normals, names = controllers()
+    monkeypatch.setattr(ahead_of_time, "LONGEST", 100.0)  # kernels may have to be compiled
     found: list[rm.Match] = []
     update = rm.Tracker.update
     monkeypatch.setattr(rm.Tracker, "update", lambda *own, **more: found.append(update(*own, **more)) or found[-1])
