@@ -13,9 +13,9 @@ import numpy as np
 
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross
-from rootmatch.arrays import Floats, Integers
-from rootmatch.model.two_view_fit import fitted
-from rootmatch.model.two_view_model import TwoViewModel
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.two_view_fit import fitted, middle_of
+from rootmatch.model.two_view_model import Relative, TwoViewModel
 
 DIRECTIONS = 64
 """Directions in which a border of an image may lie. A round value."""
@@ -34,46 +34,46 @@ def log_chance_of_losses(model: TwoViewModel, assignments: Integers) -> Floats:
     In each image the share of those that are detected in the other one is anything. Points are predicted as if they
     lay in a plane.
     """
+    from scipy.special import betaln  # slow to import
+
     fits = fitted(model, assignments)
     starts = len(fits.chi2) // len(assignments)
-    best = fits.chi2.reshape(-1, starts).argmin(axis=1) + starts * np.arange(len(assignments))
-    poses = fits.poses.take(best)
-    logs = []
-    for assignment, R, t in zip(assignments, poses.rotation, poses.translation, strict=True):
-        own, left = np.flatnonzero(assignment >= 0), np.ones(model.shape[1], np.bool_)
-        left[assignment[own]] = False
-        first, second = model.first[own], model.second[assignment[own]]
-        plane = R + t[:, None] * _inverse_distances(first, second, R, t)
-        lost = (
-            _in_view(model.first[assignment < 0] @ plane.T, model.second),
-            _in_view(model.second[left] @ np.linalg.pinv(plane).T, model.first),
-        )
-        # with a uniform share, each number of them is as probable
-        logs.append(-sum(math.log((len(own) + k + 1.0) * math.comb(len(own) + k, k)) for k in lost))
-    return np.array(logs)
+    poses = fits.poses.take(fits.chi2.reshape(-1, starts).argmin(axis=1) + starts * np.arange(len(assignments)))
+    used, taken = assignments >= 0, np.zeros((len(assignments), model.shape[1] + 1), np.bool_)
+    np.put_along_axis(taken, assignments, True, axis=1)  # the last one by points without a match
+    plane = poses.rotation + poses.translation[:, :, None] * _inverse_distances(model, poses, assignments)[:, None]
+    there = _in_view(model.first @ plane.swapaxes(1, 2), model.second) & ~used
+    back = _in_view(model.second @ np.linalg.pinv(plane).swapaxes(1, 2), model.first) & ~taken[:, :-1]
+    # with a uniform share of those detected, each number of them is as probable
+    matched = 1.0 + used.sum(axis=1)
+    return np.asarray(sum(betaln(matched, 1.0 + lost.sum(axis=1)) for lost in (there, back)))
 
 
-def _inverse_distances(first: Floats, second: Floats, R: Floats, t: Floats) -> Floats:
-    """Vector (3,) whose products with bearings are the inverse distances b / λ of a plane, as matches (m, 3) tell."""
+def _inverse_distances(model: TwoViewModel, poses: Relative, assignments: Integers) -> Floats:
+    """Vectors (K, 3) whose products with bearings are the inverse distances b / λ of planes, as matches tell them."""
+    used, second = assignments >= 0, model.second[assignments]
     # λ' p = λ R q + b t, without λ' once it is crossed with p
-    across = cross(second, t)
-    inverse = -(cross(second, first @ R.T) * across).sum(axis=1) / np.maximum((across**2).sum(axis=1), 1e-300)
-    weight = np.ones(len(first))
+    across = cross(second, poses.translation[:, None])
+    turned = cross(second, model.first @ poses.rotation.swapaxes(1, 2))
+    inverse = -(turned * across).sum(axis=2) / np.maximum((across**2).sum(axis=2), 1e-300)
+    weight, products = used.astype(np.float64), model.first[:, :, None] * model.first[:, None]
     for _ in range(ROUNDS):
-        g = np.linalg.lstsq(weight[:, None] * first, weight * inverse, rcond=DEGENERATE)[0]
-        off = np.abs(first @ g - inverse)
-        weight = 1.0 / np.sqrt(1.0 + (off / max(2.0 * float(np.median(off)), 1e-12)) ** 2)
+        normal = np.tensordot(weight, products, 1)
+        side = (weight * inverse) @ model.first
+        g = (np.linalg.pinv(normal, rcond=DEGENERATE**2, hermitian=True) @ side[:, :, None])[:, :, 0]
+        off = np.abs(g @ model.first.T - inverse)
+        weight = used / (1.0 + (off / np.maximum(2.0 * middle_of(off, used), 1e-12)[:, None]) ** 2)
     return np.asarray(g)
 
 
-def _in_view(predicted: Floats, seen: Floats) -> int:
-    """How many of some predicted directions (k, 3) lie amid the bearings (n, 3) of an image."""
+def _in_view(predicted: Floats, seen: Floats) -> Bools:
+    """Which of some predicted directions (K, m, 3) lie amid the bearings (n, 3) of an image."""
     middle = seen.mean(axis=0)
-    ahead, far = predicted @ middle, seen @ middle
     across = np.concatenate(tangent_bases(middle[None] / np.linalg.norm(middle)))
     angle = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
     sides = across.T @ np.stack([np.cos(angle), np.sin(angle)])
-    along = seen @ sides / far[:, None]
-    size = math.sqrt(2.0 * float((along**2).mean()))
-    inside = predicted @ sides / np.maximum(ahead, 1e-9)[:, None] <= along.max(axis=0) + RIM * size
-    return int((inside.all(axis=1) & (ahead > 0.0)).sum())
+    along = seen @ sides / (seen @ middle)[:, None]
+    border = along.max(axis=0) + RIM * math.sqrt(2.0 * float((along**2).mean()))
+    ahead = predicted @ middle
+    amid = (predicted @ sides <= border * ahead[:, :, None]).all(axis=2)
+    return np.asarray(amid & (ahead > 0.0))
