@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.arrays import Integers
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
@@ -24,12 +24,15 @@ from rootmatch.model.clutter import clutter_areas, clutter_of
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.posterior import right_together, surest
 from rootmatch.model.priors import COPY
+from rootmatch.model.two_view_losses import log_chance_of_losses
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared
 from rootmatch.solvers.base import Solution
 
+LEAST = math.log(1e-6)
+"""Log-odds of rivals below which there are none. By construction: far below what is told."""
 AGREED = 0.5
 """Probability from which the likeliest assignment is told; else the one with the most matches expected to be right."""
 
@@ -75,27 +78,36 @@ def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, so
     every = np.array(named, np.int64).reshape(-1, task.shape[0])
     try:
         told = posterior(model, every, task.options.seed)
-        copy = log_odds_of_copy(model, told, every, task.options.seed) if sampled.repeated else -math.inf
+        rivals = rivals_of(model, told, every if sampled.repeated else every[:0], task.options.seed)
     except OutOfTime:
         return base
-    return told_by(base, told, sampled.missed, copy)
+    return told_by(base, told, sampled.missed, rivals)
 
 
-def log_odds_of_copy(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> float:
-    """Log-odds, against clutter, that the images show the same points in a pose with none of the matches reported.
+def rivals_of(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> tuple[Integers, Floats]:
+    """Labellings (K, n) that may be right and not the one reported, a period away or half a turn, and their odds (K,).
 
-    Of what a search named (K, n). It compares poses fitted to the points, and without the volume of all others even a
-    pose of four points by accident looks as if it were there.
+    Of what a search named (M, n), those that have little in common with it. If the images show the same points in such
+    a pose beyond any accident, either may be right, however much better one fits, up to the points that it loses: with
+    the odds B of the images without the matches reported, κ of a copy, and the odds r of those losses, the odds of a
+    rival are r κ B / (1 + κ B), and of all together no more than with r = 1.
     """
     first = reported(told)
     own = np.flatnonzero(first >= 0)
     elsewhere = named[shared(named, first) <= OTHER]
     if not len(own) or not len(elsewhere):
-        return -math.inf
+        return elsewhere[:0], np.zeros(0)
     weights = np.zeros(model.shape) if model.log_weights is None else model.log_weights.copy()
     weights[own, first[own]] = -np.inf
     rest = np.where(elsewhere == first, -1, elsewhere)
-    return posterior(replace(model, log_weights=weights), rest, seed).log_evidence
+    # the search compares poses fitted to the points, and without the volume of all others even one of four by accident
+    # looks as if it were there
+    copy = posterior(replace(model, log_weights=weights), rest, seed).log_evidence + math.log(COPY)
+    if copy < LEAST:
+        return elsewhere[:0], np.zeros(0)
+    lost = log_chance_of_losses(model, np.array([first, *elsewhere]))
+    odds = np.exp(np.minimum(lost[1:] - lost[0], 0.0))
+    return elsewhere, odds / max(float(odds.sum()), 1.0) / (1.0 + math.exp(-copy))
 
 
 def reported(told: TwoViewPosterior) -> Integers:
@@ -105,12 +117,8 @@ def reported(told: TwoViewPosterior) -> Integers:
     return told.proposals[0] if told.shares[0] >= AGREED else told.likeliest_pairs
 
 
-def told_by(base: Finding, told: TwoViewPosterior, missed: float, copy: float) -> Finding:
-    """A finding with the assignment, its facts and its confidence as a posterior tells them.
-
-    Where what is matched has a copy, a period away or half a turn, of log-odds ``copy``, either may be the right one,
-    however much better one fits: as `rootmatch.model.competition` has it for bodies.
-    """
+def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: tuple[Integers, Floats]) -> Finding:
+    """A finding with the assignment, its facts and its confidence as a posterior and `rivals_of` it tell them."""
     least = base.task.options.least_probability(MIN_PROBABILITY)
     facts = Facts(present=told.present, contested=True, min_probability=least, missed=missed)
     first = reported(told)
@@ -124,8 +132,7 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, copy: float) -
             scores=[0.0],
             confidence=told.confidence_in(nothing),
         )
-    # both are there with the weight κ of a copy, or either one alone: (1 + κ B) / (1 + 2 κ B)
-    share = 1.0 / (1.0 + 1.0 / (1.0 + math.exp(min(-copy - math.log(COPY), 700.0))))
+    share = 1.0 / (1.0 + float(rivals[1].sum()))
     probability = share * told.probability_of(first)
     confidence = told.confidence_in(first) * np.where(first >= 0, share, 1.0)
     fault = Misfit.of(*told.chi2_of(first))
@@ -147,11 +154,8 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, copy: float) -
         first, confidence = sure, np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
     different = ((told.proposals >= 0) & (told.proposals != first)).any(axis=1)
     others = [(other, share * told.probability_of(other)) for other in told.proposals[different][: TRUST.alternatives]]
-    if copy > -math.inf:
-        named = np.array([base.assignment, *base.others])
-        elsewhere = list(named[shared(named, first) <= OTHER])
-        others += [(other, (1.0 - share) * told.present / len(elsewhere)) for other in elsewhere]
-        others.sort(key=lambda one: -one[1])
+    others += [(other, share * odds * told.present) for other, odds in zip(*rivals, strict=True)]
+    others.sort(key=lambda one: -one[1])
     found = replace(
         base,
         assignment=first,

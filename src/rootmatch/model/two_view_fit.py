@@ -127,11 +127,11 @@ def _moved(
 
 def _doubts(e: Floats, used: Bools) -> Floats:
     """Roots (…, n) of the weights of matches with deviations e: less from `DOUBTED` on, or from medians as large."""
-    middle = _middle(np.abs(e), used)[..., None]
+    middle = middle_of(np.abs(e), used)[..., None]
     return np.asarray(1.0 / np.sqrt(1.0 + (e / (DOUBTED * np.maximum(middle, 1.0))) ** 2))
 
 
-def _middle(values: Floats, used: Bools) -> Floats:
+def middle_of(values: Floats, used: Bools) -> Floats:
     """Medians (…,) of those of some values (…, n) that are used, the lower one of two; 1 without any."""
     order = np.sort(np.where(used, values, np.inf), axis=-1)
     place = (np.maximum(np.count_nonzero(used, axis=-1), 1) - 1) // 2
@@ -144,8 +144,8 @@ def _scaled(poses: Relative, seen: Seen, used: Bools) -> Relative:
     front = np.asarray(used & (seen.ahead > 0.0) & (seen.parallax > 0.0) & (seen.r2 > 4.0 * seen.floor2), np.bool_)
     with np.errstate(all="ignore"):
         log = 0.5 * np.log(seen.r2)
-    middle = np.where(front.any(axis=1), _middle(log, front), math.log(FIRST_SCALE))
-    spread = np.log(1.4826 * _middle(np.abs(log - middle[:, None]), front) + np.exp(SPREADS[0] + 0.1))
+    middle = np.where(front.any(axis=1), middle_of(log, front), math.log(FIRST_SCALE))
+    spread = np.log(1.4826 * middle_of(np.abs(log - middle[:, None]), front) + np.exp(SPREADS[0] + 0.1))
     scale = np.clip(middle, SCALES[0] + 0.1, SCALES[1] - 0.1)
     return poses._replace(scale=scale, spread=np.minimum(spread, SPREADS[1] - 0.1))
 
