@@ -20,9 +20,11 @@ from rootmatch.tracking.followed_places import (
     GonePlaces,
     chance_absent,
     chance_of_copy,
+    chance_returned,
     log_absent,
     log_back,
     log_gone,
+    log_returned,
     log_weight,
     places_of,
 )
@@ -164,6 +166,32 @@ def test_what_came_in_since_a_search_may_be_the_body_or_a_copy() -> None:
     assert log_absent(1.0, step, step) == pytest.approx(-math.log(IN_VIEW), abs=0.05)
     assert log_absent(1.0, step, math.inf) == pytest.approx(-math.log(IN_VIEW * step), abs=0.1)
     assert log_absent(1.0 - IN_VIEW, math.inf, math.inf) == pytest.approx(math.log(1.0 - IN_VIEW) - math.log(IN_VIEW))
+
+
+def test_a_body_that_was_hidden_a_moment_ago_is_hardly_in_view_now() -> None:
+    assert log_returned(1e-3) < log_returned(1.0 / 60.0) < log_returned(1.0) < 0.0
+    assert log_returned(60.0) == pytest.approx(0.0, abs=1e-6)
+    assert log_returned(1.0 / 60.0) == pytest.approx(math.log(IN_VIEW / 60.0) - math.log(4.0), abs=0.05)
+    assert chance_returned(0.0, -5.0) == 1.0
+    # odds of 19 : 1 against clutter alone fall by e⁻⁵
+    assert 0.95 * chance_returned(0.05, -5.0) == pytest.approx(1.0 / (1.0 + math.exp(5.0) / 19.0))
+
+
+@pytest.mark.parametrize("seed", [1, 6, 9])
+def test_lights_that_stay_are_not_taken_for_a_hidden_body(seed: int) -> None:
+    """Six lights that move with what carries seven LEDs, and a second of every two without these."""
+    rng = np.random.default_rng(seed)
+    body, lights = rng.uniform(-0.12, 0.12, (7, 3)), rng.uniform(-0.4, 0.4, (6, 3))
+    camera = rm.Camera(700.0, 700.0, 640.0, 480.0)
+    tracker, turn = rm.Tracker(body, rm.P3P(camera), noise=0.3), rng.normal(0.0, 0.5, 3)
+    trusted = 0
+    for k in range(180):
+        R, hidden = Rotation.from_rotvec(turn * k / 60.0).as_matrix(), k % 120 >= 60
+        points = np.concatenate([lights, body[: 0 if hidden else 7]]) @ R.T + (0.0, 0.0, 1.5)
+        pixels = camera.project(points)
+        match = tracker.update(pixels + rng.normal(0.0, 0.3, pixels.shape), time=k / 60.0)
+        trusted += bool(match) and hidden
+    assert trusted <= 1
 
 
 def test_places_are_told_by_most_of_their_detections() -> None:

@@ -35,16 +35,19 @@ from rootmatch.tracking.followed_places import (
     GonePlaces,
     chance_absent,
     chance_of_copy,
+    chance_returned,
     in_places,
     log_absent,
     log_back,
     log_gone,
+    log_returned,
     met_beside,
     odds_alone,
 )
 from rootmatch.tracking.followed_pose import FollowedPose, Step, moved_alike
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
+from rootmatch.tracking.two_states import log_chance
 
 MOST = 4
 """Largest number of poses followed at once, each for about a millisecond per frame. A round value."""
@@ -58,8 +61,7 @@ LIKELY = 0.5
 LOOKED_AT = 8
 """Largest number of modes of a frame that are considered. A round value."""
 DOUBTED = 1e-3
-"""Initial weight, relative to the best pose, of a pose that looks the same (rotated by a near symmetry of the body, or
-flipped): the frames so far may have decided wrongly. A round value."""
+"""Initial weight, relative to the best pose, of one that looks the same: frames may have decided wrongly. Round."""
 
 
 class Belief:
@@ -102,15 +104,13 @@ class Belief:
         return self.poses[0].filter
 
     def certainty_of(self, found: Finding, time: float) -> float:
-        """Probability that what holds in a frame is right, as far as the frame does not tell.
-
-        That it is the body itself, that no pose was left out, and that the body is not where nothing is seen any more.
-        """
+        """Probability that what holds in a frame is the body, and no pose was left out, as far as no frame tells."""
         holds = bool(found.prior_holds) and bool(self.poses)
         absent = log_back(self.poses[0], time) if holds else self._log_absent(time, False)
         sure = (1.0 - self.gone.share) / (1.0 + COPY * math.exp(absent))
         if holds:
             sure *= (1.0 - self.unfollowed) * (1.0 - self._hidden(found)) / (1.0 + math.exp(self.poses[0].log_other))
+            sure *= chance_returned(1.0 if found.posterior is None else found.posterior.clutter, self._returned(time))
         elif found.pose is not None and self.given_up is not None:
             sure /= 1.0 + math.exp(log_other_in_sight(self.given_up, found.pose, time))
         return sure
@@ -124,6 +124,11 @@ class Belief:
         origin = model.prior.prediction_of(modes.rotation, modes.position)
         seen = {self.poses[k].place for k in origin.tolist() if k >= 0}
         return sum(share for place, share in self.places.items() if place not in seen) if seen else 0.0
+
+    def _returned(self, time: float) -> float:
+        """See `log_returned`; 0 if the body was seen in the last frame."""
+        unseen = self.poses and all(one.filter.time < self.time for one in self.poses)
+        return log_returned(time - self.time) if unseen else 0.0
 
     @property
     def places(self) -> dict[int, float]:
@@ -232,7 +237,7 @@ class Belief:
         count = int(np.count_nonzero(modes.assignments[0] >= 0))
         if count > self.most and len(set(place.tolist())) == 1:
             self.most, alone[:] = count, max(alone[0], odds_alone(model, modes.take(slice(1)))[0])
-        each = _log(told.probabilities[: len(origin)])
+        each = log_chance(told.probabilities[: len(origin)])
         elsewhere = ~np.isin(place, [one.place for one in self.poses])
         others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
         first = int((origin >= 0).argmax())
@@ -243,7 +248,7 @@ class Belief:
         if new.any() and origin[first] >= 0:
             met = met_beside(model, modes, each, alone, first)
             weight[new] = weight[first] + log_back(self.poses[origin[first]], time) + met[new]
-        nothing, go_on = float(_log(np.array(told.clutter))), []
+        nothing, go_on = float(log_chance(np.array(told.clutter))) - self._returned(time), []
         is_shown = float(told.probabilities.sum()) >= found.facts.min_probability  # whether or not it fits
         for k, of in enumerate(origin.tolist()):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
@@ -262,8 +267,8 @@ class Belief:
                 where, best = int(place[k]), float(alone[k])
                 go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=best))
         stay = [self._stays(k, often * nothing, go_on, time) for k in range(len(self.poses))]
-        gone = {step.origin for step in go_on}
-        after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
+        stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
+        after = sorted([*stay, *go_on], key=lambda one: -one.total)
         # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
         least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
@@ -291,7 +296,7 @@ class Belief:
 
         It does not where what is followed elsewhere explains the frame as well if the body is hidden.
         """
-        last, log_shares, shown = self.poses[k], _log(self.shares).tolist(), 0.0
+        last, log_shares, shown = self.poses[k], log_chance(self.shares).tolist(), 0.0
         lead = next((step for step in go_on if step.origin >= 0), None)
         if lead is not None and all(step.place != last.place for step in go_on):
             more, shown = lead.log_weight - log_shares[lead.origin], lead.shown
@@ -343,7 +348,3 @@ class Belief:
         return replace(
             last, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place, alone=step.alone
         )
-
-
-def _log(chance: Floats) -> Floats:
-    return np.asarray(np.log(np.maximum(chance, 1e-300)))

@@ -175,6 +175,21 @@ def chance_absent(before: float, seconds: float) -> float:
     return chance_later(before, 1.0 - IN_VIEW, seconds, RETURN)
 
 
+def log_returned(seconds: float) -> float:
+    """Log-odds that a body is in view that was not so some seconds ago, relative to those in an image by itself.
+
+    A frame that shows three lights where the body is awaited tells little, and sixty frames a second do so soon.
+    """
+    chance = chance_later(0.0, IN_VIEW, seconds, RETURN)
+    return math.log(chance) - math.log1p(-chance) - PRESENT_ODDS
+
+
+def chance_returned(clutter: float, log_odds: float) -> float:
+    """Factor on the probabilities of poses, of which clutter alone is the rest, by `log_returned`."""
+    odds = math.exp(log_odds)
+    return odds / (odds * (1.0 - clutter) + clutter)
+
+
 def log_absent(before: float, seconds: float, unsearched: float) -> float:
     """Log-odds that a body is not in view where it seems to be found: that a copy came, to that the body came back.
 
