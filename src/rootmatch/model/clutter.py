@@ -144,7 +144,9 @@ class Clutter:
         followers. The sum over all such forests is a determinant.
         """
         out, centres = np.empty(len(taken)), self.centres
-        log_of_taken(taken[:, centres], more[:, centres], self._descents, self.log_density[centres], out)
+        # columns that are picked lie in another order, which is another type to a kernel
+        own, beyond = np.ascontiguousarray(taken[:, centres]), np.ascontiguousarray(more[:, centres])
+        log_of_taken(own, beyond, self._descents, self.log_density[centres], out)
         if len(centres) == len(self.target):
             return out
         # nothing crowds about the others
