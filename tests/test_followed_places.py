@@ -194,6 +194,17 @@ def test_lights_that_stay_are_not_taken_for_a_hidden_body(seed: int) -> None:
     assert trusted <= 1
 
 
+def test_a_caller_may_say_where_a_hidden_body_is() -> None:
+    rng = np.random.default_rng(2)
+    body, camera = rng.uniform(-0.1, 0.1, (8, 3)), rm.Camera(700.0, 700.0, 640.0, 480.0)
+    tracker = rm.Tracker(body, rm.P3P(camera), noise=0.3)
+    pixels = camera.project(body + np.array([0.0, 0.0, 1.0])) + rng.normal(0.0, 0.3, (8, 2))
+    assert tracker.update(pixels)
+    assert not tracker.update(np.empty((0, 2)))
+    there = rm.Pose(np.eye(3), (0.0, 0.0, 1.0), np.diag([0.01] * 6) ** 2)
+    assert tracker.update(pixels, prior=there)
+
+
 def test_places_are_told_by_most_of_their_detections() -> None:
     uses = np.zeros((4, 12), np.bool_)
     for row, taken in zip(uses, [range(6), range(5, 11), range(1, 6), range(6, 10)], strict=True):

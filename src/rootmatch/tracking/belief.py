@@ -126,8 +126,8 @@ class Belief:
         return sum(share for place, share in self.places.items() if place not in seen) if seen else 0.0
 
     def _returned(self, time: float) -> float:
-        """See `log_returned`; 0 if the body was seen in the last frame."""
-        unseen = self.poses and all(one.filter.time < self.time for one in self.poses)
+        """See `log_returned`; 0 if the body was seen in the last frame, or the caller says where it is now."""
+        unseen = self.poses and all(one.filter.time < self.time < time for one in self.poses)
         return log_returned(time - self.time) if unseen else 0.0
 
     @property
