@@ -22,7 +22,8 @@ from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import Choice
 from rootmatch.explain.match_options import MatchOptions, SamplerName
 from rootmatch.explain.prior_validation import Prior
-from rootmatch.explain.task import MatchingTask, Rivals
+from rootmatch.explain.rivals import NONE, Rivals
+from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
@@ -193,7 +194,7 @@ max_hyperedges, max_evaluations
         budget : int, optional
             Evaluations of a guided search.
         rivals : dict, optional
-            By the label of a body, None for a single one: predicted poses beside that of ``prior``.
+            By the label of a body, None for a single one: what else its pose may be than that of ``prior``.
         present : dict, optional
             By label as well: probability that a body is in view, before the frame is seen.
         searching : bool or callable
@@ -211,7 +212,7 @@ max_hyperedges, max_evaluations
         told: dict[str, Any] = {"more_images": more_images}
         if rivals is not None:
             others = {label: poses for label, poses in rivals.items() if label is not None}
-            told |= {"rival_poses": rivals.get(None, ()), "prior_rivals": others, "prior_freedom": FREEDOM}
+            told |= {"rivals": rivals.get(None, NONE), "rivals_of": others, "prior_freedom": FREEDOM}
         if present:
             of_bodies = {label: chance for label, chance in present.items() if label is not None}
             told |= {"present": present.get(None), "present_of": of_bodies}

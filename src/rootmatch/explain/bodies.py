@@ -173,7 +173,7 @@ def searched_among(
         return nothing_found(part, fault), False
     sub = part.subset(np.arange(part.shape[0]), columns)
     if task.problem.takes_motion_prior:
-        sub = replace(sub, prior_pose=part.prior_pose, rival_poses=part.rival_poses)
+        sub = replace(sub, prior_pose=part.prior_pose, rivals=part.rivals)
     try:
         of_rig = sub.rig is not None
         bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None

@@ -20,6 +20,7 @@ from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.likeness import likenesses
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
+from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.similar_subsets import twins_of_few
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -60,8 +61,6 @@ wrong (benchmarks/adversary.py, seeds from 1000). Round values."""
 SUMMED, LIKELY = 4, 0.5
 """Rounds in which changes are summed of modes that competition has made the first ones, and the probability from which
 they are. Round values."""
-DOUBT = 0.01
-"""Probability that a predicted pose is wrong by more than its covariance says. A round value."""
 PREDICTION = 0.05
 """Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
 hundreds of detections are near it."""
@@ -223,7 +222,8 @@ def is_enough(model: DetectionModel, told: Posterior, minimal: int, *, of_severa
         worth = -model.clutter.log_density - model.log_areas - 1.0
         mean = float(worth.sum() - worth[used].sum()) / left
         elsewhere = max(elsewhere, most * mean - minimal * math.log(left))
-    return mass >= math.log(DOUBT) + elsewhere
+    doubt = model.prior.doubt if isinstance(model.prior, Doubted) else DOUBT
+    return mass >= math.log(doubt) + elsewhere
 
 
 def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
@@ -270,13 +270,13 @@ def model_of(task: MatchingTask) -> DetectionModel:
 
 def _with_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.float64]) -> Doubted:
     """Predicted poses as a prior of the body's centre, beside what is known without them."""
-    predictions, shares = [], []
+    predictions, shares, doubt = [], [], task.rivals.doubt
     for pose, share in predictions_of(task):
         assert pose.covariance is not None
         at_centre = about_point(pose.R, pose.t, pose.covariance, centre)
         predictions.append(Gaussian(pose.R, *at_centre, freedom=task.prior_freedom))
-        shares.append(math.log(max(share, 1e-300)) + math.log1p(-DOUBT))
-    return Doubted(predictions, shares, without, DOUBT)
+        shares.append(math.log(max(share, 1e-300)) + math.log1p(-doubt))
+    return Doubted(predictions, shares, without, doubt, task.rivals.places)
 
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: Sequence[Integers]) -> Proposals:

@@ -16,7 +16,6 @@ from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import lead_by_odds
-from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
@@ -66,8 +65,8 @@ def _prior_of(task: MatchingTask) -> MotionPrior | None:
     known = task.known if task.prior_pose is None else task.prior_pose
     if known is None:
         return None
-    rest = 1.0 - sum(share for _, share in task.rival_poses)
-    return MotionPrior(((known, rest), *task.rival_poses), DOUBT, task.prior_freedom)
+    rest = 1.0 - sum(share for _, share in task.rivals.poses)
+    return MotionPrior(((known, rest), *task.rivals.poses), task.rivals.doubt, task.prior_freedom)
 
 
 def decided_by_model(task: MatchingTask, judging: bool = True) -> Finding | None:

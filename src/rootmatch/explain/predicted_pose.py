@@ -15,6 +15,7 @@ from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import NAMED, PREDICTION, Candidate, is_enough, proposals_by_prediction
+from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
 
 UNCONFIRMED = "the predicted pose is not confirmed"
@@ -53,7 +54,7 @@ def match_predicted(
         return found
     if not searchable:
         return nothing_found(
-            replace(task, prior_pose=None, rival_poses=()),
+            replace(task, prior_pose=None, rivals=NONE),
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
@@ -63,7 +64,7 @@ def match_predicted(
             return found
         searched = among_all(solve(task.subset(np.arange(task.shape[0]), columns)), task, columns)
     else:
-        searched = solve(replace(task, prior_pose=None, rival_poses=()))
+        searched = solve(replace(task, prior_pose=None, rivals=NONE))
     with suppress(OutOfTime):
         named = searched.named if choice is None else searched.named[:NAMED]
         body = body.proposed(named or searched.every, predicted)

@@ -11,6 +11,7 @@ from rootmatch.algebra.rotation import one_rotation_vector
 from rootmatch.arrays import Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
+from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.blob_labels import resolved
 from rootmatch.model.known_density import Known
@@ -43,7 +44,7 @@ def knowledge_of(task: MatchingTask) -> PosePrior | None:
 def predictions_of(task: MatchingTask) -> list[tuple[Pose, float]]:
     """The predicted poses of a task and the share of each, which add up to 1: the one given, then its rivals."""
     assert task.prior_pose is not None
-    every = [(task.prior_pose, 1.0 - sum(share for _, share in task.rival_poses)), *task.rival_poses]
+    every = [(task.prior_pose, 1.0 - sum(share for _, share in task.rivals.poses)), *task.rivals.poses]
     upright = vertical_of(task.problem)
     return every if upright is None else [(upright.with_prediction(pose), share) for pose, share in every]
 
@@ -119,7 +120,7 @@ def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:
 
 def about_prediction(task: MatchingTask, k: int) -> MatchingTask:
     """The same task with one of its predicted poses alone."""
-    if not task.rival_poses:
+    if not task.rivals.poses:
         return task
-    every = [task.prior_pose, *(pose for pose, _ in task.rival_poses)]
-    return replace(task, prior_pose=every[k], rival_poses=())
+    every = [task.prior_pose, *(pose for pose, _ in task.rivals.poses)]
+    return replace(task, prior_pose=every[k], rivals=NONE)

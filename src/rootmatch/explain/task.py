@@ -18,6 +18,7 @@ from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.prior_validation import Prior, check_predicted, of_each
+from rootmatch.explain.rivals import NONE, Rivals
 from rootmatch.explain.validation import check_choice, check_not_exact, check_problem, split_candidates
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import wide_first
@@ -31,8 +32,6 @@ from rootmatch.problems.pose_fit.rig_fit import sightings_in
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import SamplingTask
 
-Rivals = tuple[tuple[Pose, float], ...]
-"""Predicted poses beside the first one, with the probability of each."""
 EXACT = 0.01
 """σ of a coordinate in pixels up to which data count as exact: residuals then come from rounding, not from noise."""
 EXACT_RADIANS = 1e-5
@@ -67,9 +66,9 @@ class MatchingTask:
         Which rigid body each source point belongs to, where there are several.
     prior_pose : Pose, optional
         A predicted pose with its covariance.
-    rival_poses : tuple of (Pose, float)
-        Other predicted poses with the share of each; that of ``prior_pose`` is the rest.
-    prior_poses, prior_rivals : dict
+    rivals : Rivals
+        Of ``prior_pose``.
+    prior_poses, rivals_of : dict
         Those of several bodies, by label.
     prior_freedom : float
         Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`.
@@ -102,9 +101,9 @@ class MatchingTask:
     weights: NDArray[np.float64] | None = None
     bodies: BodyLabels | None = None
     prior_pose: Pose | None = None
-    rival_poses: Rivals = ()
+    rivals: Rivals = NONE
     prior_poses: dict[Label, Pose] = field(default_factory=dict)
-    prior_rivals: dict[Label, Rivals] = field(default_factory=dict)
+    rivals_of: dict[Label, Rivals] = field(default_factory=dict)
     prior_freedom: float = math.inf
     present: float | None = None
     present_of: dict[Label, float] = field(default_factory=dict)
@@ -253,7 +252,7 @@ class MatchingTask:
 
     def without_priors(self) -> Self:
         """A copy of the task without any knowledge of poses."""
-        bare = replace(self, prior_pose=None, rival_poses=(), prior_poses={}, prior_rivals={})
+        bare = replace(self, prior_pose=None, rivals=NONE, prior_poses={}, rivals_of={})
         return replace(bare, known=None, known_of={})
 
     @cached_property
@@ -324,7 +323,7 @@ class MatchingTask:
         every = []
         for k, name in enumerate(self.bodies.names):
             told = {"known": self.known_of.get(name), "present": self.present_of.get(name)}
-            predicted = {"prior_pose": self.prior_poses.get(name), "rival_poses": self.prior_rivals.get(name, ())}
+            predicted = {"prior_pose": self.prior_poses.get(name), "rivals": self.rivals_of.get(name, NONE)}
             every.append(self.subset(self.bodies.points_of(k), np.arange(self.shape[1]), **told, **predicted))
         return every
 
@@ -333,8 +332,8 @@ class MatchingTask:
 
         Partial knowledge of the pose holds for some of the points as well.
         """
-        nothing: dict[str, Any] = {"prior_pose": None, "rival_poses": (), "found_before": None}
-        nothing |= {"prior_poses": {}, "prior_rivals": {}, "known_of": {}}
+        nothing: dict[str, Any] = {"prior_pose": None, "rivals": NONE, "found_before": None}
+        nothing |= {"prior_poses": {}, "rivals_of": {}, "known_of": {}}
 
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
             return None if whole is None else np.ascontiguousarray(whole[np.ix_(source, target)])

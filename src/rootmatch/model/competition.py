@@ -79,11 +79,11 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
     if len(prior.predictions) == 1:
         return as_copy
     of = prior.prediction_of(modes.rotation, modes.position)
-    every = of[:, None] == np.arange(len(prior.predictions))
-    share = (same_place(uses) @ every) @ np.exp(prior.log_shares)  # of all that is followed in its place
-    expected = mass - np.log(np.where(of >= 0, share, 1.0)) + math.log(COPY)
-    own = np.append(of, -1)
-    return np.where((of >= 0) & (own[:, None] >= 0), expected, as_copy)
+    places = np.array(prior.places)
+    share = (places[:, None] == places) @ np.exp(prior.log_shares)  # of all that is followed in the place of each
+    expected = mass - np.log(np.where(of >= 0, share[of], 1.0)) + math.log(COPY)
+    known = np.append((same_place(uses) & (of >= 0)).any(axis=1), False)  # of what is followed, maybe in another pose
+    return np.where((of >= 0) & known[:, None], expected, as_copy)
 
 
 def _beside(model: DetectionModel, modes: Modes, uses: Bools) -> Bools:

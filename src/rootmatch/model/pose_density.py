@@ -216,12 +216,15 @@ class Doubted(Mixed):
     without : PoseDensity
     doubt : float
         Share of the latter.
+    places : sequence of int
+        Those in which a tracker follows each of several predictions; see `rootmatch.tracking.followed_places`.
     """
 
     predictions: Sequence[Mixed]
     log_shares: Sequence[float]
     without: Mixed
     doubt: float
+    places: Sequence[int] = ()
 
     @property
     def least(self) -> int:

@@ -4,7 +4,7 @@ If the two halves of a headset are copies of each other to within fractions of a
 other. The pose and its near-symmetric pose then agree in frame after frame, and each frame adds a little to the odds
 (multiple hypothesis tracking, Reid 1979). Each hypothesis is therefore a motion filter with a weight; together they are
 the prior of the next frame, and the modes of that frame's posterior are the next hypotheses. No frame decides for good:
-the prior reserves the share `rootmatch.explain.image_hypotheses.DOUBT` for the case that none of them is right.
+the prior reserves the share `rootmatch.explain.rivals.DOUBT` for the case that none of them is right.
 """
 
 from __future__ import annotations
@@ -20,9 +20,8 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import misfit_of
-from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.rig_triples import search_meets
-from rootmatch.explain.task import Rivals
+from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.priors import COPY, WRONG_MODEL
@@ -32,6 +31,7 @@ from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.flipped_poses import flipped_poses
 from rootmatch.tracking.followed_places import (
     IN_VIEW,
+    LOOKED_AT,
     GonePlaces,
     chance_absent,
     chance_of_copy,
@@ -40,9 +40,11 @@ from rootmatch.tracking.followed_places import (
     log_absent,
     log_back,
     log_gone,
+    log_lost,
     log_returned,
     met_beside,
     odds_alone,
+    share_unseen,
 )
 from rootmatch.tracking.followed_pose import FollowedPose, Step, moved_alike
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
@@ -58,8 +60,6 @@ TEMPER = 0.5
 every frame. The weight delays decisions; it does not change which pose leads."""
 LIKELY = 0.5
 """Probability of a mode, among all that a prediction may have become, from which its pose is used."""
-LOOKED_AT = 8
-"""Largest number of modes of a frame that are considered. A round value."""
 DOUBTED = 1e-3
 """Initial weight, relative to the best pose, of one that looks the same: frames may have decided wrongly. Round."""
 
@@ -109,21 +109,15 @@ class Belief:
         absent = log_back(self.poses[0], time) if holds else self._log_absent(time, False)
         sure = (1.0 - self.gone.share) / (1.0 + COPY * math.exp(absent))
         if holds:
-            sure *= (1.0 - self.unfollowed) * (1.0 - self._hidden(found)) / (1.0 + math.exp(self.poses[0].log_other))
+            sure *= (
+                (1.0 - self.unfollowed)
+                * (1.0 - share_unseen(found, self.poses, self.places))
+                / (1.0 + math.exp(self.poses[0].log_other))
+            )
             sure *= chance_returned(1.0 if found.posterior is None else found.posterior.clutter, self._returned(time))
         elif found.pose is not None and self.given_up is not None:
             sure /= 1.0 + math.exp(log_other_in_sight(self.given_up, found.pose, time))
         return sure
-
-    def _hidden(self, found: Finding) -> float:
-        """Share of the places of which a frame shows nothing, if it shows another that is followed."""
-        told, model = found.posterior, found.model
-        if len(self.poses) < 2 or told is None or model is None or not isinstance(model.prior, Doubted):
-            return 0.0
-        modes = told.modes.take(slice(LOOKED_AT))
-        origin = model.prior.prediction_of(modes.rotation, modes.position)
-        seen = {self.poses[k].place for k in origin.tolist() if k >= 0}
-        return sum(share for place, share in self.places.items() if place not in seen) if seen else 0.0
 
     def _returned(self, time: float) -> float:
         """See `log_returned`; 0 if the body was seen in the last frame, or the caller says where it is now."""
@@ -145,10 +139,11 @@ class Belief:
         weight = np.exp(weight - weight.max(initial=-math.inf))
         return np.asarray(weight / weight.sum())
 
-    def predicted(self, time: float) -> tuple[Pose, Rivals]:
-        """The most probable pose at a time, and the others with their probabilities."""
+    def predicted(self, time: float, doubt: float) -> tuple[Pose, Rivals]:
+        """The most probable pose at a time, and the others with their probabilities; that none is right."""
         poses = [one.filter.predicted(time) for one in self.poses]
-        return poses[0], tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True))
+        others = tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True))
+        return poses[0], Rivals(others, doubt, tuple(one.place for one in self.poses))
 
     def forget_before(self, time: float) -> None:
         """Give up the hypotheses that no frame has confirmed since a time."""
@@ -209,29 +204,30 @@ class Belief:
         if len(self.poses) < MOST and not known:
             self.poses.append(replace(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
 
-    def take(self, found: Finding, time: float, searched: bool = False) -> None:
+    def take(self, found: Finding, time: float, searched: bool = False, holds: float = 1.0) -> None:
         """Take in a frame's posterior: its modes continue the hypotheses about which they lie, or are new ones.
 
         A hypothesis that no mode continues stays as predicted; for it, the frame counts as one that does not show the
-        body. ``searched``: whether a search for the body ended in this frame.
+        body. ``searched``: whether a search for the body ended in this frame; ``holds``: see `DarkPoints.holds`.
         """
-        others = self._take(found, time)
+        others = self._take(found, time, holds)
         if searched and not others:
             self.excluded = time
         if self.poses:  # were it not seen again where it is followed
             self.absent = chance_absent(1.0, time - self.best.time)
 
-    def _take(self, found: Finding, time: float) -> bool:
+    def _take(self, found: Finding, time: float, holds: float) -> bool:
         """Take in a frame's posterior; whether it has something beside what is followed."""
         told, model = found.posterior, found.model
         if found.task.problem.takes_motion_prior:
             self._take_motion(found, time)
         if told is None or model is None or not len(told.probabilities):
             return False
-        modes, log_share = told.modes.take(slice(LOOKED_AT)), np.log([*self.shares, DOUBT if self.poses else 1.0])
-        origin = np.full(len(modes.log_odds), -1)  # the last share is that of a new one
+        modes, doubt = told.modes.take(slice(LOOKED_AT)), 1.0
+        origin = np.full(len(modes.log_odds), -1)
         if self.poses and isinstance(model.prior, Doubted):
-            origin = model.prior.prediction_of(modes.rotation, modes.position)
+            origin, doubt = model.prior.prediction_of(modes.rotation, modes.position), model.prior.doubt
+        log_share = log_chance(np.append(self.shares * (1.0 - doubt), doubt))  # the last is that of a new one
         shown = modes.detected.copy()
         place, alone, more = in_places(model, modes, origin, self.poses, shown)
         count = int(np.count_nonzero(modes.assignments[0] >= 0))
@@ -246,8 +242,8 @@ class Belief:
         new = elsewhere & (place != place[first])
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         if new.any() and origin[first] >= 0:
-            met = met_beside(model, modes, each, alone, first)
-            weight[new] = weight[first] + log_back(self.poses[origin[first]], time) + met[new]
+            not_there = np.logaddexp(log_back(self.poses[origin[first]], time), log_lost(holds, alone[first]))
+            weight[new] = weight[first] + not_there + met_beside(model, modes, each, alone, first)[new]
         nothing, go_on = float(log_chance(np.array(told.clutter))) - self._returned(time), []
         is_shown = float(told.probabilities.sum()) >= found.facts.min_probability  # whether or not it fits
         for k, of in enumerate(origin.tolist()):
@@ -264,8 +260,8 @@ class Belief:
                 if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
                     chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
             if chance >= LIKELY:
-                where, best = int(place[k]), float(alone[k])
-                go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=best))
+                where, best, rise = int(place[k]), float(alone[k]), float(more[k])
+                go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=best, more=rise))
         stay = [self._stays(k, often * nothing, go_on, time) for k in range(len(self.poses))]
         stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
         after = sorted([*stay, *go_on], key=lambda one: -one.total)
@@ -299,7 +295,7 @@ class Belief:
         last, log_shares, shown = self.poses[k], log_chance(self.shares).tolist(), 0.0
         lead = next((step for step in go_on if step.origin >= 0), None)
         if lead is not None and all(step.place != last.place for step in go_on):
-            more, shown = lead.log_weight - log_shares[lead.origin], lead.shown
+            more, shown = lead.log_weight - lead.more - log_shares[lead.origin], lead.shown
             if last.filter.time == self.time:
                 more += log_gone(last.alone, time - last.filter.time)
         return Step(log_shares[k] + more, shown, k, None, 0.0, place=last.place, alone=last.alone)
@@ -310,8 +306,7 @@ class Belief:
         if found.status is not Status.MATCHED:
             return
         if found.prior_holds and found.pose is not None and followed:
-            held = [one for one in followed if one.filter.is_near(found.pose, time)]
-            self.poses = [*held, *followed][:1]
+            self.poses = [*(one for one in followed if one.filter.is_near(found.pose, time)), *followed][:1]
             self.best.update(found.pose, time)
             return
         (pose,) = found.task.problem.poses(found.task.points, found.assignment[None])

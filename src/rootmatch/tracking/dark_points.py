@@ -13,10 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Bools, Floats
 from rootmatch.explain.finding import Finding
 from rootmatch.model.detection_model import USUAL_RATE
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.tracking.foreign_lights import ForeignLights
 from rootmatch.tracking.two_states import chance_later
 
 LASTS = 0.25
@@ -28,11 +29,12 @@ FACING = 1e-3
 
 
 class DarkPoints:
-    """How probably each point of a body is lit; nothing is known at first."""
+    """How probably each point of a body is lit, and each match is its own; nothing is known at first."""
 
     def __init__(self) -> None:
         self.lit: Floats | None = None
         """Probability (n,) at `time`, of each sighting of a rig."""
+        self.foreign = ForeignLights(0)
         self.time = -math.inf
 
     def at(self, time: float) -> Floats | None:
@@ -41,16 +43,25 @@ class DarkPoints:
             return None
         return chance_later(self.lit, LIT, time - self.time, LASTS)
 
+    @property
+    def holds(self) -> float:
+        """See `ForeignLights.holds`; 1 if nothing is known."""
+        return 1.0 if self.lit is None else self.foreign.holds
+
+    def forget_lights(self) -> None:
+        """Take what was matched for the body's points."""
+        self.foreign = ForeignLights(len(self.foreign.own))
+
     def weighed(self, found: Finding, time: float) -> Finding:
-        """A finding whose matches of points that may be dark are less probable by that."""
+        """A finding whose matches are less probable by what the frames before tell of their points."""
         lit, matched = self.at(time), found.assignment >= 0
         sure, chance = found.confidence, found.probability
         if lit is None or sure is None or chance is None or not matched.any() or len(lit) != len(matched):
             return found
-        whole = max(float(sure[matched].max()), 1e-300)
-        local = np.minimum(sure[matched] / whole, 1.0)
-        told = local * lit[matched] / (local * lit[matched] + 1.0 - local)
-        less = float(np.prod(told / np.maximum(local, 1e-300)))
+        whole, local = _given_pose(sure, matched)
+        told = local * lit / np.maximum(local * lit + 1.0 - local, 1e-300)
+        told = np.minimum(told, self.foreign.most(found, lit, time))[matched]
+        less = float(np.prod(told / np.maximum(local[matched], 1e-300)))
         if less > 1.0 - WRONG_MODEL:
             return found
         confidence = sure.copy()
@@ -62,11 +73,18 @@ class DarkPoints:
         told, sure = found.posterior, found.confidence
         if told is None or sure is None or not len(told.probabilities) or told.clutter > 0.5:
             return
-        before = self.at(time)
-        before = np.full(len(sure), LIT) if before is None or len(before) != len(sure) else before
-        matched = found.assignment >= 0
+        before, matched = self.at(time), found.assignment >= 0
+        if before is None or len(before) != len(sure):
+            before, self.foreign = np.full(len(sure), LIT), ForeignLights(len(sure))
         rate = (found.task.options.detection_rate or USUAL_RATE) * np.asarray(told.modes.visible[0])
         missed = before * (1.0 - rate) / np.maximum(1.0 - rate * before, 1e-300)
         chance = np.where(matched, sure, 1.0 - sure)  # that it was detected
         self.lit = np.where(rate < FACING, before, chance + (1.0 - chance) * missed)
+        self.foreign.take(found, _given_pose(sure, matched)[1], before, time)
         self.time = time
+
+
+def _given_pose(confidence: Floats, matched: Bools) -> tuple[float, Floats]:
+    """Probability that the pose is right, and of each match (n,) given that it is."""
+    whole = max(float(confidence[matched].max(initial=0.0)), 1e-300)
+    return whole, np.minimum(confidence / whole, 1.0)

@@ -12,9 +12,11 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_enough
 from rootmatch.explain.rig_triples import search_meets
+from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.model.point_set_model import PRESENT
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.options import Options, option
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.dark_points import DarkPoints
 from rootmatch.tracking.followed_places import RETURN
@@ -130,6 +132,15 @@ class FollowedBody:
         self.settled, self.matched = False, -math.inf
         self.missed = self.agreements = 0
 
+    def predicted(self, time: float) -> tuple[Pose, Rivals]:
+        """The most probable pose at a time, and what else it may be."""
+        return self.belief.predicted(time, min(max(DOUBT, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL))
+
+    def keep_best(self, time: float) -> None:
+        """The caller says where the body is: nothing beside it is taken for its points."""
+        self.belief.keep_best(time)
+        self.dark.forget_lights()
+
     @property
     def state(self) -> TrackingState:
         """Whether the body is being followed; not while several poses are followed of which none was certain before."""
@@ -195,12 +206,12 @@ class FollowedBody:
 
         ``searched``: whether this frame was searched.
         """
+        if self.belief and found.prior_holds:
+            found = self.dark.weighed(found, time)
         if searched:
             self.searched, self.left = frame, _left(found)
             self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
             self.agreements = self.agreements + 1 if found.status is Status.MATCHED and found.prior_holds else 0
-        if found.status is Status.MATCHED and self.belief and found.prior_holds:
-            found = self.dark.weighed(found, time)
         if found.status is not Status.MATCHED:
             return found
         if searched or _is_enough(found, of_several=True):
@@ -224,9 +235,10 @@ class FollowedBody:
 
         From time to time, poses that look the same are followed beside the best one.
         """
+        holds = self.dark.holds
         if self.belief:
             self.dark.take(found, time)
-        self.belief.take(found, time, searched)
+        self.belief.take(found, time, searched, holds)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:
             self.presence = None

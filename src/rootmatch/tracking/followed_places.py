@@ -24,6 +24,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.explain.finding import Finding
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
@@ -38,6 +39,8 @@ RETURN = 1.0
 """Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five
 markers, three of them in view among four strays, 7 of 186 trusted matches of one flight were of absent ones without it,
 in six flights with it none of 1,080."""
+LOOKED_AT = 8
+"""Largest number of modes of a frame that are considered. A round value."""
 CLUTTER_GOES = 0.5
 """Probability that clutter which was taken for a body is not there in the next frame. A round value."""
 
@@ -122,6 +125,17 @@ def in_places(
         if math.isfinite(before):
             more[own] = log_weight(now) - log_weight(before)
     return place, alone, more
+
+
+def share_unseen(found: Finding, poses: Sequence[FollowedPose], places: Mapping[int, float]) -> float:
+    """Share of the places of which a frame shows nothing, if it shows another that is followed."""
+    told, model = found.posterior, found.model
+    if len(poses) < 2 or told is None or model is None or not isinstance(model.prior, Doubted):
+        return 0.0
+    modes = told.modes.take(slice(LOOKED_AT))
+    origin = model.prior.prediction_of(modes.rotation, modes.position)
+    seen = {poses[k].place for k in origin.tolist() if k >= 0}
+    return sum(share for place, share in places.items() if place not in seen) if seen else 0.0
 
 
 def places_of(uses: Bools, origin: Integers, followed: Sequence[int]) -> Integers:
@@ -211,6 +225,19 @@ def log_absent(before: float, seconds: float, unsearched: float) -> float:
 def log_back(followed: FollowedPose, now: float) -> float:
     """Log-odds that the body was not in view when a place was found that is followed, and comes back only now."""
     return followed.log_absent - IN_VIEW / RETURN * (now - followed.since)
+
+
+def log_lost(holds: float, alone: float) -> float:
+    """What `log_back` is if what is followed may be other lights by now, which need not be a copy of the body.
+
+    Parameters
+    ----------
+    holds : float
+        Probability that its matches are right.
+    alone : float
+        Log-odds that the place had alone.
+    """
+    return math.log(max(1.0 - holds, 1e-300)) - math.log(max(holds, 1e-300)) + log_weight(alone)
 
 
 def met_beside(model: DetectionModel, modes: Modes, each: Floats, alone: Floats, first: int) -> Floats:

@@ -54,6 +54,8 @@ class Step(NamedTuple):
     place: int
     alone: float
     """See `FollowedPose`."""
+    more: float = 0.0
+    """Part of ``log_weight``: by how much more the place shows than before."""
 
     @property
     def total(self) -> float:

@@ -21,7 +21,7 @@ from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
-from rootmatch.explain.task import Rivals
+from rootmatch.explain.rivals import Rivals
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
 from rootmatch.problems.base import Problem
@@ -264,13 +264,12 @@ max_evaluations
         for label, body in self._bodies.items():
             told = given.get(label)
             if isinstance(told, Pose):
-                body.belief.keep_best(when)
+                body.keep_best(when)
                 poses[label] = told
             elif body.belief:
-                pose, others = body.belief.predicted(when)
+                pose, others = body.predicted(when)
                 if told is not None:
-                    pose = told.with_prediction(pose)
-                    others = tuple((told.with_prediction(other), share) for other, share in others)
+                    pose, others = told.with_prediction(pose), others.given(told)
                 poses[label], rivals[label] = pose, others
             elif told is not None:
                 poses[label] = told
@@ -306,12 +305,12 @@ max_evaluations
                 return SearchPart(0, rest=self._bodies[None].appeared(near))
 
             found = explained(choice)
-        every_one = all(part.status is Status.MATCHED for part in self._parts(found).values())
-        self._length.take(every_one, cut=found.evaluated >= (self._budget or math.inf))
         parts = {
             label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
         }
+        every_one = all(part.status is Status.MATCHED for part in parts.values())
+        self._length.take(every_one, cut=found.evaluated >= (self._budget or math.inf))
         changed = False
         if of_images:
             every = self.tracking.search_every  # in half of the frames, some in a row: what is compared are two

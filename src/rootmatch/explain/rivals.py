@@ -1,0 +1,37 @@
+"""Predicted poses beside the most probable one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
+
+DOUBT = 0.01
+"""Share of a prior for the case that no predicted pose is right, at least."""
+
+
+class Rivals(NamedTuple):
+    """What else a body's pose may be than the one that is most probably predicted.
+
+    Attributes
+    ----------
+    poses : tuple of (Pose, float)
+        Other predicted poses with the share of each; that of the first one is the rest.
+    doubt : float
+        Probability that none of all of them is right.
+    places : tuple of int
+        Numbers of the places in which all of them are followed, the first one's before the others.
+    """
+
+    poses: tuple[tuple[Pose, float], ...] = ()
+    doubt: float = DOUBT
+    places: tuple[int, ...] = ()
+
+    def given(self, known: PosePrior) -> Rivals:
+        """The same poses with partial knowledge."""
+        return self._replace(poses=tuple((known.with_prediction(pose), share) for pose, share in self.poses))
+
+
+NONE = Rivals()
+"""Of a pose that is predicted alone."""

@@ -1,0 +1,116 @@
+"""Lights beside a body that were taken for its points: they are not believed more the longer they stay."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.tracking.foreign_lights import ForeignLights, by_others
+from rootmatch.tracking.two_states import log_chance
+
+CAMERA = rm.Camera(700.0, 700.0, 640.0, 480.0)
+RATE = 60.0
+
+
+def flight(seed: int, shown: int, lights: int = 6, frames: int = 200) -> tuple[int, int, int]:
+    """Trusted and wrong frames, and right ones with all in view, of a body that is covered but for so many points.
+
+    Its carrier has lights of its own, which stay in view and turn with it. It is covered from frame 50 to 130.
+    """
+    rng = np.random.default_rng(seed)
+    body, beside = rng.uniform(-0.12, 0.12, (7, 3)), rng.uniform(-0.2, 0.2, (lights, 3))
+    first, turn = Rotation.random(random_state=seed), rng.normal(0.0, 0.6, 3)
+    phase, speed = rng.uniform(0.0, 6.0, 3), rng.normal(0.0, 0.15, 3)
+    tracker = rm.Tracker(body, rm.P3P(CAMERA), noise=0.3, tracking=rm.TrackingOptions(interval=1.0 / RATE))
+    wrong = right = 0
+    for k in range(frames):
+        turned = (Rotation.from_rotvec(turn * np.sin(2.0 * k / RATE + phase)) * first).as_matrix()
+        place = np.array([0.0, 0.0, 1.5]) + speed * np.sin(2.0 * k / RATE + phase)
+        seen = np.flatnonzero((rng.random(7) < 0.95) & (np.arange(7) < (shown if 50 <= k < 130 else 7)))
+        pixels = CAMERA.project(np.concatenate([body[seen], beside]) @ turned.T + place)
+        target = pixels + rng.normal(0.0, 0.3, pixels.shape)
+        match = tracker.update(np.concatenate([target, rng.uniform((0.0, 0.0), (1280.0, 960.0), (2, 2))]))
+        if match:
+            held = all(j < len(seen) and seen[j] == i for i, j in match.pairs)
+            wrong += not held
+            right += held and not 50 <= k < 130
+    return wrong, right, frames - 80
+
+
+def test_lights_that_turn_with_the_body_are_not_believed_for_staying() -> None:
+    counts = np.sum([flight(seed, 2) for seed in range(6)], axis=0)
+    assert counts[0] <= 1
+    assert counts[1] > 0.85 * counts[2], "the body is found again, although a place nearby is followed"
+
+
+def test_one_light_beside_three_points_is_not_believed_for_staying() -> None:
+    counts = np.sum([flight(seed, 3) for seed in range(6)], axis=0)
+    assert counts[0] <= 2
+    assert counts[1] > 0.85 * counts[2]
+
+
+@pytest.mark.parametrize("own", [[0.9, 0.8, 0.7], [0.5, 0.99, 0.6, 0.9, 0.3], [0.4], [1.0, 1.0, 1.0, 0.0]])
+def test_a_pose_holds_if_the_right_matches_determine_it(own: list[float]) -> None:
+    lights = ForeignLights(len(own) + 1)
+    lights.own[:-1], lights.seen[:-1], lights.time = own, 0.0, 0.0
+    least, told = min(3, len(own)), 0.0
+    for right in itertools.product([True, False], repeat=len(own)):
+        if sum(right) >= least:
+            told += math.prod(p if one else 1.0 - p for p, one in zip(own, right, strict=True))
+    assert lights.holds == pytest.approx(told)
+
+
+def found_of(frames: int, shown: int) -> Any:
+    """The finding about a prediction, without a search, after some frames with all seven points in view."""
+    rng = np.random.default_rng(5)
+    body = rng.uniform(-0.12, 0.12, (7, 3))
+    matcher = rm.Matcher(body, rm.P3P(CAMERA), noise=0.3)
+    pose = rm.Pose(np.eye(3), np.array([0.0, 0.0, 1.5]), np.diag([0.02] * 3 + [0.01] * 3) ** 2)
+    pixels = CAMERA.project(body[:shown] + pose.t) + rng.normal(0.0, 0.3, (shown, 2))
+    found = matcher.explained(pixels, prior=pose, searching=False)
+    assert np.array_equal(found.assignment[:shown], np.arange(shown))
+    return found
+
+
+def test_the_other_matches_tell_of_one_by_their_evidence_alone() -> None:
+    """Against all subsets, each by its evidence, with the same probabilities before."""
+    found = found_of(1, 6)
+    before = np.array([0.3, 0.6])
+    told = by_others(found, np.array([1, 4]), before)
+    assert (told > 0.99).all(), "four others say where they are"
+    few = found_of(1, 3)
+    told = by_others(few, np.array([2]), before[:1])
+    assert told[0] < 0.5, "two others do not"
+
+
+def test_a_match_is_no_more_probable_than_when_it_was_met() -> None:
+    """Three matches of which the third was doubtful at first: later frames find it where they expect it."""
+    found = found_of(1, 3)
+    lights, lit = ForeignLights(7), np.full(7, 0.9)
+    given = np.where(found.assignment == 2, 0.7, 0.999)
+    lights.take(found, given, lit, 0.0)
+    for k in range(1, 5):
+        most = lights.most(found, lit, k / RATE)
+        assert most[2] == pytest.approx(0.7, abs=0.05)
+        assert (most[:2] == 1.0).all()
+        lights.take(found, np.full(7, 0.999), lit, k / RATE)
+    nothing = SimpleNamespace(**{**vars(found), "assignment": np.full(7, -1)})
+    lights.take(nothing, np.full(7, 0.999), lit, 5.0 / RATE)
+    assert lights.most(found, lit, 6.0 / RATE)[2] < 0.75, "what was beside the body is still there"
+    assert lights.most(found, lit, 20.0)[2] == 1.0
+
+
+def test_probabilities_before_count() -> None:
+    found = found_of(1, 4)
+    told = [by_others(found, np.array([3]), np.array([p]))[0] for p in (0.001, 0.1, 0.9)]
+    assert told[0] < told[1] < told[2]
+    odds = np.log(told) - np.log1p(-np.array(told))
+    stated = log_chance(np.array([0.001, 0.1, 0.9])) - log_chance(1.0 - np.array([0.001, 0.1, 0.9]))
+    assert odds - stated == pytest.approx(odds[0] - stated[0])
