@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.tracking.dark_points import LIT, DarkPoints
+from rootmatch.tracking.dark_points import DarkPoints
+from rootmatch.tracking.foreign_lights import LIT
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
 RATE = 60.0
@@ -62,7 +63,7 @@ def finding(assignment: list[int], confidence: list[float], probability: float =
     options = SimpleNamespace(detection_rate=0.9)
     return SimpleNamespace(
         assignment=np.array(assignment), confidence=np.array(confidence), posterior=told, probability=probability,
-        task=SimpleNamespace(options=options),
+        task=SimpleNamespace(options=options), mode=0,
     )  # fmt: skip
 
 

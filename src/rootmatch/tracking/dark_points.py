@@ -15,15 +15,12 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats
 from rootmatch.explain.finding import Finding
-from rootmatch.model.detection_model import USUAL_RATE
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.tracking.foreign_lights import ForeignLights
+from rootmatch.tracking.foreign_lights import LIT, ForeignLights, missed, rates
 from rootmatch.tracking.two_states import chance_later
 
 LASTS = 0.25
 """Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
-LIT = 0.8
-"""Probability that a point is lit of which nothing is known. A round value."""
 FACING = 1e-3
 """Visibility of a point below which nothing is learned of it. A round value."""
 
@@ -59,7 +56,8 @@ class DarkPoints:
         if lit is None or sure is None or chance is None or not matched.any() or len(lit) != len(matched):
             return found
         whole, local = _given_pose(sure, matched)
-        told = local * lit / np.maximum(local * lit + 1.0 - local, 1e-300)
+        dark = (1.0 - local) * missed(found, lit)
+        told = local * lit / np.maximum(local * lit + dark, 1e-300)
         told = np.minimum(told, self.foreign.most(found, lit, time))[matched]
         less = float(np.prod(told / np.maximum(local[matched], 1e-300)))
         if less > 1.0 - WRONG_MODEL:
@@ -76,10 +74,8 @@ class DarkPoints:
         before, matched = self.at(time), found.assignment >= 0
         if before is None or len(before) != len(sure):
             before, self.foreign = np.full(len(sure), LIT), ForeignLights(len(sure))
-        rate = (found.task.options.detection_rate or USUAL_RATE) * np.asarray(told.modes.visible[0])
-        missed = before * (1.0 - rate) / np.maximum(1.0 - rate * before, 1e-300)
         chance = np.where(matched, sure, 1.0 - sure)  # that it was detected
-        self.lit = np.where(rate < FACING, before, chance + (1.0 - chance) * missed)
+        self.lit = np.where(rates(found) < FACING, before, chance + (1.0 - chance) * before / missed(found, before))
         self.foreign.take(found, _given_pose(sure, matched)[1], before, time)
         self.time = time
 

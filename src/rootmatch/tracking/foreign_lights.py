@@ -13,6 +13,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.explain.finding import Finding
+from rootmatch.model.detection_model import USUAL_RATE
 from rootmatch.model.evidence import evidence
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
@@ -25,6 +26,12 @@ RECENT = 0.25
 """Seconds for which a match takes part in the prediction. A round value."""
 DETERMINE = 3
 """Number of matches that determine a pose."""
+LIT = 0.8
+"""Probability that a point is lit of which nothing is known. A round value."""
+TOGETHER = 0.1
+"""Probability that points which were dark are lit again together, as what covered them is gone. A round value."""
+AGREE = 5
+"""Number of matches from which some are right: that two fit a pose of three others is no accident. A round value."""
 SURE = 0.99
 """Probability from which a match is not asked for again. A round value."""
 
@@ -40,20 +47,21 @@ class ForeignLights:
 
     def __init__(self, count: int) -> None:
         self.own, self.met, self.seen = np.ones(count), np.ones(count), np.full(count, -math.inf)
-        """Probability (n,) that the last match was right; that by which points were lit when it was met; its time."""
+        """Probability (n,) that the last match was right; that the point was lit when it was met; its time."""
         self.time = -math.inf
 
     @property
     def holds(self) -> float:
         """Probability that the last pose was that of the body: that the right matches determine it."""
         each = self.own[self.seen >= self.time - RECENT].tolist()
-        count = np.zeros(min(DETERMINE, len(each)) + 1)  # probability of so many right ones, or more for the last
-        count[0] = 1.0
+        last = min(DETERMINE, len(each))
+        count = [1.0] + last * [0.0]  # probability of so many right ones, or more for the last
         for own in each:
-            more = own * count[:-1]
-            count[:-1] -= more
-            count[1:] += more
-        return float(count[-1])
+            for k in range(last, 0, -1):
+                more = own * count[k - 1]
+                count[k] += more
+                count[k - 1] -= more
+        return count[-1]
 
     def _now(self, chance: Floats, time: float) -> Floats:
         """Probabilities (n,) at a time: what was beside the body may have left since the last match."""
@@ -69,7 +77,7 @@ class ForeignLights:
         doubtful = np.flatnonzero((found.assignment >= 0) & (own < SURE))
         if len(doubtful):
             before = np.minimum(self._now(self.met, time), lit)
-            own[doubtful] = np.maximum(own[doubtful], by_others(found, doubtful, before[doubtful]))
+            own[doubtful] = np.maximum(own[doubtful], by_others(found, doubtful, before))
         return np.where(own < SURE, own, 1.0)
 
     def take(self, found: Finding, given: Floats, lit: Floats, time: float) -> None:
@@ -102,31 +110,43 @@ def _in_modes(told: Posterior) -> Floats:
     return np.asarray(told.probabilities @ (modes.local * (modes.assignments >= 0)))
 
 
-def by_others(found: Finding, doubtful: Integers, before: Floats) -> Floats:
+def by_others(found: Finding, doubtful: Integers, lit: Floats) -> Floats:
     """Probability (m,) of the doubtful matches by the image alone: the prediction has them in it.
 
-    Summed are all of them, all but one, one beside the sure matches, and these alone.
+    Summed are all of them, all but one, one beside the sure matches, and these alone. Where only as many match as
+    determine a pose, nothing tells of any: 0.
 
     Parameters
     ----------
     found : Finding
     doubtful : (m,) int array
         Points.
-    before : (m,) float64 array
-        Probability of their matches, as far as the image does not tell.
+    lit : (n,) float64 array
+        Probability that each point is lit, as far as the image does not tell.
     """
-    model, told = found.model, found.posterior
+    model, told, count = found.model, found.posterior, int(np.count_nonzero(found.assignment >= 0))
     assert model is not None
     assert told is not None
+    if count <= DETERMINE:
+        return np.zeros(len(doubtful))
     right, modes, k = _mostly_right(len(doubtful)), told.modes, slice(found.mode, found.mode + 1)
+    if count >= AGREE:
+        right = right[count - (~right).sum(axis=1) >= DETERMINE]
     assignments = np.tile(found.assignment, (len(right), 1))
     assignments[:, doubtful] = np.where(right, found.assignment[doubtful], -1)
     at = model.linearised(modes.rotation[k], modes.position[k])
     prior = model.prior.without if isinstance(model.prior, Doubted) else model.prior
     weight = evidence(model, assignments, at, prior).log_odds
-    weight = weight + np.where(right, log_chance(before), log_chance(1.0 - before)).sum(axis=1)
+    each = [_log_chance(found, right, doubtful, one) for one in (lit, np.full(len(lit), LIT))]
+    weight += np.logaddexp(each[0] + math.log1p(-TOGETHER), each[1] + math.log(TOGETHER))
     weight = np.exp(weight - weight.max())
     return np.asarray(weight @ right / weight.sum())
+
+
+def _log_chance(found: Finding, right: Bools, points: Integers, lit: Floats) -> Floats:
+    """Log-probability (K,) of which matches are right (K, m), by the probability (n,) that each point is lit."""
+    dark = np.log(missed(found, lit)[points])
+    return np.asarray(np.where(right, log_chance(lit[points]), dark).sum(axis=1))
 
 
 def _mostly_right(count: int) -> Bools:
@@ -134,3 +154,16 @@ def _mostly_right(count: int) -> Bools:
     one = np.eye(count, dtype=np.bool_)
     each = [np.ones((1, count), np.bool_), np.zeros((1, count), np.bool_), *[one][: count - 1], *[~one][: count - 2]]
     return np.concatenate(each)
+
+
+def rates(found: Finding) -> Floats:
+    """Probability (n,) that each point is detected if it is lit, in the pose of a finding."""
+    assert found.posterior is not None
+    visible = np.asarray(found.posterior.modes.visible[found.mode])
+    return (found.task.options.detection_rate or USUAL_RATE) * visible
+
+
+def missed(found: Finding, lit: Floats) -> Floats:
+    """How much more probably (n,) each point is not detected if it is lit with a probability than if it is lit."""
+    rate = rates(found)
+    return np.asarray(np.maximum(1.0 - rate * lit, 1e-300) / np.maximum(1.0 - rate, 1e-300))
