@@ -30,13 +30,12 @@ from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit, fitted_point_sets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
+from rootmatch.problems.pose_fit.shared_errors import EXACT, without
 
 ROTATIONS = 8.0 * math.pi**2
 """Volume of all rotations, by rotation vectors."""
 DIRECTIONS = 4.0 * math.pi
 """Area of all directions."""
-EXACT = 1e-6
-"""Smallest variance, relative to others."""
 GATE = 21.0
 """Squared deviation, in three coordinates, up to which a target may be a predicted point: chance 10⁻⁴ beyond."""
 
@@ -161,8 +160,8 @@ def fused(fit: Pose, known: Pose | PosePrior, common: Floats | float = 0.0) -> P
     longer = fit.scale * math.log(known.scale / fit.scale)
     off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), longer])[:size]
     if not isinstance(common, float):
-        fit = Pose.unchecked(fit.R, fit.t, _less(spread, common), fit.scale)
-        certain = _less(certain, common[:size, :size])
+        fit = Pose.unchecked(fit.R, fit.t, without(spread, common), fit.scale)
+        certain = without(certain, common[:size, :size])
     both = updated(fit, np.eye(size), off, certain)
     assert both.covariance is not None
     return Pose.unchecked(both.R, both.t, both.covariance + common, both.scale)
@@ -196,13 +195,6 @@ def common_covariance(clouds: PointClouds, pose: Pose) -> Floats | float:
         source_variance=variance, source_covariance=None if known is None else known + EXACT * most * np.eye(3)
     )
     return np.asarray(motion_covariances(fitted_point_sets(there, np.arange(len(variance))[None], False))[0])
-
-
-def _less(covariance: Floats, part: Floats) -> Floats:
-    """A covariance without a part of it, positive definite."""
-    size = np.sqrt(np.diagonal(covariance))
-    values, vectors = np.linalg.eigh((covariance - part) / (size[:, None] * size))
-    return np.asarray((vectors * np.maximum(values, EXACT)) @ vectors.T * (size[:, None] * size))
 
 
 def _tells_scale(pose: Pose) -> bool:
