@@ -21,7 +21,7 @@ from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
-from rootmatch.problems.pose_fit.shared_errors import SharedPose, fused_with
+from rootmatch.problems.pose_fit.shared_errors import SharedPose, fused_with, whole, with_shared
 from rootmatch.problems.up2p import UP2P
 from rootmatch.problems.up2pf import UP2PF
 
@@ -96,7 +96,7 @@ def polished_pose(found: Finding) -> Pose | None:
     task, assignment, pose, prior_holds = found.task, found.assignment, found.pose, bool(found.prior_holds)
     assert pose is not None
     if task.problem.takes_motion_prior:
-        return pose  # what is known is part of it, in closed form
+        return with_shared_errors(found, pose, task.prior_pose)  # what is known is part of it, in closed form
     problem, known = task.problem, knowledge_of(task)
     points = task.points if task.rig is None else task.sightings[1]
     if found.model is not None:
@@ -121,10 +121,10 @@ def polished_pose(found: Finding) -> Pose | None:
 
 def with_shared_errors(found: Finding, fit: Pose, prior: Pose | None) -> Pose:
     """A fit of a finding with the errors of the source that it has in common with a prediction, counted once."""
-    if prior is None or not isinstance(prior, SharedPose) or found.model is None:
-        return fit
-    own = errors_by_source(found.model, found.assignment, fit)
-    return fit if own is None else fused_with(prior, fit, own)
+    own = fit.shared if isinstance(fit, SharedPose) else None
+    if own is None and found.model is not None and isinstance(prior, SharedPose):
+        own = errors_by_source(found.model, found.assignment, fit)
+    return fused_with(prior, whole(fit), own) if isinstance(prior, SharedPose) and own is not None else whole(fit)
 
 
 def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:
@@ -133,8 +133,7 @@ def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:
     gaussian = Gaussian(prior.R, prior.t, prior.covariance, freedom=task.prior_freedom)
     squared = replace(gaussian, freedom=math.inf).terms(near.R[None], near.t[None]).squared
     weight = float(gaussian.tail_weight(squared)[0])
-    wide = Pose.unchecked(prior.R, prior.t, prior.covariance / weight)
-    return SharedPose.of(wide, prior.shared) if isinstance(prior, SharedPose) else wide
+    return with_shared(Pose.unchecked(prior.R, prior.t, prior.covariance / weight), prior)
 
 
 def about_prediction(task: MatchingTask, k: int) -> MatchingTask:

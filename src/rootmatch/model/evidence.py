@@ -271,13 +271,9 @@ def errors_by_source(model: DetectionModel, assignment: Integers, fit: Pose) -> 
         return None
     assert fit.covariance is not None
     at, images = model.linearised(*model.centred(fit.R[None], fit.t[None])), max(len(model.images), 1)
-    variances, axes = np.linalg.eigh(model.source_covariance[: len(assignment) // images])
-    roots = axes * np.sqrt(np.maximum(variances, 0.0))[:, None]
     used, image = (assignment >= 0)[None], np.maximum(assignment, 0)[None]
-    by_point, spread = _spread(model, at, used, image)
-    each = np.linalg.solve(spread, by_points(by_point, images) @ roots)[0]
-    rows = by_points(at.jacobian * used[..., None, None], images)[0]
-    information = (rows.swapaxes(1, 2) @ each).swapaxes(0, 1).reshape(6, -1)
-    # by a turn about the origin of the points rather than their centre
-    information[:3] += turn_jacobian(fit.R @ model.centre).T @ information[3:]
-    return SharedErrors.of(fit.covariance @ information)
+    (by_point,), (spread,) = _spread(model, at, used, image)
+    by_pose = at.jacobian[0] * used[0, :, None, None]
+    by_pose[..., :3] += by_pose[..., 3:] @ turn_jacobian(fit.R @ model.centre)  # about the points' own origin
+    rows = by_points(by_pose, images), by_points(by_point, images)
+    return SharedErrors.of_points(fit.covariance, rows, spread, model.source_covariance[: len(spread)])

@@ -21,6 +21,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.image_hypotheses import DOUBT
+from rootmatch.explain.point_set_decision import pose_alone
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.task import Rivals
 from rootmatch.model.modes import Modes
@@ -314,8 +315,7 @@ class Belief:
             self.poses = [*held, *followed][:1]
             self.best.update(found.pose, time)
             return
-        (pose,) = found.task.problem.poses(found.task.points, found.assignment[None])
-        if pose is not None:
+        if (pose := pose_alone(found)) is not None:
             self.poses = [FollowedPose(MotionFilter(self.source, pose, time, self.motion))]
 
     def _log_absent(self, time: float, seen: bool) -> float:

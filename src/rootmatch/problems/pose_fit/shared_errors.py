@@ -43,6 +43,27 @@ class SharedErrors(NamedTuple):
         """Those of one frame (p, m)."""
         return cls(each, each @ each.T)
 
+    @classmethod
+    def of_points(cls, fitted: Floats, rows: tuple[Floats, Floats], spread: Floats, covariance: Floats) -> SharedErrors:
+        """Those of a fitted pose by the errors of n points.
+
+        Parameters
+        ----------
+        fitted : (p, p) array
+            Covariance of the fit.
+        rows : (n, k, p) and (n, k, 3) arrays
+            Derivatives of what is measured of each point by the pose, and by the point; zero for what is not.
+        spread : (n, k, k) array
+            Covariances of what is measured.
+        covariance : (n, 3, 3) array
+            Of the points.
+        """
+        by_pose, by_point = rows
+        variances, axes = np.linalg.eigh(covariance)
+        roots = axes * np.sqrt(np.maximum(variances, 0.0))[:, None]
+        each = by_pose.swapaxes(1, 2) @ np.linalg.solve(spread, by_point @ roots)
+        return cls.of(fitted @ each.swapaxes(0, 1).reshape(len(fitted), -1))
+
     def moved(self, change: Floats) -> SharedErrors:
         """Those of other parameters (q,), which the errors change by a matrix (q, p)."""
         return SharedErrors(change @ self.each, change @ self.counted @ change.T)
@@ -74,6 +95,11 @@ class SharedPose(Pose):
         one = cls.__new__(cls)
         one.__dict__.update(pose.__dict__, shared=shared)
         return one
+
+
+def with_shared(pose: Pose, other: Pose) -> Pose:
+    """A pose with the shared errors of another one, if it has any."""
+    return SharedPose.of(pose, other.shared) if isinstance(other, SharedPose) else pose
 
 
 def whole(pose: Pose) -> Pose:
