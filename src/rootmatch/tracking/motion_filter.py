@@ -13,7 +13,7 @@ from rootmatch.arrays import Floats
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point, body_radius
-from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose
+from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose, left_by
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
 State = tuple[Floats, Floats, Floats, Floats]
@@ -131,7 +131,7 @@ class MotionFilter:
         """Of the rows of ``P``; None if the errors of all poses are independent."""
         if isinstance(pose, SharedPose):
             self._share(None, pose, np.eye(size + 12, size), np.eye(size))
-        self._ahead: tuple[float, State] | None = None
+        self._ahead: tuple[float, State, SharedErrors | None] | None = None
 
     def copy(self) -> MotionFilter:
         """An independent copy: no array of a filter is ever written into."""
@@ -198,7 +198,7 @@ class MotionFilter:
         inverse: Floats = np.asarray(np.linalg.inv(P[:size, :size]))
         left, squared = take_pose((motion, P), inverse, step, covariance, (self.motion, self.P))
         if isinstance(pose, SharedPose):
-            self._share(shared, pose, weight * P[:, :size] @ inverse, covariance @ inverse)
+            self._share(shared, pose, weight * P[:, :size] @ inverse, left_by(covariance, P[:size, :size]))
         self.time, self._ahead = time, None
         # expected square of a step: the part of the prior's covariance that the detections removed
         expected, options = max(size - left, 0.0), self.options
@@ -222,7 +222,7 @@ class MotionFilter:
         """Take in the shared errors of a pose.
 
         ``gain`` (p + 12, p): what the state changes by with the pose; ``left`` (p, p): what the fit of the pose leaves
-        of the errors of its prediction.
+        of the errors of its prediction, ``before``.
         """
         self.shared = pose.shared.about(pose.scale * pose.R @ self.centre).moved(gain)
         if before is not None:
@@ -230,21 +230,26 @@ class MotionFilter:
             kept[:, : self.rows] -= gain @ (np.eye(self.rows) - left)
             self.shared = before.moved(kept).plus(self.shared)
 
-    def _shared_at(self, time: float) -> SharedErrors | None:
-        """Shared errors at a time: they move as all others do."""
-        if self.shared is None:
-            return None
-        size, F = len(self.P), transition(time - self.time, self.options.persistence)[0]
-        move, moving = np.eye(size), np.append(np.arange(6), np.arange(self.rows, size))
-        move[np.ix_(moving, moving)] = np.kron(F, np.eye(6))
-        move[:3, :3] = self._at(time)[0] @ self.R.T
-        return self.shared.moved(move)
-
     def _at(self, time: float) -> State:
         """Pose and covariance at a time, kept as an update asks for them once more."""
         if self._ahead is None or self._ahead[0] != time:
-            self._ahead = time, self._ahead_by(time - self.time)
+            state = self._ahead_by(time - self.time)
+            self._ahead = time, state, self._shared_by(time - self.time, state[0])
         return self._ahead[1]
+
+    def _shared_at(self, time: float) -> SharedErrors | None:
+        """Shared errors at a time."""
+        self._at(time)
+        return None if self._ahead is None else self._ahead[2]
+
+    def _shared_by(self, dt: float, R: Floats) -> SharedErrors | None:
+        """Shared errors after a time, at a rotation: they move as all others do."""
+        if self.shared is None:
+            return None
+        move, moving = np.eye(len(self.P)), np.append(np.arange(6), np.arange(self.rows, len(self.P)))
+        move[np.ix_(moving, moving)] = np.kron(transition(dt, self.options.persistence)[0], np.eye(6))
+        move[:3, :3] = R @ self.R.T
+        return self.shared.moved(move)
 
     @property
     def _accelerations(self) -> tuple[float, float]:

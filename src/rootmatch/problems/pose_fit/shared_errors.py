@@ -117,8 +117,19 @@ def fused_with(prior: SharedPose, fit: Pose, own: SharedErrors) -> Pose:
     """
     assert prior.covariance is not None
     assert fit.covariance is not None
-    kept = fit.covariance[:, : len(prior.covariance)] @ np.linalg.inv(prior.covariance)
-    return replace(fit, covariance=prior.shared.moved(kept).plus(own).whole(fit.covariance))
+    left = left_by(fit.covariance, prior.covariance)
+    return replace(fit, covariance=prior.shared.moved(left).plus(own).whole(fit.covariance))
+
+
+def left_by(fitted: Floats, predicted: Floats) -> Floats:
+    """What a fit leaves (p, p) of the errors of a prediction in it, by the covariances (p, p) of both.
+
+    That is hardly any in a direction in which it is far less certain: a caller said where the body is instead.
+    """
+    root = np.linalg.cholesky(predicted)
+    inverse = np.linalg.inv(root)
+    values, vectors = np.linalg.eigh(inverse @ fitted @ inverse.T)
+    return np.asarray(root @ (vectors * np.minimum(values, 1.0 / values)) @ vectors.T @ inverse)
 
 
 def without(covariance: Floats, part: Floats) -> Floats:
