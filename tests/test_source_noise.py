@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.problems.noise import check_source_noise
+from rootmatch.problems.pose_fit.shared_errors import left_by
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(1500.0, 1500.0, 640.0, 480.0)
@@ -228,3 +229,12 @@ def test_frames_do_not_average_the_errors_of_a_model_out(kind: str) -> None:
         squared.append(scene.squared_error(match.pose))
         assert scene.squared_error(match.fused_pose) == pytest.approx(squared[-1], rel=0.3, abs=0.5)
     assert 0.6 < np.mean(squared) / 6.0 < 1.5
+
+
+def test_a_vaguer_pose_from_a_caller_leaves_little_of_a_prediction() -> None:
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(6, 6))
+    predicted = root @ root.T
+    fitted = root @ np.diag([0.25, 0.5, 1.0, 1.0, 4.0, 100.0]) @ root.T
+    left = np.linalg.solve(root, left_by(fitted, predicted) @ root)
+    np.testing.assert_allclose(left, np.diag([0.25, 0.5, 1.0, 1.0, 0.25, 0.01]), atol=1e-6)
