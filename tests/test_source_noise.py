@@ -238,3 +238,16 @@ def test_a_vaguer_pose_from_a_caller_leaves_little_of_a_prediction() -> None:
     fitted = root @ np.diag([0.25, 0.5, 1.0, 1.0, 4.0, 100.0]) @ root.T
     left = np.linalg.solve(root, left_by(fitted, predicted) @ root)
     np.testing.assert_allclose(left, np.diag([0.25, 0.5, 1.0, 1.0, 0.25, 0.01]), atol=1e-6)
+
+
+def test_a_part_of_the_pose_may_be_known_exactly() -> None:
+    scene, rng = Scene(4, clutter=0), np.random.default_rng(4)
+    known = rm.PosePrior(rotation=(scene.R, 0.0), position=(scene.t, 0.0))
+    tracker = rm.Tracker(scene.model, rm.P3P(CAMERA), noise=PIXEL, source_noise=SIGMA)
+    for k in range(4):
+        target = CAMERA.project(scene.placed) + rng.normal(0.0, PIXEL, (10, 2))
+        prior = known if k else rm.Pose(scene.R, scene.t, np.diag([0.1**2] * 3 + [30.0**2] * 3))
+        match = tracker.update(target, prior=prior)
+        assert match
+        assert match.pose.covariance is not None
+        assert np.isfinite(match.pose.covariance).all()

@@ -126,9 +126,13 @@ def left_by(fitted: Floats, predicted: Floats) -> Floats:
 
     That is hardly any in a direction in which it is far less certain: a caller said where the body is instead.
     """
-    root = np.linalg.cholesky(predicted)
-    inverse = np.linalg.inv(root)
+    # a sensor may know a part of the pose exactly: then a root of what is nearly that
+    size = np.sqrt(np.maximum(np.diagonal(predicted), EXACT**4 * np.abs(predicted).max() + 1e-200))
+    values, vectors = np.linalg.eigh(predicted / (size[:, None] * size))
+    deviations = np.sqrt(np.maximum(values, EXACT))
+    root, inverse = size[:, None] * vectors * deviations, (vectors / deviations).T / size
     values, vectors = np.linalg.eigh(inverse @ fitted @ inverse.T)
+    values = np.maximum(values, EXACT)
     return np.asarray(root @ (vectors * np.minimum(values, 1.0 / values)) @ vectors.T @ inverse)
 
 
