@@ -12,11 +12,12 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 import rootmatch as rm
-from rootmatch.model.motion_prior import MotionPrior, common_covariance, fused
+from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances, with_errors_of_source
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.shared_errors import SharedPose, whole
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 from test_cli_frames import run, write
 
@@ -178,16 +179,23 @@ def test_what_a_prior_of_the_scale_predicts() -> None:
 
 
 def test_fits_with_errors_in_common_keep_them() -> None:
+    """Of targets with as much noise as the source, half of the variance is left after many frames."""
     variance = np.full(5, SIGMA**2)
-    clouds = PointClouds(BODY, 2.0 * BODY, variance, variance, scaled=True, mirror=False)
-    pose = Pose.unchecked(np.eye(3), np.zeros(3), np.eye(7), 2.0)
-    common = common_covariance(clouds, pose)
-    assert not isinstance(common, float)
-    one = Pose.unchecked(np.eye(3), np.zeros(3), 3.0 * common, 2.0)
-    for _ in range(20):
-        one = fused(one, Pose.unchecked(np.eye(3), np.zeros(3), 3.0 * common, 2.0), common)
-    np.testing.assert_allclose(one.covariance, (1.0 + 2.0 / 21.0) * common, rtol=1e-4, atol=1e-9)
-    assert common_covariance(clouds._replace(source_variance=0.0 * variance), pose) == 0.0
+    clouds = PointClouds(BODY, 2.0 * BODY, variance, 4.0 * variance, scaled=True, mirror=False)
+    model = PointSetModel(clouds)
+    covariance = motion_covariances(model.fit(np.arange(5)[None]))[0]
+    pose = Pose.unchecked(np.eye(3), np.zeros(3), covariance, 2.0)
+    one = with_errors_of_source(clouds, np.arange(5), pose)
+    assert isinstance(one, SharedPose)
+    np.testing.assert_allclose(one.shared.counted, 0.5 * covariance, rtol=1e-4, atol=1e-6)
+    filter_ = MotionFilter(BODY, one, 0.0)
+    for k in range(1, 21):
+        both = fused(one, filter_.predicted(1e-9 * k))
+        filter_.update(both, 1e-9 * k)
+    expected = (0.5 + 0.5 / 21.0) * covariance
+    np.testing.assert_allclose(whole(filter_.predicted(2e-8)).covariance, expected, rtol=1e-3, atol=1e-5)
+    exact = clouds._replace(source_variance=0.0 * variance)
+    assert not isinstance(with_errors_of_source(exact, np.arange(5), pose), SharedPose)
 
 
 def test_a_filter_of_a_scale() -> None:

@@ -11,7 +11,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.problems.noise import check_source_noise
+from rootmatch.problems.pose_fit.shared_errors import left_by
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(1500.0, 1500.0, 640.0, 480.0)
@@ -196,3 +198,56 @@ def test_noise_is_not_estimated_beside_that_of_one_of_two_point_sets() -> None:
     scene = Scene(0)
     with pytest.raises(rm.InputError, match=r"^noise: .*source_noise= of point sets; give a number"):
         rm.match(scene.model, scene.placed, rm.Rigid(), noise="auto", source_noise=SIGMA)
+
+
+def cameras_of(kind: str) -> list[tuple[rm.Camera, Floats, Floats]]:
+    """One camera, a fisheye, or two cameras, in the unit of `Scene`."""
+    if kind == "rig":
+        aside = Rotation.from_euler("y", 25.0, degrees=True).as_matrix()
+        return [(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, aside, np.array([-600.0, 0.0, 100.0]))]
+    lens = KannalaBrandt((-0.01, 0.002, 0.0, 0.0)) if kind == "fisheye" else None
+    return [(rm.Camera(1500.0, 1500.0, 640.0, 480.0, lens), np.eye(3), np.zeros(3))]
+
+
+@pytest.mark.parametrize("kind", ["camera", "fisheye", "rig", "half of the points in turn"])
+def test_frames_do_not_average_the_errors_of_a_model_out(kind: str) -> None:
+    """They are the same in all frames: after 30 of them, poses are as wrong as their covariance says."""
+    views, squared, vague = cameras_of(kind), [], np.diag([0.2**2] * 3 + [50.0**2] * 3)
+    for seed in range(24):
+        scene, rng = Scene(seed, points=12, clutter=0), np.random.default_rng([seed, 31])
+        problem = rm.P3P(rm.Rig(views)) if kind == "rig" else rm.P3P(views[0][0])
+        tracker = rm.Tracker(scene.model, problem, noise=PIXEL, source_noise=SIGMA, max_seconds=5.0)
+        for k in range(30):
+            shown = np.arange(12) % 2 == k // 5 % 2 if kind.startswith("half") else np.full(12, True)
+            images = [camera.project(scene.placed[shown] @ R.T + t) for camera, R, t in views]
+            target = np.concatenate(images) + rng.normal(0.0, PIXEL, (len(views) * shown.sum(), 2))
+            detections: Any = (target, np.repeat(np.arange(len(views)), shown.sum())) if kind == "rig" else target
+            prior = {} if k else {"prior": rm.Pose(scene.R, scene.t, vague)}
+            match = tracker.update(detections, time=k / 240.0, **prior)
+        assert match
+        assert match.fused_pose is not None
+        squared.append(scene.squared_error(match.pose))
+        assert scene.squared_error(match.fused_pose) == pytest.approx(squared[-1], rel=0.3, abs=0.5)
+    assert 0.6 < np.mean(squared) / 6.0 < 1.5
+
+
+def test_a_vaguer_pose_from_a_caller_leaves_little_of_a_prediction() -> None:
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(6, 6))
+    predicted = root @ root.T
+    fitted = root @ np.diag([0.25, 0.5, 1.0, 1.0, 4.0, 100.0]) @ root.T
+    left = np.linalg.solve(root, left_by(fitted, predicted) @ root)
+    np.testing.assert_allclose(left, np.diag([0.25, 0.5, 1.0, 1.0, 0.25, 0.01]), atol=1e-6)
+
+
+def test_a_part_of_the_pose_may_be_known_exactly() -> None:
+    scene, rng = Scene(4, clutter=0), np.random.default_rng(4)
+    known = rm.PosePrior(rotation=(scene.R, 0.0), position=(scene.t, 0.0))
+    tracker = rm.Tracker(scene.model, rm.P3P(CAMERA), noise=PIXEL, source_noise=SIGMA)
+    for k in range(4):
+        target = CAMERA.project(scene.placed) + rng.normal(0.0, PIXEL, (10, 2))
+        prior = known if k else rm.Pose(scene.R, scene.t, np.diag([0.1**2] * 3 + [30.0**2] * 3))
+        match = tracker.update(target, prior=prior)
+        assert match
+        assert match.pose.covariance is not None
+        assert np.isfinite(match.pose.covariance).all()

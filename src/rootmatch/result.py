@@ -20,7 +20,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import other_poses
 from rootmatch.explain.judged_motions import confidence_of_motions
 from rootmatch.explain.poses import Pose, poses_of
-from rootmatch.explain.predicted_poses import agrees_with_prior, labels_of_any, poses_of_finding
+from rootmatch.explain.predicted_poses import agrees_with_prior, fused_pose, labels_of_any, poses_of_finding
 from rootmatch.explain.status_advice import advice, is_undetermined
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
@@ -175,7 +175,7 @@ class Match:
     @property
     def fused_pose(self) -> Pose | None:
         """Pose of the matches and the prior together; None if there is no prior or it did not hold."""
-        return self.finding.pose if self.prior_holds else None
+        return fused_pose(self.finding)
 
     @cached_property
     def probability(self) -> float | None:

@@ -22,7 +22,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
-from rootmatch.model.motion_prior import MotionPrior, common_covariance, fused, motion_covariances
+from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances, with_errors_of_source
 from rootmatch.model.point_set_model import PRESENT, Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, posterior
 from rootmatch.problems.pose_fit.pose import Pose
@@ -276,5 +276,11 @@ def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pos
         (pose,) = task.problem.poses(points, fit.assignments)
     if pose is None:
         return None
-    # what a tracker predicts was measured by the same points
-    return fused(pose, known, common_covariance(model.clouds, pose) if math.isfinite(task.prior_freedom) else 0.0)
+    return fused(with_errors_of_source(model.clouds, judged.fit.assignments[0], pose), known)
+
+
+def pose_alone(found: Finding) -> Pose | None:
+    """The pose of a finding's matches alone."""
+    (pose,) = found.task.problem.poses(found.task.points, found.assignment[None])
+    clouds = found.task.problem.point_clouds(found.task.points)
+    return pose if pose is None or clouds is None else with_errors_of_source(clouds, found.assignment, pose)

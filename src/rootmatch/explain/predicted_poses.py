@@ -14,6 +14,7 @@ from rootmatch.explain.poses import poses_of, with_noise_of
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.blob_labels import resolved
+from rootmatch.model.evidence import errors_by_source
 from rootmatch.model.known_density import Known
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.problems.base import Problem
@@ -21,6 +22,7 @@ from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
+from rootmatch.problems.pose_fit.shared_errors import SharedPose, fused_with, whole, with_shared
 from rootmatch.problems.up2p import UP2P
 from rootmatch.problems.up2pf import UP2PF
 
@@ -79,6 +81,13 @@ def poses_of_finding(found: Finding) -> list[Pose | None]:
     return poses_of(found.task, [found.assignment], found.motion_labels)[0]
 
 
+def fused_pose(found: Finding) -> Pose | None:
+    """The pose of a finding's matches and its prediction together; None if that did not hold."""
+    if found.pose is None or not agrees_with_prior(found):
+        return None
+    return with_shared_errors(found, found.pose, found.task.prior_pose)
+
+
 def polished_pose(found: Finding) -> Pose | None:
     """The most likely pose of a finding's assignment near the pose of its model, with its residuals.
 
@@ -88,7 +97,7 @@ def polished_pose(found: Finding) -> Pose | None:
     task, assignment, pose, prior_holds = found.task, found.assignment, found.pose, bool(found.prior_holds)
     assert pose is not None
     if task.problem.takes_motion_prior:
-        return pose  # what is known is part of it, in closed form
+        return with_shared_errors(found, pose, task.prior_pose)  # what is known is part of it, in closed form
     problem, known = task.problem, knowledge_of(task)
     points = task.points if task.rig is None else task.sightings[1]
     if found.model is not None:
@@ -103,10 +112,20 @@ def polished_pose(found: Finding) -> Pose | None:
     elif task.rig is not None and (upright := vertical_of(problem)) is not None:
         prior = Known(upright, points.source.mean(axis=0)).about(pose)
     if task.rig is not None:
-        return rig_pose(task.sightings[0], points, assignment, prior, start=pose)
-    vertical = problem.upright if isinstance(problem, UP2P) and prior is None else None  # it may be exact
-    camera = problem.camera  # type: ignore[attr-defined]
-    return camera_poses(points, camera, assignment[None], upright=vertical, prior=prior, start=pose)[0]
+        fit = rig_pose(task.sightings[0], points, assignment, prior, start=pose)
+    else:
+        vertical = problem.upright if isinstance(problem, UP2P) and prior is None else None  # it may be exact
+        camera = problem.camera  # type: ignore[attr-defined]
+        fit = camera_poses(points, camera, assignment[None], upright=vertical, prior=prior, start=pose)[0]
+    return None if fit is None else with_shared_errors(found, fit, prior)
+
+
+def with_shared_errors(found: Finding, fit: Pose, prior: Pose | None) -> Pose:
+    """A fit of a finding with the errors of the source that it has in common with a prediction, counted once."""
+    own = fit.shared if isinstance(fit, SharedPose) else None
+    if own is None and found.model is not None and isinstance(prior, SharedPose):
+        own = errors_by_source(found.model, found.assignment, fit)
+    return fused_with(prior, whole(fit), own) if isinstance(prior, SharedPose) and own is not None else whole(fit)
 
 
 def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:
@@ -115,7 +134,7 @@ def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:
     gaussian = Gaussian(prior.R, prior.t, prior.covariance, freedom=task.prior_freedom)
     squared = replace(gaussian, freedom=math.inf).terms(near.R[None], near.t[None]).squared
     weight = float(gaussian.tail_weight(squared)[0])
-    return Pose.unchecked(prior.R, prior.t, prior.covariance / weight)
+    return with_shared(Pose.unchecked(prior.R, prior.t, prior.covariance / weight), prior)
 
 
 def about_prediction(task: MatchingTask, k: int) -> MatchingTask:

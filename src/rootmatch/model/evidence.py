@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.evidence import weigh
 from rootmatch.model.compiled.settling import EVIDENCE, IMAGES, POSES, settle
@@ -25,6 +26,8 @@ from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.linearised import Linearised, unfilled, with_rows
 from rootmatch.model.pose_density import Mixture, PoseDensity
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.shared_errors import SharedErrors
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 
 NOT_WHITE = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
@@ -243,12 +246,34 @@ def _whitened(
 
     With the covariances of points, which their sightings share, and of detections.
     """
-    images, each = max(len(model.images), 1), used[..., None, None]
-    own = np.where(each, model.own_covariances(at, image), np.eye(2))
-    by_point = np.where(each, at.by_position @ at.rotation[:, None], 0.0)
-    spread = shared_spread(by_point, model.source_covariance, own, images)
+    images, (_, spread) = max(len(model.images), 1), _spread(model, at, used, image)
     root = np.linalg.cholesky(spread)
     rows = of_sightings(np.linalg.solve(root, by_points(at.jacobian * used[..., None, None], images)), images)
     residual = of_sightings(np.linalg.solve(root, by_points(offset[..., None], images)), images)[..., 0]
     logarithm = np.log(np.diagonal(root, axis1=-1, axis2=-2))[..., None]
     return rows, residual, of_sightings(logarithm, images)[..., 0].sum(axis=-1)
+
+
+def _spread(model: DetectionModel, at: Linearised, used: NDArray[np.bool_], image: Integers) -> tuple[Floats, Floats]:
+    """Derivatives (K, C n, 2, 3) of sightings by the points in the body's frame, and covariances (K, n, 2 C, 2 C)."""
+    each = used[..., None, None]
+    own = np.where(each, model.own_covariances(at, image), np.eye(2))
+    by_point = np.where(each, at.by_position @ at.rotation[:, None], 0.0)
+    return by_point, shared_spread(by_point, model.source_covariance, own, max(len(model.images), 1))
+
+
+def errors_by_source(model: DetectionModel, assignment: Integers, fit: Pose) -> SharedErrors | None:
+    """Errors of a fitted pose by the 3 n of the points, in units of their deviation; None if these are exact.
+
+    ``fit``: of an assignment (n,), or (C n,) of the sightings of C cameras, with the covariance of the fit.
+    """
+    if model.source_covariance is None:
+        return None
+    assert fit.covariance is not None
+    at, images = model.linearised(*model.centred(fit.R[None], fit.t[None])), max(len(model.images), 1)
+    used, image = (assignment >= 0)[None], np.maximum(assignment, 0)[None]
+    (by_point,), (spread,) = _spread(model, at, used, image)
+    by_pose = at.jacobian[0] * used[0, :, None, None]
+    by_pose[..., :3] += by_pose[..., 3:] @ turn_jacobian(fit.R @ model.centre)  # about the points' own origin
+    rows = by_points(by_pose, images), by_points(by_point, images)
+    return SharedErrors.of_points(fit.covariance, rows, spread, model.source_covariance[: len(spread)])

@@ -11,9 +11,6 @@ where F is the covariance of a normal distribution with the volume that the flat
 rotation, 4π for a direction, V for a position, and for a scale s that times the range of its logarithm. Precise
 knowledge is worth that volume, and vague knowledge is worth nothing, so it takes nothing away either. It takes no
 second fit.
-
-What a tracker predicts was measured by the same source points. Their errors change all poses alike, so no number of
-frames averages them out: they are left out where a fit and its prediction are fused, and added to both together.
 """
 
 from __future__ import annotations
@@ -24,19 +21,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector
+from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector, turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit, fitted_point_sets
+from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
+from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, with_shared
 
 ROTATIONS = 8.0 * math.pi**2
 """Volume of all rotations, by rotation vectors."""
 DIRECTIONS = 4.0 * math.pi
 """Area of all directions."""
-EXACT = 1e-6
-"""Smallest variance, relative to others."""
 GATE = 21.0
 """Squared deviation, in three coordinates, up to which a target may be a predicted point: chance 10⁻⁴ beyond."""
 
@@ -145,27 +141,17 @@ def motion_covariances(fit: PointSetFit) -> Floats:
     return np.asarray(change @ whole @ change.swapaxes(1, 2))
 
 
-def fused(fit: Pose, known: Pose | PosePrior, common: Floats | float = 0.0) -> Pose:
-    """A fitted motion and what is known of it together, to first order.
-
-    ``common``: covariance of errors that a known pose has in common with the fit, so that both together have them too.
-    """
+def fused(fit: Pose, known: Pose | PosePrior) -> Pose:
+    """A fitted motion and what is known of it together, to first order; shared errors are those of the fit alone."""
     if isinstance(known, PosePrior):
         return known.with_prediction(fit)
     fit = _without_bias(fit)
-    spread, certain = fit.covariance, known.covariance
-    assert spread is not None
-    assert certain is not None
-    size = len(certain)
+    assert known.covariance is not None
+    size = len(known.covariance)
     # as `updated` takes it: were it the difference, each frame would add to the scale
     longer = fit.scale * math.log(known.scale / fit.scale)
     off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), longer])[:size]
-    if not isinstance(common, float):
-        fit = Pose.unchecked(fit.R, fit.t, _less(spread, common), fit.scale)
-        certain = _less(certain, common[:size, :size])
-    both = updated(fit, np.eye(size), off, certain)
-    assert both.covariance is not None
-    return Pose.unchecked(both.R, both.t, both.covariance + common, both.scale)
+    return updated(fit, np.eye(size), off, known.covariance)
 
 
 def _without_bias(fit: Pose) -> Pose:
@@ -179,30 +165,22 @@ def _without_bias(fit: Pose) -> Pose:
     with_scale, variance = fit.covariance[:, 6], float(fit.covariance[6, 6])
     scale = fit.scale * math.exp(-1.5 * variance / fit.scale**2)
     shift = (scale - fit.scale) / variance * with_scale[3:6]
-    return Pose.unchecked(fit.R, fit.t + shift, fit.covariance, scale)
+    return with_shared(Pose.unchecked(fit.R, fit.t + shift, fit.covariance, scale), fit)
 
 
-def common_covariance(clouds: PointClouds, pose: Pose) -> Floats | float:
-    """Covariance of what the errors of the source points change in all poses alike; 0 if these are nearly exact."""
-    most = float(clouds.source_variance.max())
-    if pose.scale**2 * most <= EXACT * float(clouds.target_variance.max()):
-        return 0.0
-    variance = np.maximum(clouds.source_variance, EXACT * most)
-    exact = clouds._replace(
-        target=pose.transform(clouds.source), target_variance=0.0 * variance, target_covariance=None
-    )
+def with_errors_of_source(clouds: PointClouds, assignment: Integers, fit: Pose) -> Pose:
+    """The fitted motion of an assignment (n,), with what it has of the errors of the source, unless that is exact."""
+    if fit.scale**2 * float(clouds.source_variance.max()) <= EXACT * float(clouds.target_variance.max()):
+        return fit
+    assert fit.covariance is not None
+    used, linear = assignment >= 0, fit.scale * fit.R
+    first, second = clouds.covariances(linear)
+    by_pose = used[:, None, None] * _rows(clouds.source @ fit.R.T, fit)
     known = clouds.source_covariance
-    there = exact._replace(
-        source_variance=variance, source_covariance=None if known is None else known + EXACT * most * np.eye(3)
-    )
-    return np.asarray(motion_covariances(fitted_point_sets(there, np.arange(len(variance))[None], False))[0])
-
-
-def _less(covariance: Floats, part: Floats) -> Floats:
-    """A covariance without a part of it, positive definite."""
-    size = np.sqrt(np.diagonal(covariance))
-    values, vectors = np.linalg.eigh((covariance - part) / (size[:, None] * size))
-    return np.asarray((vectors * np.maximum(values, EXACT)) @ vectors.T * (size[:, None] * size))
+    covariance = clouds.source_variance[:, None, None] * np.eye(3) if known is None else known
+    by_point = np.broadcast_to(linear, (len(used), 3, 3))
+    spread = first + second[assignment]
+    return SharedPose.of(fit, SharedErrors.of_points(fit.covariance, (by_pose, by_point), spread, covariance))
 
 
 def _tells_scale(pose: Pose) -> bool:
@@ -264,12 +242,16 @@ def _deviations(clouds: PointClouds, pose: Pose) -> Floats:
     """Squared deviations (n, n') of targets from the places that a pose predicts, by their covariances."""
     assert pose.covariance is not None
     turned = clouds.source @ pose.R.T
-    moved = pose.scale * turned
-    rows = np.concatenate(
-        [-cross_matrix(moved), np.broadcast_to(np.eye(3), (len(turned), 3, 3)), turned[:, :, None]], axis=2
-    )[:, :, : len(pose.covariance)]
+    rows, moved = _rows(turned, pose), pose.scale * turned
     spread = rows @ pose.covariance @ rows.swapaxes(1, 2)
     first, second = clouds.covariances(pose.scale * pose.R)
     whole = (spread + first)[:, None] + second
     off = clouds.target - (moved + pose.t)[:, None]
     return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
+
+
+def _rows(turned: Floats, pose: Pose) -> Floats:
+    """Derivatives (n, 3, p) of moved source points, of which some (n, 3) are turned alone, by a motion's p errors."""
+    assert pose.covariance is not None
+    parts = [turn_jacobian(pose.scale * turned), np.broadcast_to(np.eye(3), (len(turned), 3, 3)), turned[:, :, None]]
+    return np.concatenate(parts, axis=2)[:, :, : len(pose.covariance)]

@@ -24,11 +24,11 @@ from rootmatch.algebra.rotation import one_rotation_matrix, rotation_from_vector
 from rootmatch.arrays import Floats
 from rootmatch.model.compiled.averaging import average
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import evidence, squared_deviations
+from rootmatch.model.evidence import errors_by_source, evidence, squared_deviations
 from rootmatch.model.modes import Modes
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.shared_errors import SharedPose
 
 WEAK = 0.02
 """Standard deviation in radians, or over the distance, from which a direction is averaged over. A round value."""
@@ -50,7 +50,7 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     Returns
     -------
     Pose
-        Of the points as they were given, with its covariance.
+        Of the points as they were given, with its covariance, and with the errors that it has by those of the points.
     """
     R, position, covariance = _over_changes(modes, k)
     lines = _weak(covariance, max(math.sqrt(position @ position), 1e-300))
@@ -63,7 +63,9 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
             row = np.array(modes.assignments[k][None], np.int64)
             average(row, np.array(lines), PLACES, model.scene_for_kernels, prior, LEAST, about)
             R, position, covariance = about[0][0], about[1][0], about[2]
-    return Pose.unchecked(R, *about_point(R, position, 0.5 * (covariance + covariance.T), -model.centre))
+    pose = model.pose_of(R, position, 0.5 * (covariance + covariance.T))
+    shared = errors_by_source(model, modes.assignments[k], pose)
+    return pose if shared is None else SharedPose.of(pose, shared)
 
 
 def _over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]:

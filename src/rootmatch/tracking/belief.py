@@ -20,6 +20,7 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import misfit_of
+from rootmatch.explain.point_set_decision import pose_alone
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.model.modes import Modes
@@ -309,8 +310,7 @@ class Belief:
             self.poses = [*(one for one in followed if one.filter.is_near(found.pose, time)), *followed][:1]
             self.best.update(found.pose, time)
             return
-        (pose,) = found.task.problem.poses(found.task.points, found.assignment[None])
-        if pose is not None:
+        if (pose := pose_alone(found)) is not None:
             self.poses = [FollowedPose(MotionFilter(self.source, pose, time, self.motion))]
 
     def _log_absent(self, time: float, seen: bool) -> float:

@@ -13,6 +13,7 @@ from rootmatch.arrays import Floats
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point, body_radius
+from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose, left_by
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
 State = tuple[Floats, Floats, Floats, Floats]
@@ -126,7 +127,11 @@ class MotionFilter:
         self.P[:size, :size] = covariance
         lengths = [options.angular_velocity, options.velocity * self.radius, *self._accelerations]
         self.P[size:, size:] = np.diag(np.repeat(lengths, 3) ** 2)
-        self._ahead: tuple[float, State] | None = None
+        self.shared: SharedErrors | None = None
+        """Of the rows of ``P``; None if the errors of all poses are independent."""
+        if isinstance(pose, SharedPose):
+            self._share(None, pose, np.eye(size + 12, size), np.eye(size))
+        self._ahead: tuple[float, State, SharedErrors | None] | None = None
 
     def copy(self) -> MotionFilter:
         """An independent copy: no array of a filter is ever written into."""
@@ -148,6 +153,8 @@ class MotionFilter:
         other.centre, other.radius = source.mean(axis=0), self.scale * body_radius(source)
         other.R = self.R @ R
         other.t = self.t + self.scale * self.R @ (R @ other.centre + t - self.centre)
+        if self.shared is not None:  # its points have errors of their own
+            other.P, other.shared = self.shared.whole(self.P), None
         other._ahead = None
         return other
 
@@ -164,9 +171,12 @@ class MotionFilter:
         return float(np.linalg.norm(off)) <= self.radius * float(np.linalg.norm(t))
 
     def predicted(self, time: float) -> Pose:
-        """The pose at a later time."""
+        """The pose at a later time; a `SharedPose` if its errors are those of earlier frames."""
         R, t, _, P = self._at(time)
-        return self._given(R, t, P[: self.rows, : self.rows])
+        pose, shared = self._given(R, t, P[: self.rows, : self.rows]), self._shared_at(time)
+        if shared is None:
+            return pose
+        return SharedPose.of(pose, shared.moved(np.eye(self.rows, len(P))).about(-self.scale * R @ self.centre))
 
     def update(self, pose: Pose, time: float, weight: float = 1.0) -> None:
         """Take in a pose that was fitted with the prediction for this time as its prior and therefore includes it.
@@ -180,12 +190,15 @@ class MotionFilter:
             and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
         """
         R, t, motion, P = before = self._at(time)
-        size, scale = self.rows, self.scale
+        size, scale, shared = self.rows, self.scale, self._shared_at(time)
         self.R, self.t, covariance = self._centred(pose)
         self.scale = pose.scale
         step = np.array([*one_rotation_vector(self.R @ R.T), *(self.t - t), self.scale - scale])[:size]
         self.motion, self.P = np.empty(12), np.empty(P.shape)
-        left, squared = take_pose((motion, P), np.linalg.inv(P[:size, :size]), step, covariance, (self.motion, self.P))
+        inverse: Floats = np.asarray(np.linalg.inv(P[:size, :size]))
+        left, squared = take_pose((motion, P), inverse, step, covariance, (self.motion, self.P))
+        if isinstance(pose, SharedPose):
+            self._share(shared, pose, weight * P[:, :size] @ inverse, left_by(covariance, P[:size, :size]))
         self.time, self._ahead = time, None
         # expected square of a step: the part of the prior's covariance that the detections removed
         expected, options = max(size - left, 0.0), self.options
@@ -205,11 +218,38 @@ class MotionFilter:
         self.motion = motion + weight * change[self.rows :]
         self.P = (1.0 - weight) * P + weight * self.P + weight * (1.0 - weight) * np.outer(change, change)
 
+    def _share(self, before: SharedErrors | None, pose: SharedPose, gain: Floats, left: Floats) -> None:
+        """Take in the shared errors of a pose.
+
+        ``gain`` (p + 12, p): what the state changes by with the pose; ``left`` (p, p): what the fit of the pose leaves
+        of the errors of its prediction, ``before``.
+        """
+        self.shared = pose.shared.about(pose.scale * pose.R @ self.centre).moved(gain)
+        if before is not None:
+            kept = np.eye(len(gain))
+            kept[:, : self.rows] -= gain @ (np.eye(self.rows) - left)
+            self.shared = before.moved(kept).plus(self.shared)
+
     def _at(self, time: float) -> State:
         """Pose and covariance at a time, kept as an update asks for them once more."""
         if self._ahead is None or self._ahead[0] != time:
-            self._ahead = time, self._ahead_by(time - self.time)
+            state = self._ahead_by(time - self.time)
+            self._ahead = time, state, self._shared_by(time - self.time, state[0])
         return self._ahead[1]
+
+    def _shared_at(self, time: float) -> SharedErrors | None:
+        """Shared errors at a time."""
+        self._at(time)
+        return None if self._ahead is None else self._ahead[2]
+
+    def _shared_by(self, dt: float, R: Floats) -> SharedErrors | None:
+        """Shared errors after a time, at a rotation: they move as all others do."""
+        if self.shared is None:
+            return None
+        move, moving = np.eye(len(self.P)), np.append(np.arange(6), np.arange(self.rows, len(self.P)))
+        move[np.ix_(moving, moving)] = np.kron(transition(dt, self.options.persistence)[0], np.eye(6))
+        move[:3, :3] = R @ self.R.T
+        return self.shared.moved(move)
 
     @property
     def _accelerations(self) -> tuple[float, float]:

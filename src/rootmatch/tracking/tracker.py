@@ -26,6 +26,7 @@ from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.shared_errors import whole
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
@@ -177,7 +178,7 @@ max_evaluations
             return {}
         when = self.time + self.tracking.interval if time is None else time
         return {
-            label: body.belief.best.predicted(when)
+            label: whole(body.belief.best.predicted(when))
             for label, body in self._bodies.items()
             if body.state is not TrackingState.LOST
         }

@@ -15,6 +15,7 @@ from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import checked_rotation, numbers
+from rootmatch.problems.pose_fit.shared_errors import SharedPose
 
 LEAST_TILT = 1e-5
 """Standard deviation, in radians, of a vertical that is called exact."""
@@ -165,7 +166,12 @@ def updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
     step, covariance = kalman @ off, prior.covariance - kalman @ gain.T
     R = one_rotation_matrix(step[:3]) @ prior.R
     scale = prior.scale * math.exp(float(step[6:].sum()) / prior.scale)
-    return Pose.unchecked(R, prior.t + step[3:6], 0.5 * (covariance + covariance.T), scale)
+    one = Pose.unchecked(R, prior.t + step[3:6], 0.5 * (covariance + covariance.T), scale)
+    if not isinstance(prior, SharedPose):
+        return one
+    kept = np.eye(len(covariance))
+    kept[:, :size] -= kalman @ jacobian
+    return SharedPose.of(one, prior.shared.moved(kept))
 
 
 def _parts(name: str, given: Any, count: int, expected: str) -> tuple[Any, ...]:
