@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -450,3 +451,17 @@ def all_hyperedges(n: int, n_target: int, order: int) -> list[tuple[tuple[int, .
     return [
         (i, j) for i in itertools.combinations(range(n), order) for j in itertools.permutations(range(n_target), order)
     ]
+
+
+# ------------------------------------------------------------------ clutter
+
+
+def log_first(clutter: Any, taken: np.ndarray) -> float:
+    """Correction of the log-densities of clutter for detections (n',) that are taken away together.
+
+    The first one was predicted by what remains, or begins a crowd anywhere; a mean over which of them came first.
+    """
+    rest = ~taken[clutter.centres]
+    others = (clutter.about[:, rest].sum(axis=1) + (1.0 - clutter.alone) * clutter.uniform) / (rest.sum() + 1.0)
+    owed = (clutter.log_density - np.log(clutter.alone * clutter.uniform + others))[taken]
+    return max(float(owed.sum()) / max(len(owed), 1), 0.0)

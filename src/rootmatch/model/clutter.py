@@ -107,20 +107,6 @@ class Clutter:
         """As `rootmatch.model.compiled.evidence.weigh` takes it."""
         return self.log_density, self.about, self.centres, self.uniform, self.alone
 
-    def log_first(self, taken: Bools) -> Floats:
-        """Correction (K,) of the log-densities for detections (K, n') that are taken away together.
-
-        If a whole crowd is taken, its first member was not predicted by the others: it is predicted by the remaining
-        detections, or begins a crowd anywhere. Which member came first does not matter, so this is a mean over all of
-        them.
-        """
-        rest = ~taken[:, self.centres]
-        left = rest.sum(axis=1, keepdims=True)
-        share = 1.0 - self.alone
-        density = self.alone * self.uniform + (rest @ self.about.T + share * self.uniform) / (left + 1.0)
-        owed = np.where(taken, self.log_density - np.log(density), 0.0)
-        return np.asarray(np.maximum(owed.sum(axis=1) / np.maximum(taken.sum(axis=1), 1), 0.0))
-
     def about_places(self, places: Floats, variance: Floats, chance: Floats) -> Floats:
         """Density (K, n'), in parts of each detection's own, of crowds about places (K, n, k) with a variance (K, n).
 

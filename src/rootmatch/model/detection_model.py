@@ -6,7 +6,7 @@ All other detections are clutter, a Poisson process whose density about each det
 variances under an inverse gamma distribution, the number of clutter points under Jeffreys' prior.
 
 A rig of cameras uses the same model: its points are sightings, camera by camera, and its camera model projects each by
-its own camera (`rootmatch.problems.pose_fit.rig_fit.Copies`).
+its own camera (`rootmatch.cameras.rig_image.RigImage`).
 """
 
 from __future__ import annotations
