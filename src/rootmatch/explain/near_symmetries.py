@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import frames_of_triangles
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.motions import fitted_motions
@@ -169,7 +170,7 @@ def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
     if len(moved) > MOST_LAID:
         moved = np.sort(np.random.default_rng(1).choice(moved, MOST_LAID, replace=False))
     first, second = first[moved], second[moved]
-    frames = _frames(source[first]), _frames(source[second])
+    frames = frames_of_triangles(source[first]), frames_of_triangles(source[second])
     rotations = frames[1] * (1.0, 1.0, body.sign) @ frames[0].swapaxes(1, 2)
     own = np.trace(rotations, axis1=1, axis2=2) <= 1.0 + 2.0 * math.cos(ANGLE)
     if unit is not None:
@@ -212,16 +213,6 @@ def _words(mask: Bools) -> NDArray[np.uint64]:
     out = np.zeros((*mask.shape[:-1], -(-mask.shape[-1] // WORD) * WORD // 8), np.uint8)
     out[..., : packed.shape[-1]] = packed
     return out.view(np.uint64)
-
-
-def _frames(triples: Floats) -> Floats:
-    """Orthonormal frames (H, 3, 3), as columns, of triples (H, 3, 3)."""
-    first = triples[:, 1] - triples[:, 0]
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    third = np.cross(first, triples[:, 2] - triples[:, 0])
-    with np.errstate(invalid="ignore"):  # in line: no frame, and no motion
-        third /= np.linalg.norm(third, axis=1, keepdims=True)
-    return np.stack([first, np.cross(third, first), third], axis=2)
 
 
 def _counts(body: _Body, rotations: Floats, shifts: Floats) -> Integers:
