@@ -231,7 +231,7 @@ def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted poses."""
-    with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
+    with task.deadline.at_least(PREDICTION).within():
         for body in bodies:
             body.predict()
         _weigh(bodies)
