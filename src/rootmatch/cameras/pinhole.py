@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats
 from rootmatch.cameras.base import CameraModel, tangent_axes
-from rootmatch.cameras.base import check_camera as check_camera
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
