@@ -77,7 +77,7 @@ def scene(
 
 CAMERAS = {
     "pinhole": PINHOLE, "fisheye": FISHEYE, "brown": BROWN, "chart": CHART, "tilted": TILTED, "rig": rig(),
-    "rig with sizes": rig(SIZES),
+    "sized": replace(FISHEYE, size=SIZES[0]), "rig with sizes": rig(SIZES),
 }  # fmt: skip
 
 
@@ -271,6 +271,7 @@ CASES: dict[str, tuple[CameraModel, dict[str, object]]] = {
     "normals, no view angle": (PINHOLE, {"view_cosine": None}),
     "bare": (FISHEYE, {"normals": None, "view_cosine": None}),
     "weights": (BROWN, {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.8, "rate": 0.8}),
+    "size": (replace(PINHOLE, size=SIZES[0]), {}),
     "blobs": (PINHOLE, {"resolution": 20.0}),
     "source noise": (PINHOLE, {"source_covariance": np.tile(np.diag([1e-6, 2e-6, 4e-6]), (6, 1, 1))}),
     "rig": (rig(SIZES), {}),

@@ -152,11 +152,9 @@ def _of_lenses(cameras: dict[str, Any], filmed: Callable[[Callable[[Camera], Cam
         yield Mistake("the lens' coefficients are Brown's", "use Camera.from_opencv(K, dist)", filmed(_as_brown))
     if any(lens is not None for lens in lenses):
         remedy = "give raw pixels, or leave the lens out"
-        yield Mistake("the detections were undistorted already", remedy, filmed(lambda own: Camera(*own.numbers)))
+        yield Mistake("the detections were undistorted already", remedy, filmed(lambda own: replace(own, lens=None)))
     remedy = "check the order: fx, fy, cx, cy"
-    yield Mistake(
-        "cx and cy are exchanged", remedy, filmed(lambda own: Camera(own.fx, own.fy, own.cy, own.cx, own.lens))
-    )
+    yield Mistake("cx and cy are exchanged", remedy, filmed(lambda own: replace(own, cx=own.cy, cy=own.cx)))
     shifts = [(x, y) for x in (0.5, -0.5) for y in (0.5, -0.5)]
     for half in (0.5, -0.5):
         remedy = f"add {half:g} to cx and cy: OpenCV counts the first pixel's centre as (0, 0), COLMAP as (0.5, 0.5)"
@@ -191,17 +189,18 @@ def _centre(camera: Any, task: MatchingTask) -> tuple[float, float]:
 
 
 def _scaled(factor: float, camera: Camera) -> Camera:
-    fx, fy, cx, cy = camera.numbers
-    return Camera(factor * fx, factor * fy, factor * cx, factor * cy, camera.lens)
+    fx, fy, cx, cy = (factor * one for one in camera.numbers)
+    size = None if camera.size is None else (factor * camera.size[0], factor * camera.size[1])
+    return Camera(fx, fy, cx, cy, camera.lens, size)
 
 
 def _shifted(by: tuple[float, float], camera: Camera) -> Camera:
-    return Camera(camera.fx, camera.fy, camera.cx + by[0], camera.cy + by[1], camera.lens)
+    return replace(camera, cx=camera.cx + by[0], cy=camera.cy + by[1])
 
 
 def _as_fisheye(camera: Camera) -> Camera:
-    return Camera(*camera.numbers, KannalaBrandt(camera.lens.values[:4])) if isinstance(camera.lens, Brown) else camera
+    return replace(camera, lens=KannalaBrandt(camera.lens.values[:4])) if isinstance(camera.lens, Brown) else camera
 
 
 def _as_brown(camera: Camera) -> Camera:
-    return Camera(*camera.numbers, Brown(camera.lens.values)) if isinstance(camera.lens, KannalaBrandt) else camera
+    return replace(camera, lens=Brown(camera.lens.values)) if isinstance(camera.lens, KannalaBrandt) else camera

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.base import RIM, CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.cameras.rig import RIM, Rig
+from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import ANTIPODE, Stereographic
 from rootmatch.errors import UnseenPixelError
@@ -96,7 +96,7 @@ def _rays(camera: CameraModel, target: Floats) -> Floats:
 @lru_cache(maxsize=64)
 def _of_camera(camera: Camera) -> Views | None:
     one = _numbers(camera)
-    return None if one is None else _views((one,))
+    return None if one is None else _with_sizes(_views((one,)), None if camera.size is None else (camera.size,))
 
 
 @lru_cache(maxsize=16)
@@ -105,11 +105,15 @@ def _of_rig(rig: Rig) -> Views | None:
     known = tuple(one for one in every if one is not None)
     if len(known) < len(every):
         return None
-    views = _views(known)._replace(rotations=rig.rotations, translations=rig.translations)
-    if rig.sizes is None:
+    return _with_sizes(_views(known)._replace(rotations=rig.rotations, translations=rig.translations), rig.sizes)
+
+
+def _with_sizes(views: Views, sizes: tuple[tuple[float, float], ...] | None) -> Views:
+    """The same with the sizes of the images, if they are known."""
+    if sizes is None:
         return views
-    sizes = np.array(rig.sizes, dtype=float)
-    return views._replace(sizes=sizes, rims=RIM * sizes[:, 0])
+    known = np.array(sizes, dtype=float)
+    return views._replace(sizes=known, rims=RIM * known[:, 0])
 
 
 def _numbers(camera: CameraModel) -> tuple[int, tuple[float, ...]] | None:
