@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, kept
 from rootmatch.cameras.base import CameraModel, expected_within, tangent_axes
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
@@ -171,7 +171,7 @@ class Rig(CameraModel):
 
     def offsets(self, pixels: Floats) -> Floats:
         """Offset (C, 2) of each camera's image in a common plane on which the images do not overlap."""
-        return _offsets(len(self.views), np.asarray(pixels, float).tobytes())
+        return _offsets(len(self.views), np.asarray(pixels, float))
 
     def expects(self, k: int, pixels: Floats) -> Floats:
         """How far pixels (…, 2) of camera k are expected in its image: 1 well within, 0 well outside, ½ on the rim."""
@@ -190,10 +190,10 @@ class Rig(CameraModel):
         return self.project(points)
 
 
-@lru_cache(maxsize=4)
-def _offsets(count: int, rows: bytes) -> Floats:
-    """`Rig.offsets` by the values of the rows, found once for all bodies of a frame; not to be written into."""
-    pixels, offsets, edge = np.frombuffer(rows).reshape(-1, 3), np.zeros((count, 2)), 0.0
+@kept(4)
+def _offsets(count: int, pixels: Floats) -> Floats:
+    """`Rig.offsets`, found once for all bodies of a frame."""
+    offsets, edge = np.zeros((count, 2)), 0.0
     for k in range(count):
         own = pixels[pixels[:, 2] == k, :2]
         if len(own):

@@ -7,14 +7,13 @@ pose with reversed depth does. A search that is cut short may find only one of t
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import frames_of_triangles
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, kept
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
@@ -94,18 +93,13 @@ def symmetries_of(source: Floats, normals: Floats | None, mirrored: bool = False
     mirrored : bool
         Reflections, with or without a rotation, instead of motions.
     """
-    if not LEAST <= len(source) <= MOST_POINTS:
-        return ()
-    faces = b"" if normals is None else np.ascontiguousarray(normals, np.float64).tobytes()
-    return _known(np.ascontiguousarray(source, np.float64).tobytes(), faces, mirrored)
+    return _known(source, normals, mirrored) if LEAST <= len(source) <= MOST_POINTS else ()
 
 
-@lru_cache(maxsize=128)
-def _known(source: bytes, normals: bytes, mirrored: bool) -> tuple[NearSymmetry, ...]:
-    """Near symmetries of points and normals by their values, found once: every frame and search asks again."""
-    points = np.frombuffer(source).reshape(-1, 3)
-    faces = np.frombuffer(normals).reshape(-1, 3) if normals else None
-    found = _found(points, faces, -1.0 if mirrored else 1.0)
+@kept(128)
+def _known(source: Floats, normals: Floats | None, mirrored: bool) -> tuple[NearSymmetry, ...]:
+    """See `symmetries_of`."""
+    found = _found(source, normals, -1.0 if mirrored else 1.0)
     for one in found:
         for array in one:
             array.setflags(write=False)

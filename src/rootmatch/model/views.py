@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, kept
 from rootmatch.cameras.base import RIM, CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -67,15 +67,13 @@ def rays_of(camera: CameraModel, target: Floats) -> Floats:
         return rays
     if image is None:
         return _rays(camera, target)
-    arrays = target, np.array(image.offsets, float), image.camera_of
-    return _rays_of_rig(image.rig, *(one.tobytes() for one in arrays))
+    return _rays_of_rig(image.rig, target, image.offsets, image.camera_of)
 
 
-@lru_cache(maxsize=4)
-def _rays_of_rig(rig: Rig, target_bytes: bytes, offset_bytes: bytes, camera_bytes: bytes) -> Floats:
-    target, camera_of = np.frombuffer(target_bytes).reshape(-1, 2), np.frombuffer(camera_bytes, np.int64)
+@kept(4)
+def _rays_of_rig(rig: Rig, target: Floats, offsets: Floats, camera_of: Integers) -> Floats:
     rays = np.empty((len(target), 3))
-    for k, (camera, offset) in enumerate(zip(rig.cameras, np.frombuffer(offset_bytes).reshape(-1, 2), strict=True)):
+    for k, (camera, offset) in enumerate(zip(rig.cameras, offsets, strict=True)):
         rays[camera_of == k] = _rays(camera, target[camera_of == k] - offset)
     return rays
 
