@@ -191,7 +191,7 @@ def _centre(camera: Any, task: MatchingTask) -> tuple[float, float]:
 def _scaled(factor: float, camera: Camera) -> Camera:
     fx, fy, cx, cy = (factor * one for one in camera.numbers)
     size = None if camera.size is None else (factor * camera.size[0], factor * camera.size[1])
-    return Camera(fx, fy, cx, cy, camera.lens, size)
+    return Camera(fx, fy, cx, cy, camera.lens, size=size)
 
 
 def _shifted(by: tuple[float, float], camera: Camera) -> Camera:

@@ -88,7 +88,7 @@ def colmap_camera(where: str, model: str, values: list[float], size: Any) -> Cam
             )
         fx, fy = values[0], values[focals - 1]
         cx, cy, *rest = values[focals:]
-        return Camera(fx, fy, cx, cy, _lens(model, rest), size)
+        return Camera(fx, fy, cx, cy, _lens(model, rest), size=size)
 
 
 def _lens(model: str, rest: list[float]) -> Lens | None:
