@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rootmatch.arrays import kept
+from rootmatch.arrays import kept_by_values
 
 
 def test_a_function_is_called_once_for_the_same_values() -> None:
     calls: list[tuple[int, ...]] = []
 
-    @kept(4)
+    @kept_by_values(4)
     def doubled(some: NDArray[np.float64], more: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         calls.append(some.shape)
         return 2.0 * some if more is None else some + more
@@ -30,7 +30,7 @@ def test_a_function_is_called_once_for_the_same_values() -> None:
 
 
 def test_arrays_are_not_written_into() -> None:
-    @kept(1)
+    @kept_by_values(1)
     def cleared(some: NDArray[np.float64]) -> None:
         some[:] = 0.0
 

@@ -23,7 +23,7 @@ class _Values(NamedTuple):
     shape: tuple[int, ...]
 
 
-def kept(most: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def kept_by_values(most: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorator that keeps the last results of a function by the values of its arguments, arrays among them.
 
     For what frame after frame, or every search, asks again of the same body. The function gets read-only arrays; who

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, kept
+from rootmatch.arrays import Bools, Floats, kept_by_values
 from rootmatch.cameras.base import CameraModel, expected_within, tangent_axes
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
@@ -190,7 +190,7 @@ class Rig(CameraModel):
         return self.project(points)
 
 
-@kept(4)
+@kept_by_values(4)
 def _offsets(count: int, pixels: Floats) -> Floats:
     """`Rig.offsets`, found once for all bodies of a frame."""
     offsets, edge = np.zeros((count, 2)), 0.0

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept
+from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
@@ -100,7 +100,7 @@ def twin_points(first: Floats, second: Floats) -> Integers | None:
     return None if found is None else found.copy()
 
 
-@kept(64)
+@kept_by_values(64)
 def _twin_points(first: Floats, second: Floats) -> Integers | None:
     """`twin_points` of bodies of as many points."""
     one, two = distances(first), distances(second)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept
+from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.explain.body_labels import SAME_SHAPE, twin_points
 from rootmatch.problems.points import PointClouds, distances
 from rootmatch.samplers.point_sets.congruent import GATE, congruent_labellings
@@ -36,7 +36,7 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
     return _likenesses(first, second)
 
 
-@kept(256)
+@kept_by_values(256)
 def _likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
     """`likenesses` of bodies of a family."""
     # a distance agrees within GATE of the deviations of both of its ends

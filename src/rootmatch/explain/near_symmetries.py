@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import frames_of_triangles
-from rootmatch.arrays import Bools, Floats, Integers, kept
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
@@ -96,7 +96,7 @@ def symmetries_of(source: Floats, normals: Floats | None, mirrored: bool = False
     return _known(source, normals, mirrored) if LEAST <= len(source) <= MOST_POINTS else ()
 
 
-@kept(128)
+@kept_by_values(128)
 def _known(source: Floats, normals: Floats | None, mirrored: bool) -> tuple[NearSymmetry, ...]:
     """See `symmetries_of`."""
     found = _found(source, normals, -1.0 if mirrored else 1.0)

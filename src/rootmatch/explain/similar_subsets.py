@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept
+from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 TOLERANCE = 0.15
@@ -38,7 +38,7 @@ def twins_of_few(points: Floats, few: Integers) -> Integers:
     return images
 
 
-@kept(256)
+@kept_by_values(256)
 def _alike(places: Floats, few: tuple[int, ...]) -> Integers:
     """Indices (K, m) of the points that look like some (m,), the most alike first."""
     between = np.linalg.norm(places[:, None] - places, axis=2)

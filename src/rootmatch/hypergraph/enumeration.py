@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import kept
+from rootmatch.arrays import kept_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.random_tuples import distinct_tuples
@@ -150,7 +150,7 @@ def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
     return _wide_first(places)
 
 
-@kept(16)
+@kept_by_values(16)
 def _kept_order(places: NDArray[np.float64]) -> NDArray[np.int64]:
     """The order of few points."""
     return _wide_first(places.copy())  # what is read-only is another type to a kernel

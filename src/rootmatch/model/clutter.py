@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.model.compiled.crowds import (
     densities_about_places,
     densities_given,
@@ -195,7 +195,7 @@ def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
     return _clutter(target, sigma, uniform, extents, label, crowds=PSEUDO_IN_SPACE)
 
 
-@kept(8)
+@kept_by_values(8)
 def _clutter(
     target: Floats, sigma: Floats, uniform: Floats, extents: Floats, label: Integers, *, crowds: float
 ) -> Clutter:

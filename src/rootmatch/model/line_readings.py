@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector
-from rootmatch.arrays import Bools, Floats, Integers, kept
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import Proposals, joined, no_proposals
 
@@ -103,7 +103,7 @@ def _is_line(points: Floats) -> bool:
     return bool(lengths[1] <= FLAT * lengths[0])
 
 
-@kept(64)
+@kept_by_values(64)
 def lines_of(points: Floats) -> list[Integers]:
     """The sets of `FOUR` points or more of a body (n, 3) that are on a line, in their order on it."""
     found = dict[bytes, Integers]()

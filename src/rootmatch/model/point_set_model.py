@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.model.clutter import Clutter, clutter_in_space
 from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
@@ -288,14 +288,14 @@ def _log_counts(n: int, n_target: int, detection_rate: float | None) -> Floats:
     return np.asarray(detected + gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5))
 
 
-@kept(8)
+@kept_by_values(8)
 def _space_of(target: Floats, variance: Floats) -> tuple[float, Clutter, Floats, Floats]:
     """Logarithm of the volume that targets span, the clutter in it, once for all bodies among them, and its frame."""
     middle, axes, along, extents = box_of(target, variance)
     return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(variance), extents), middle, axes
 
 
-@kept(8)
+@kept_by_values(8)
 def _box_of(target: Floats, variance: Floats, count: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Corners of the box that targets span, how many may be anywhere by how many are matched, and 1 − r' / L at nodes.
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import Bools, Floats, Integers, kept
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
@@ -169,7 +169,7 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
 
 
-@kept(256)
+@kept_by_values(256)
 def _likeness(first: Floats, second: Floats, images: Integers) -> tuple[NDArray[Any], ...]:
     """How a second body lies in the place of a first one in T ways in which they look alike; see `look_alikes`.
 

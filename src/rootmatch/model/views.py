@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept
+from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.cameras.base import RIM, CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -70,7 +70,7 @@ def rays_of(camera: CameraModel, target: Floats) -> Floats:
     return _rays_of_rig(image.rig, target, image.offsets, image.camera_of)
 
 
-@kept(4)
+@kept_by_values(4)
 def _rays_of_rig(rig: Rig, target: Floats, offsets: Floats, camera_of: Integers) -> Floats:
     rays = np.empty((len(target), 3))
     for k, (camera, offset) in enumerate(zip(rig.cameras, offsets, strict=True)):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Floats, Integers, kept
+from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.problems.base import Problem
@@ -122,4 +122,4 @@ def _distances(source: Floats) -> tuple[Floats, Floats]:
     return squared_distances(places), np.ascontiguousarray(places.T)
 
 
-_kept_distances = kept(16)(_distances)
+_kept_distances = kept_by_values(16)(_distances)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE
 from rootmatch.samplers.guided.sequential_test import PreparedSets, prepare_sets
 from rootmatch.samplers.guided.triangle_shapes import add_near_shapes, shape_tables
@@ -102,7 +102,7 @@ def _cameras(positions: Floats, normals: Floats, view_cosine: Floats | None) -> 
     return cameras, np.asarray((along > least) | ~normals.any(axis=1))
 
 
-@kept(8)
+@kept_by_values(8)
 def model_views(positions: Floats, normals: Floats, view_cosine: Floats | None = None) -> ModelViews:
     """`ModelViews` of points and normals (n, 3), kept for the last few objects."""
     return ModelViews(positions, normals, view_cosine)

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.samplers.guided.minimal_sets import EVENNESS, FIRST_WAVE, LARGEST_WAVE, LISTED, distances2, width
@@ -68,7 +68,7 @@ def _cosines(normals: Floats) -> Floats:
     return np.where(length > 0.0, cosine, 2.0)
 
 
-@kept(64)
+@kept_by_values(64)
 def seen_together(normals: Floats, view_cosine: Floats | None = None) -> float:
     """Share of all triples of points that a view shows, of those views that show three: 1 on one side of a plate.
 
@@ -80,7 +80,7 @@ def seen_together(normals: Floats, view_cosine: Floats | None = None) -> float:
     return float(triples.mean()) / (n * (n - 1) * (n - 2)) if len(triples) else 0.0
 
 
-@kept(64)
+@kept_by_values(64)
 def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = None) -> Bools:
     """Points (V, n) that may be detected together where ``matched`` are, in each view that can show so many.
 
@@ -99,7 +99,7 @@ def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = N
     return views
 
 
-@kept(64)
+@kept_by_values(64)
 def views_of_parts(matched: int, positions: Floats) -> Bools:
     """Points (PARTS, n) that may be detected together where ``matched`` are and no normals tell which.
 
@@ -136,7 +136,7 @@ def covering_waves(
         done, wave = done + wave, min(2 * wave, LARGEST_WAVE)
 
 
-@kept(8)
+@kept_by_values(8)
 def covering_order(positions: Floats, normals: Floats, size: int, view_cosine: Floats | None = None) -> Integers:
     """All sets (S, size) of `covering_waves`, one after the other."""
     n = len(positions)
