@@ -10,10 +10,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+
+from instances import shortest_arc
 
 Intrinsics = tuple[float, float, float, float]
 Polynomial = Callable[[np.ndarray], np.ndarray]
@@ -79,8 +82,8 @@ def up2p_polynomial(
     The step between both points, turned into the camera, lies in the plane of both rays: sampled at three angles.
     """
     y = np.array([0.0, 1.0, 0.0])
-    to_camera = _shortest_arc(np.asarray(vertical_camera, dtype=float), y)
-    to_world = _shortest_arc(np.asarray(vertical_world, dtype=float), y)
+    to_camera = shortest_arc(np.asarray(vertical_camera, dtype=float), y)
+    to_world = shortest_arc(np.asarray(vertical_world, dtype=float), y)
     normal = np.cross(rays[..., 0, :], rays[..., 1, :])
     step = np.asarray(source[1], dtype=float) - np.asarray(source[0], dtype=float)
     nodes = np.array([-1.0, 0.0, 1.0])
@@ -92,16 +95,8 @@ def up2p_polynomial(
 def up2p_angle(rotation: np.ndarray, vertical_camera: np.ndarray, vertical_world: np.ndarray) -> float:
     """The angle theta of a rotation that takes one vertical to the other."""
     y = np.array([0.0, 1.0, 0.0])
-    turn = _shortest_arc(vertical_camera, y) @ rotation @ _shortest_arc(vertical_world, y).T
+    turn = shortest_arc(vertical_camera, y) @ rotation @ shortest_arc(vertical_world, y).T
     return math.atan2(turn[0, 2] - turn[2, 0], turn[0, 0] + turn[2, 2])
-
-
-def _shortest_arc(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    axis = np.cross(start, end)
-    sine = float(np.linalg.norm(axis))
-    if sine == 0.0:
-        return np.eye(3)
-    return Rotation.from_rotvec(axis / sine * math.atan2(sine, float(start @ end))).as_matrix()
 
 
 def p3p_polynomials(
@@ -348,8 +343,8 @@ class Upright:
         self, source: np.ndarray, rays: np.ndarray, vertical_camera: np.ndarray, vertical_world: np.ndarray
     ) -> None:
         self.y = np.array([0.0, 1.0, 0.0])
-        self.to_camera = _shortest_arc(np.asarray(vertical_camera, dtype=float), self.y)
-        self.source = source @ _shortest_arc(np.asarray(vertical_world, dtype=float), self.y).T
+        self.to_camera = shortest_arc(np.asarray(vertical_camera, dtype=float), self.y)
+        self.source = source @ shortest_arc(np.asarray(vertical_world, dtype=float), self.y).T
         self.rays = rays @ self.to_camera.T
 
     def equations(self, pairs: Sequence[tuple[int, int]], angle: float, rays: np.ndarray) -> np.ndarray:
@@ -450,3 +445,17 @@ def all_hyperedges(n: int, n_target: int, order: int) -> list[tuple[tuple[int, .
     return [
         (i, j) for i in itertools.combinations(range(n), order) for j in itertools.permutations(range(n_target), order)
     ]
+
+
+# ------------------------------------------------------------------ clutter
+
+
+def log_first(clutter: Any, taken: np.ndarray) -> float:
+    """Correction of the log-densities of clutter for detections (n',) that are taken away together.
+
+    The first one was predicted by what remains, or begins a crowd anywhere; a mean over which of them came first.
+    """
+    rest = ~taken[clutter.centres]
+    others = (clutter.about[:, rest].sum(axis=1) + (1.0 - clutter.alone) * clutter.uniform) / (rest.sum() + 1.0)
+    owed = (clutter.log_density - np.log(clutter.alone * clutter.uniform + others))[taken]
+    return max(float(owed.sum()) / max(len(owed), 1), 0.0)

@@ -144,13 +144,13 @@ def test_a_search_cut_short_is_confirmed_where_its_detections_allow_no_other_pos
         asked.append(part.shape)
         return judged(explain(part), again)
 
-    one = _Body(0, 0, np.arange(7), match=unsure, cut=True, budget=1)
+    one = _Body(0, match=unsure, cut=True, budget=1)
     _confirm(task, one, solve)
     assert asked == [(7, 7)]  # its own detections, without the clutter
     assert one.match is not None
     assert one.match.status is again
     assert np.array_equal(one.match.assignment, expected)
-    _confirm(task, _Body(0, 0, np.arange(7), match=unsure), solve)
+    _confirm(task, _Body(0, match=unsure), solve)
     assert len(asked) == 1  # a search that came to its end has looked for other poses itself
 
 
@@ -166,7 +166,7 @@ def test_what_is_searched_again() -> None:
 
     def searched(status: rm.Status, cut: bool, probability: float = 1.0) -> list[bool]:
         match = judged(found, status, probability)
-        one = _Body(0, 0, np.arange(7), match=match, budget=100, cut=cut, among=len(target))
+        one = _Body(0, match=match, budget=100, cut=cut, among=len(target))
         return [one.worth_a_search(left, budget) for left in (free, clutter, own) for budget in (100, 300)]
 
     untrusted, ambiguous = rm.Status.UNTRUSTED, rm.Status.AMBIGUOUS
@@ -176,8 +176,8 @@ def test_what_is_searched_again() -> None:
     assert searched(ambiguous, cut=True, probability=0.95) == [False, True, True, True, True, True]
     assert searched(ambiguous, cut=True, probability=0.5) == [False, False, True, True, True, True]
     assert searched(ambiguous, cut=False, probability=0.5) == [False, False, False, False, True, True]
-    assert _Body(0, 0, np.arange(7)).worth_a_search(free, 100)
-    assert not _Body(0, 0, np.arange(7), settled=True).worth_a_search(own, 300)
+    assert _Body(0).worth_a_search(free, 100)
+    assert not _Body(0, settled=True).worth_a_search(own, 300)
 
 
 def test_a_match_that_was_beyond_chance_stays_so_among_fewer_detections() -> None:
@@ -187,7 +187,7 @@ def test_a_match_that_was_beyond_chance_stays_so_among_fewer_detections() -> Non
     untrusted, ambiguous, matched = rm.Status.UNTRUSTED, rm.Status.AMBIGUOUS, rm.Status.MATCHED
 
     def kept(before: Finding | None, now: rm.Status) -> rm.Status:
-        one = _Body(0, 0, np.arange(7), match=judged(found, now))
+        one = _Body(0, match=judged(found, now))
         _keep_trusted(one, before)
         assert one.match is not None
         return one.match.status
@@ -210,16 +210,16 @@ def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> 
     stolen = replace(judged(own, rm.Status.MATCHED, 0.93), assignment=np.append(expected[:6], -1), log_odds=1.0)
     ambiguous = judged(right, rm.Status.AMBIGUOUS, 0.55)
     bodies = [
-        _Body(0, 0, np.arange(7), match=ambiguous),
-        _Body(1, 1, np.arange(7, 14), match=stolen),
+        _Body(0, match=ambiguous),
+        _Body(1, match=stolen),
     ]
     assert _evidence(bodies[0]) > _evidence(bodies[1])
-    assert _evidence(_Body(0, 0, np.arange(7), match=replace(right, log_odds=None))) == -np.inf
+    assert _evidence(_Body(0, match=replace(right, log_odds=None))) == -np.inf
     _make_exclusive(task, bodies, np.ones(len(target), np.bool_), explain, 1000)
     for one, there in zip(bodies, (expected, other), strict=True):
         assert one.match is not None
         assert np.array_equal(one.match.assignment, there)
-    _contest(alone := [_Body(1, 1, np.arange(7, 14), match=judged(own, rm.Status.MATCHED))])
+    _contest(alone := [_Body(1, match=judged(own, rm.Status.MATCHED))])
     assert alone[0].match is not None
     assert alone[0].match.status is rm.Status.MATCHED
 

@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from rootmatch.io import Calibration, PointSet, parse_camera, read_camera, write
 K = np.array([[1000.0, 0.0, 640.0], [0.0, 1010.0, 480.0], [0.0, 0.0, 1.0]])
 BROWN, FISHEYE = [-0.28, 0.07, 1e-3, -2e-3, 0.01], [0.05, -0.02, 0.003, -0.0005]
 WITH_BROWN, WITH_FISHEYE = rm.Camera.from_opencv(K, BROWN), rm.Camera.from_opencv_fisheye(K, FISHEYE)
+SIZE = (1280.0, 960.0)
 
 
 def by_opencv(path: Path, names: tuple[str, str] = ("camera_matrix", "distortion_coefficients")) -> Path:
@@ -32,6 +34,7 @@ def by_opencv(path: Path, names: tuple[str, str] = ("camera_matrix", "distortion
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("calibration_time", "Sun Nov 22 01:00:00 2026")
     storage.write("image_width", 1280)
+    storage.write("image_height", 960)
     storage.write(names[0], K)
     storage.write(names[1], np.array([BROWN]))
     storage.write("avg_reprojection_error", 0.3)
@@ -42,7 +45,8 @@ def by_opencv(path: Path, names: tuple[str, str] = ("camera_matrix", "distortion
 @pytest.mark.parametrize("suffix", ["yml", "yaml", "xml", "json"])
 @pytest.mark.parametrize("names", [("camera_matrix", "distortion_coefficients"), ("K", "dist")])
 def test_opencv(tmp_path: Path, suffix: str, names: tuple[str, str]) -> None:
-    assert rm.read_cameras(by_opencv(tmp_path / f"calibration.{suffix}", names)) == {"camera": WITH_BROWN}
+    found = rm.read_cameras(by_opencv(tmp_path / f"calibration.{suffix}", names))
+    assert found == {"camera": replace(WITH_BROWN, size=SIZE)}
 
 
 def test_opencv_4_and_stereo_and_fisheye(tmp_path: Path) -> None:
@@ -50,7 +54,7 @@ def test_opencv_4_and_stereo_and_fisheye(tmp_path: Path) -> None:
     path = by_opencv(tmp_path / "calibration.yml", ("cameraMatrix1", "distCoeffs1"))
     text = path.read_text().replace("%YAML 1.2", "%YAML:1.0")
     path.write_text(text)
-    assert rm.read_cameras(path) == {"camera1": WITH_BROWN}
+    assert rm.read_cameras(path) == {"camera1": replace(WITH_BROWN, size=SIZE)}
     entries = "".join(text.partition("cameraMatrix1")[1:]).replace("cameraMatrix1", "M2").replace("distCoeffs1", "D2")
     path.write_text(text + entries)
     assert list(rm.read_cameras(str(path))) == ["camera1", "camera2"]
@@ -92,6 +96,7 @@ def test_colmap(tmp_path: Path) -> None:
         rays = points / np.linalg.norm(points, axis=1)[:, None]
         np.testing.assert_allclose(camera.bearings(pixels), rays, rtol=0, atol=1e-8)
         assert camera.sees(points).all()
+        assert camera.size == SIZE
     whole = Calibration(texts["10"])
     write_camera(tmp_path / "camera.json", whole)
     assert read_camera(tmp_path / "camera.json") == whole
@@ -111,8 +116,9 @@ def test_kalibr(tmp_path: Path) -> None:
     right = {**left, "distortion_coeffs": FISHEYE, "distortion_model": "equidistant", "T_cn_cnm1": np.eye(4).tolist()}
     path.write_text(yaml.safe_dump({"cam0": left, "cam1": right}))
     expected = {"cam0": rm.Camera.from_opencv(K, BROWN[:4]), "cam1": WITH_FISHEYE}
+    expected = {name: replace(camera, size=SIZE) for name, camera in expected.items()}
     assert rm.read_cameras(path) == expected
-    assert parse_camera(f"{path}#cam1", "--camera").camera == WITH_FISHEYE
+    assert parse_camera(f"{path}#cam1", "--camera").camera == expected["cam1"]
     with pytest.raises(InputError, match=r"cam0, cam1; choose one .*camchain.yaml#cam0"):
         parse_camera(str(path), "--camera")
     with pytest.raises(InputError, match="no camera is named 'cam7'"):
@@ -134,20 +140,34 @@ def test_ros(tmp_path: Path, fisheye: bool) -> None:
         "projection_matrix": {"rows": 3, "cols": 4, "data": np.eye(3, 4).ravel().tolist()},
     }
     path.write_text(yaml.safe_dump(content))
-    assert rm.read_cameras(path) == {"narrow_stereo/left": camera}
+    assert rm.read_cameras(path) == {"narrow_stereo/left": replace(camera, size=SIZE)}
     message = {"header": {"seq": 1}, "distortion_model": model, "d": dist, "k": K.ravel().tolist()}
     path.write_text(yaml.safe_dump(message))
     assert rm.read_cameras(path) == {"camera": camera}
+    path.write_text(yaml.safe_dump(message | {"width": 1280, "height": 960}))
+    assert rm.read_cameras(path) == {"camera": replace(camera, size=SIZE)}
+    path.write_text(yaml.safe_dump(message | {"width": 1280, "height": -960}))
+    with pytest.raises(InputError, match=r"camera_info.yaml: camera: size is \(1280, -960\); give a positive width"):
+        rm.read_cameras(path)
 
 
-@pytest.mark.parametrize("camera", [WITH_BROWN, WITH_FISHEYE, rm.Camera.from_matrix(K), rm.Bearings()])
+@pytest.mark.parametrize(
+    "camera",
+    [
+        WITH_BROWN,
+        replace(WITH_FISHEYE, size=SIZE),
+        rm.Camera.from_matrix(K),
+        rm.Bearings(),
+        rm.Rig([(replace(WITH_BROWN, size=SIZE), np.eye(3), np.zeros(3))]),
+    ],
+)
 def test_our_own_come_back_unchanged(tmp_path: Path, camera: rm.Camera) -> None:
     path = tmp_path / "camera.json"
     write_camera(path, Calibration(camera, WITH_BROWN, axis=np.array([0.0, 1.0, 0.0])))
     back = read_camera(path)
     assert (back.camera, back.camera2) == (camera, WITH_BROWN)
     assert rm.read_cameras(path) == {"camera": camera, "camera2": WITH_BROWN}
-    assert isinstance(back.camera, UnitRays | rm.Camera)
+    assert isinstance(back.camera, UnitRays | rm.Camera | rm.Rig)
     path.write_text(json.dumps({"cameras": {"a": json.loads(path.read_text()), "b": {"K": K.tolist()}}}))
     assert list(rm.read_cameras(path)) == ["a", "b"]
     assert parse_camera(f"{path}#b", "--camera").camera == rm.Camera.from_matrix(K)

@@ -94,6 +94,22 @@ def test_camera_refuses_what_is_no_number(position: int, value: object) -> None:
         Camera(*numbers)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("size", [640, "large", (640,), (640, 480, 3), (640, 0), (640, np.nan), (np.inf, 480)])
+def test_camera_refuses_what_is_no_size(size: object) -> None:
+    with pytest.raises(InputError, match=r"camera: size is .*width and height"):
+        Camera(*INTRINSICS, size=size)  # type: ignore[arg-type]
+
+
+def test_an_image_is_as_large_as_its_size_or_as_the_principal_point_says() -> None:
+    target = np.array([[0.0, 0.0], [600.0, 400.0]])
+    plain, sized = Camera(*INTRINSICS), Camera(*INTRINSICS, size=(700, 480))
+    assert (plain.image_areas(target), sized.image_areas(target)) == (620.0 * 500.0, 700.0 * 480.0)
+    assert sized.image_areas(target + 81.0) is None
+    pixels = np.array([[350.0, 240.0], [0.0, 100.0], [-17.5, 100.0], [-40.0, 100.0], [690.0, 480.0]])
+    np.testing.assert_allclose(sized.in_image(pixels), [1.0, 0.5, 0.25, 0.0, 0.5])
+    assert plain.in_image(pixels).all()
+
+
 @pytest.mark.parametrize("position", [0, 1])
 @pytest.mark.parametrize("value", [0.0, -1000.0])
 def test_camera_refuses_a_focal_length_that_is_not_positive(position: int, value: float) -> None:

@@ -14,6 +14,7 @@ from scipy.special import gammaln, logsumexp
 from scipy.stats import multivariate_normal
 
 import rootmatch as rm
+from oracles import log_first
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -76,7 +77,7 @@ def scene(
 
 CAMERAS = {
     "pinhole": PINHOLE, "fisheye": FISHEYE, "brown": BROWN, "chart": CHART, "tilted": TILTED, "rig": rig(),
-    "rig with sizes": rig(SIZES),
+    "sized": replace(FISHEYE, size=SIZES[0]), "rig with sizes": rig(SIZES),
 }  # fmt: skip
 
 
@@ -211,9 +212,7 @@ def log_evidence(model: DetectionModel, assignment: NDArray[np.int64], R: Floats
     for own in images:
         left = len(own) - len([j for _, j in pairs if j in own])
         total += gammaln(left + 0.5) - gammaln(len(own) + 0.5)
-    taken = np.zeros((1, len(model.target)), np.bool_)
-    taken[0, [j for _, j in pairs]] = True
-    total += float(model.clutter.log_first(taken)[0])
+    total += log_first(model.clutter, np.isin(np.arange(len(model.target)), [j for _, j in pairs]))
     half = 0.5 * model.noise_freedom
     total += gammaln(half + freedom / 2.0) - gammaln(half) - freedom / 2.0 * math.log(half)
     total -= (half + freedom / 2.0) * math.log1p(squared / (2.0 * half))
@@ -272,7 +271,7 @@ CASES: dict[str, tuple[CameraModel, dict[str, object]]] = {
     "normals, no view angle": (PINHOLE, {"view_cosine": None}),
     "bare": (FISHEYE, {"normals": None, "view_cosine": None}),
     "weights": (BROWN, {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.8, "rate": 0.8}),
-    "size": (PINHOLE, {"size": (1280.0, 960.0)}),
+    "size": (replace(PINHOLE, size=SIZES[0]), {}),
     "blobs": (PINHOLE, {"resolution": 20.0}),
     "source noise": (PINHOLE, {"source_covariance": np.tile(np.diag([1e-6, 2e-6, 4e-6]), (6, 1, 1))}),
     "rig": (rig(SIZES), {}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,7 @@ def test_the_camera_is_read_back_by_its_own_reader_and_by_hand(tmp_path: Path) -
     """Without pycolmap: cameras by `read_cameras`, the rest by COLMAP's documented format."""
     match = matched(CAMERAS["OPENCV"])
     write_colmap(tmp_path, {"a.jpg": match})
-    assert rm.read_cameras(tmp_path / "cameras.txt") == {"1": CAMERAS["OPENCV"]}
+    assert rm.read_cameras(tmp_path / "cameras.txt") == {"1": replace(CAMERAS["OPENCV"], size=(1280.0, 960.0))}
     assert (tmp_path / "cameras.txt").read_text().split()[2:4] == ["1280", "960"]  # twice the principal point
     header, detections = (tmp_path / "images.txt").read_text().splitlines()
     cells = header.split()
@@ -75,7 +76,7 @@ def test_the_camera_is_read_back_by_its_own_reader_and_by_hand(tmp_path: Path) -
 def test_half_a_pixel_is_added_to_camera_and_detections(tmp_path: Path) -> None:
     match = matched(CAMERAS["PINHOLE"])
     write_colmap(tmp_path, {"a.jpg": match}, opencv_pixels=True)
-    assert rm.read_cameras(tmp_path / "cameras.txt")["1"] == rm.Camera(1000, 1010, 640.5, 480.5)
+    assert rm.read_cameras(tmp_path / "cameras.txt")["1"] == rm.Camera(1000, 1010, 640.5, 480.5, size=(1280.0, 960.0))
     first = (tmp_path / "images.txt").read_text().splitlines()[1].split()[:2]
     np.testing.assert_array_equal([float(cell) for cell in first], match.target[0] + 0.5)
 

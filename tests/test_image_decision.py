@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -182,3 +184,21 @@ def test_what_is_trusted_has_the_probability_that_is_told(kind: str) -> None:
             assert found.probability >= 0.95
             assert found.confidence[found.assignment >= 0].min() >= 0.95
     assert trusted > 0
+
+
+@pytest.mark.parametrize("seed", [1003, 1004])
+def test_points_outside_of_an_image_of_known_size_are_not_missing(seed: int) -> None:
+    """Five of twelve points are in view, among six of clutter: too few if the others should have been seen."""
+    rng, R = np.random.default_rng(seed), Rotation.random(random_state=seed).as_matrix()
+    points, size = rng.uniform(-0.3, 0.3, (12, 3)), (1280.0, 960.0)
+    camera = rm.Camera(900.0, 900.0, 640.0, 480.0)
+    pixels = camera.project(points @ R.T + (rng.choice([-1, 1]) * 0.72, rng.uniform(-0.2, 0.2), 1.0))
+    seen = np.flatnonzero(((pixels > 0.0) & (pixels < size)).all(axis=1) & (rng.random(12) < 0.95))
+    noisy = pixels[seen] + rng.normal(0.0, 0.4, (len(seen), 2))
+    target = np.concatenate([noisy, rng.uniform((0.0, 0.0), size, (6, 2))])
+    truth = np.full(12, -1)
+    truth[seen] = np.arange(5)
+    assert not rm.match(points, target, rm.P3P(camera), noise=0.4)
+    match = rm.match(points, target, rm.P3P(replace(camera, size=size)), noise=0.4)
+    assert match
+    np.testing.assert_array_equal(match.assignment, truth)

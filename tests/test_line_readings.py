@@ -59,9 +59,9 @@ def test_nothing_is_read_where_no_points_are_on_a_line() -> None:
 
 
 def test_lines_of_a_body() -> None:
-    assert [line.tolist() for line in lines_of(WAND.tobytes())] == [[0, 1, 2, 3]]
+    assert [line.tolist() for line in lines_of(WAND)] == [[0, 1, 2, 3]]
     rng = np.random.default_rng(0)
-    assert lines_of(rng.normal(size=(100, 3)).tobytes()) == []
+    assert lines_of(rng.normal(size=(100, 3))) == []
 
 
 def test_no_reading_is_trusted_against_the_other() -> None:

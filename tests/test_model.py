@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import gammaln, logsumexp
 
+from oracles import log_first
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.model.clutter import clutter_of
 from rootmatch.model.competition import joint_posterior
-from rootmatch.model.compiled.evidence import log_of_squared
+from rootmatch.model.compiled.evidence import log_of_first, log_of_squared
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, evidence, settled
 from rootmatch.model.known_density import Known
@@ -124,7 +125,7 @@ class Sampled:
         weight = 10.0 * math.log(10.0) - gammaln(10.0) - 10.0 * np.log(scale) - 10.0 / scale + math.log(3.0 / 30.0)
         noisy = logsumexp(weight - k * np.log(scale) - 0.5 * squared[:, None] / scale, axis=1)
         density = model.clutter.log_density[assignment[used]]
-        first = model.clutter.log_first(np.isin(np.arange(count), assignment[used])[None])[0]
+        first = log_first(model.clutter, np.isin(np.arange(count), assignment[used]))
         clutter = -density.sum() + first + gammaln(count - k + 0.5) - gammaln(count + 0.5)
         visible = np.ones(x.shape[:2])
         if model.normals is not None:
@@ -302,9 +303,7 @@ def test_uniform_clutter_is_uniform_and_a_crowd_is_denser() -> None:
     crowd = np.concatenate([rng.uniform(500, 540, (10, 2)), rng.uniform((0, 0), (1280, 960), (30, 2))])
     found = clutter_of(crowd, sigma, np.array([1280.0 * 960.0]))
     assert found.log_density[:10].min() > found.log_density[10:].max()
-    taken = np.zeros((2, 40), np.bool_)
-    taken[0, :10], taken[1, :5] = True, True
-    whole, half = found.log_first(taken)
+    whole, half = (log_of_first(np.arange(own), np.zeros(40, np.bool_), found.for_kernels) for own in (10, 5))
     assert whole > half + 1.0, "a crowd that is taken whole owes its first member"
 
 
@@ -315,9 +314,8 @@ def test_crowds_are_found_among_more_detections_than_are_looked_at() -> None:
     found = clutter_of(crowd, np.full(len(crowd), 0.5), area)
     assert found.about.shape == (620, len(found.centres))
     assert len(found.centres) < 620
-    taken = np.zeros((2, 620), np.bool_)
-    taken[0, 600:] = taken[1, :20] = True
-    crowded, scattered = found.log_first(taken)
+    each = np.arange(600, 620), np.arange(20)
+    crowded, scattered = (log_of_first(own, np.zeros(620, np.bool_), found.for_kernels) for own in each)
     assert crowded > scattered + 1.0
 
 

@@ -27,19 +27,28 @@ def best_by_trying(elements: np.ndarray, values: np.ndarray, most: int) -> float
     return best
 
 
-@pytest.mark.parametrize("most", [1, 2, 4])
-@pytest.mark.parametrize("seed", range(15))
-def test_packing_finds_the_best_of_few(seed: int, most: int) -> None:
-    rng = np.random.default_rng(seed)
+def few_sets(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Twelve sets of one to four of ten elements, and their values."""
     elements = np.full((12, 4), -1)
     for row in elements:
         size = rng.integers(1, 5)
         row[:size] = rng.choice(10, size, replace=False)
     values = rng.uniform(0.5, 3.0, 12)
+    return elements, values
+
+
+def are_disjoint(sets: np.ndarray) -> bool:
+    used = sets[sets >= 0]
+    return len(set(used.tolist())) == len(used)
+
+
+@pytest.mark.parametrize("most", [1, 2, 4])
+@pytest.mark.parametrize("seed", range(15))
+def test_packing_finds_the_best_of_few(seed: int, most: int) -> None:
+    rng = np.random.default_rng(seed)
+    elements, values = few_sets(rng)
     chosen = pack(elements, values, 10, most, np.zeros(12, bool), 300)
-    used = elements[chosen]
-    used = used[used >= 0]
-    assert len(set(used.tolist())) == len(used)
+    assert are_disjoint(elements[chosen])
     assert chosen.sum() <= most
     assert values[chosen].sum() == pytest.approx(best_by_trying(elements, values, most))
 
@@ -48,18 +57,12 @@ def test_packing_finds_the_best_of_few(seed: int, most: int) -> None:
 @pytest.mark.parametrize("seed", range(15))
 def test_branch_and_bound_finds_the_best_of_few_from_nothing(seed: int, most: int) -> None:
     rng = np.random.default_rng([seed, 1])
-    elements = np.full((12, 4), -1)
-    for row in elements:
-        size = rng.integers(1, 5)
-        row[:size] = rng.choice(10, size, replace=False)
-    values = rng.uniform(0.5, 3.0, 12)
+    elements, values = few_sets(rng)
     relaxed = relaxation(elements, values, 10, most)
     best = best_by_trying(elements, values, min(most, 10))
     assert relaxed.bound >= best - 1e-9
     chosen = packing_above(0.0, elements, relaxed, most, 100_000)
-    used = elements[chosen]
-    used = used[used >= 0]
-    assert len(set(used.tolist())) == len(used)
+    assert are_disjoint(elements[chosen])
     assert chosen.sum() <= most
     assert values[chosen].sum() == pytest.approx(best)
     assert not packing_above(best + 1e-6, elements, relaxed, most, 100_000).any()
@@ -101,9 +104,7 @@ def test_a_search_that_ends_early_keeps_what_it_began_with() -> None:
     start = rounded(elements, values, relaxed, 60)
     chosen = best_packing(elements, values, relaxed, 60, start, 1)
     assert values[chosen].sum() >= values[start].sum()
-    used = elements[chosen]
-    used = used[used >= 0]
-    assert len(set(used.tolist())) == len(used)
+    assert are_disjoint(elements[chosen])
 
 
 def residuals_of_pose(parameters: np.ndarray, points: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> np.ndarray:

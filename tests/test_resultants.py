@@ -48,12 +48,10 @@ def by_svd(p: np.ndarray, q: np.ndarray) -> float:
     return float(np.linalg.svd(sylvester(p, q), compute_uv=False)[-1])
 
 
-def by_fractions(p: np.ndarray, q: np.ndarray) -> float:
-    """1 / |last row of the inverse|, by Gauss elimination without rounding."""
-    rows = [[Fraction(float(v)) for v in row] for row in sylvester(p, q)]
-    n = len(rows)
-    # Mᵀ x = e_n
-    system = [[rows[i][j] for i in range(n)] + [Fraction(int(j == n - 1))] for j in range(n)]
+def last_row_of_inverse(matrix: list[list[Fraction]]) -> list[Fraction]:
+    """x with Mᵀ x = e_n, by Gauss elimination without rounding."""
+    n = len(matrix)
+    system = [[matrix[i][j] for i in range(n)] + [Fraction(int(j == n - 1))] for j in range(n)]
     for column in range(n):
         pivot = next(r for r in range(column, n) if system[r][column] != 0)
         system[column], system[pivot] = system[pivot], system[column]
@@ -61,7 +59,12 @@ def by_fractions(p: np.ndarray, q: np.ndarray) -> float:
             if r != column and system[r][column] != 0:
                 factor = system[r][column] / system[column][column]
                 system[r] = [a - factor * b for a, b in zip(system[r], system[column], strict=True)]
-    x = [system[k][n] / system[k][k] for k in range(n)]
+    return [system[k][n] / system[k][k] for k in range(n)]
+
+
+def by_fractions(p: np.ndarray, q: np.ndarray) -> float:
+    """1 / |last row of the inverse|."""
+    x = last_row_of_inverse([[Fraction(float(v)) for v in row] for row in sylvester(p, q)])
     return 1.0 / math.sqrt(sum(v * v for v in x))
 
 
@@ -225,15 +228,7 @@ def exact_in_x(shifted: Pair) -> float:
     for k, row in enumerate(rows):
         for m in range(4):
             matrix[4 * k + m][m : m + 5] = row
-    system = [[matrix[i][j] for i in range(n)] + [Fraction(int(j == n - 1))] for j in range(n)]
-    for column in range(n):
-        pivot = next(r for r in range(column, n) if system[r][column] != 0)
-        system[column], system[pivot] = system[pivot], system[column]
-        for r in range(n):
-            if r != column and system[r][column] != 0:
-                factor = system[r][column] / system[column][column]
-                system[r] = [a - factor * b for a, b in zip(system[r], system[column], strict=True)]
-    x = [system[k][n] / system[k][k] for k in range(n)]
+    x = last_row_of_inverse(matrix)
     # x belongs to the quartics as given; scaling one by 1/norm scales its half of the row by the norm
     norms = [sum(v * v for v in row) for row in rows]
     return 1.0 / math.sqrt(norms[0] * sum(v * v for v in x[:4]) + norms[1] * sum(v * v for v in x[4:]))

@@ -6,6 +6,7 @@ import csv
 import itertools
 import json
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -422,6 +423,10 @@ def test_sizes_of_images() -> None:
     np.testing.assert_allclose(expected, [1.0, 0.5, 0.25, 0.0, 0.5 - 10.0 / 64.0])
     assert rm.Rig(RIG.views).expects(0, np.array([[-1e6, 0.0]])) == 1.0
     assert rm.Rig(RIG.views) != RIG
+    assert RIG.sizes is not None
+    views = [(replace(camera, size=size), R, t) for (camera, R, t), size in zip(RIG.views, RIG.sizes, strict=True)]
+    assert rm.Rig(views) == RIG
+    assert rm.Rig([*views[:3], RIG.views[3]]).sizes is None
     for sizes in ([(640, 480)] * 3, [(640, 0)] * 4, "large", [(640, 480)] * 3 + [(640,)]):
         with pytest.raises(InputError, match="size"):
             rm.Rig(RIG.views, sizes=sizes)

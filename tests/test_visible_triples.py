@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from itertools import permutations
 
@@ -35,22 +36,27 @@ def tables_of(seed: int, clutter: int) -> tuple[object, NDArray[np.int64]]:
     return rm.P3P(CAMERA).prepare(points, pixels, NOISE, normals), truth
 
 
-def test_what_is_visible_has_a_shape_of_its_table_and_chance_seldom_has() -> None:
+def seen_from_random(
+    rng: np.random.Generator, near: float, far: float, count: int
+) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.int16]]]:
+    """Which points of a ball are visible from random cameras, and the cells of their triples' shapes."""
     points, normals = ball(5)
-    tables, _ = tables_of(5, 0)
-    wave = views_of(points, normals).wave(3, tables)
-    sets = wave.prepared.points
-    rng = np.random.default_rng(0)
-    there, by_chance = [], []
-    for _ in range(60):
+    for _ in range(count):
         direction = rng.normal(size=3)
-        camera = direction / np.linalg.norm(direction) * rng.uniform(0.3, 3.0)
+        camera = direction / np.linalg.norm(direction) * rng.uniform(near, far)
         towards = camera - points
         visible = (towards * normals).sum(axis=1) > 0.1 * np.linalg.norm(towards, axis=1)
         rays = -towards / np.linalg.norm(towards, axis=1, keepdims=True) @ rotation(rng)
-        cells = image_cells(np.ascontiguousarray(rays.T))
+        yield visible, image_cells(np.ascontiguousarray(rays.T))
+
+
+def test_what_is_visible_has_a_shape_of_its_table_and_chance_seldom_has() -> None:
+    wave = views_of(*ball(5)).wave(3, tables_of(5, 0)[0])
+    sets, rng = wave.prepared.points, np.random.default_rng(0)
+    rows = np.arange(len(sets))
+    there, by_chance = [], []
+    for visible, cells in seen_from_random(rng, 0.3, 3.0, 60):
         whole = visible[sets].all(axis=1)
-        rows = np.arange(len(sets))
         there.append(wave.shapes[rows, cells[sets[:, 0], sets[:, 1], sets[:, 2]]][whole])
         anyone = np.array([rng.choice(np.flatnonzero(visible), 3, replace=False) for _ in sets])
         by_chance.append(wave.shapes[rows, cells[anyone[:, 0], anyone[:, 1], anyone[:, 2]]])
@@ -60,20 +66,11 @@ def test_what_is_visible_has_a_shape_of_its_table_and_chance_seldom_has() -> Non
 
 
 def test_what_is_seen_from_near_has_a_shape_of_its_table_and_chance_seldom_has() -> None:
-    points, normals = ball(5)
-    tables, _ = tables_of(5, 0)
-    wave = views_of(points, normals).wave(3, tables)
-    sets = wave.prepared.points
+    wave = views_of(*ball(5)).wave(3, tables_of(5, 0)[0])
+    sets, radius = wave.prepared.points, float(np.linalg.norm(ball(5)[0], axis=1).max())
     rows = np.arange(len(sets))
-    rng = np.random.default_rng(1)
     there, by_chance = [], []
-    for _ in range(400):
-        direction = rng.normal(size=3)
-        camera = direction / np.linalg.norm(direction) * rng.uniform(1.1, 2.0) * np.linalg.norm(points, axis=1).max()
-        towards = camera - points
-        visible = (towards * normals).sum(axis=1) > 0.1 * np.linalg.norm(towards, axis=1)
-        rays = -towards / np.linalg.norm(towards, axis=1, keepdims=True) @ rotation(rng)
-        cells = image_cells(np.ascontiguousarray(rays.T))
+    for visible, cells in seen_from_random(np.random.default_rng(1), 1.1 * radius, 2.0 * radius, 400):
         own = cells[sets[:, 0], sets[:, 1], sets[:, 2]]
         wide = (own >= 2 * SIDE * SIDE) & (own < ANY)
         there.append(wave.shapes[rows, own][wide & visible[sets].all(axis=1)])

@@ -12,6 +12,7 @@ from scipy.special import gammaln, logsumexp
 import robot_scenes
 import rootmatch as rm
 from instances import axis_rotation, project
+from oracles import log_first
 from robot_scenes import DOWN
 from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.model.evidence import about, settled
@@ -62,7 +63,7 @@ class Sampled:
         noisy = logsumexp(weight - k * np.log(scale) - 0.5 * self.squared(v)[:, None] / scale, axis=1)
         own = self.assignment[self.used]
         clutter = -self.model.clutter.log_density[own].sum() + gammaln(count - k + 0.5) - gammaln(count + 0.5)
-        clutter += self.model.clutter.log_first(np.isin(np.arange(count), own)[None])[0]
+        clutter += log_first(self.model.clutter, np.isin(np.arange(count), own))
         shown = gammaln(k + 1) + gammaln(n - k + 1) - gammaln(n + 2)  # a rate that is uniform
         log_zoom = np.log(self.scene.focal / USUAL) + v[:, 1]
         prior = -math.log(2.0 * math.pi) - 0.5 * log_zoom**2 - 0.5 * math.log(2.0 * math.pi)

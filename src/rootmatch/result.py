@@ -19,13 +19,14 @@ from rootmatch.explain.diagnosis import Diagnosis, diagnosed
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import other_poses
 from rootmatch.explain.judged_motions import confidence_of_motions
-from rootmatch.explain.poses import Pose, poses_of
+from rootmatch.explain.poses import poses_of
 from rootmatch.explain.predicted_poses import agrees_with_prior, fused_pose, labels_of_any, poses_of_finding
 from rootmatch.explain.status_advice import advice, is_undetermined
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.similarity import Similarity
 from rootmatch.sightings import Sightings, of_first_cameras
 

@@ -28,6 +28,19 @@ def cross_matrix(vectors: Floats) -> Floats:
     return out
 
 
+def frames_of_triangles(corners: Floats) -> Floats:
+    """Right-handed orthonormal frames (…, 3, 3) of triangles (…, 3, 3), as columns; NaN where the corners are in line.
+
+    The first column lies along a side, the last across the plane.
+    """
+    with np.errstate(invalid="ignore"):
+        first = corners[..., 1, :] - corners[..., 0, :]
+        first = first / np.linalg.norm(first, axis=-1, keepdims=True)
+        normal = cross(first, corners[..., 2, :] - corners[..., 0, :])
+        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        return np.stack([first, cross(normal, first), normal], axis=-1)
+
+
 def turn_jacobian(points: Floats) -> Floats:
     """Derivative (…, k, angles) of turned points (…, k) by the turn, which is small: ω × x, one angle in a plane."""
     if points.shape[-1] == 2:

@@ -11,9 +11,16 @@ from rootmatch.algebra.rotation import cross
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError
 
+RIM = 0.05
+"""Part of an image's width on both sides of its rim where a predicted point is less and less expected in it: the pose
+is not exact. A round value."""
+
 
 class CameraModel(ABC):
     """A calibrated camera: a map between detections and directions of its frame (x right, y down, z forward)."""
+
+    size: tuple[float, float] | None = None
+    """Width and height of the image in pixels, if they are known."""
 
     @property
     @abstractmethod
@@ -89,8 +96,8 @@ class CameraModel(ABC):
         return points
 
     def in_image(self, pixels: Floats) -> Floats:
-        """How far the images (…, n, 2) of n points are expected in the image, from 0 to 1: unknown, so 1."""
-        return np.ones(pixels.shape[:-1])
+        """How far the images (…, n, 2) of n points are expected in the image, from 0 to 1; 1 if its size is unknown."""
+        return np.ones(pixels.shape[:-1]) if self.size is None else expected_within(pixels, self.size)
 
     def image_areas(self, target: Floats) -> Floats | None:
         """Area (C,) in px² of the image, or of each of several, in which detections (n', 2) lie, if it is known."""
@@ -99,6 +106,12 @@ class CameraModel(ABC):
     def images(self) -> list[Integers]:
         """Which detections lie in which of several images that share a plane; none where there is but one image."""
         return []
+
+
+def expected_within(pixels: Floats, size: tuple[float, float]) -> Floats:
+    """How far pixels (…, 2) are expected in an image of a size: 1 well within, 0 well outside, ½ on the rim."""
+    within = np.minimum(pixels, np.array(size) - pixels).min(axis=-1)
+    return np.asarray(np.clip(0.5 + 0.5 * within / (RIM * size[0]), 0.0, 1.0))
 
 
 def tangent_axes(rays: Floats, jacobian: Floats) -> Floats:

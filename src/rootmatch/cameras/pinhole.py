@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats
 from rootmatch.cameras.base import CameraModel, tangent_axes
-from rootmatch.cameras.base import check_camera as check_camera
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
@@ -35,11 +36,14 @@ class Camera(CameraModel):
         Principal point in pixels.
     lens : Lens, optional
         The lens model; see `from_opencv` and `from_opencv_fisheye`.
+    size : (width, height), optional
+        Size of the image in pixels. A pose then does not expect points outside of it; without a size, every point in
+        front of the camera counts as visible, and the principal point as the middle of the image.
 
     Raises
     ------
     InputError
-        If a number is not finite or a focal length is not positive.
+        If a number is not finite, or a focal length or a size is not positive.
     """
 
     fx: float
@@ -47,6 +51,7 @@ class Camera(CameraModel):
     cx: float
     cy: float
     lens: Lens | None = None
+    size: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy", "cx", "cy"):
@@ -71,6 +76,8 @@ class Camera(CameraModel):
                     f"camera: focal length {name} is {getattr(self, name):g} px, far below a pixel; "
                     "give it in pixels, not in metres"
                 )
+        if self.size is not None:
+            object.__setattr__(self, "size", _checked_size(self.size))
         if self.lens is not None and not isinstance(self.lens, Lens):
             raise InputError(
                 f"camera: lens is {quoted(self.lens)}; use Camera.from_opencv(K, dist) or "
@@ -191,8 +198,11 @@ class Camera(CameraModel):
         return angle
 
     def image_areas(self, target: Floats) -> Floats | None:
-        """See `CameraModel.image_areas`: of one about the principal point, unless a detection lies outside of it."""
-        size = np.array([2.0 * self.cx, 2.0 * self.cy])
+        """See `CameraModel.image_areas`; if its size is unknown the principal point is its middle.
+
+        None if a detection lies outside of it.
+        """
+        size = np.array(self.size or (2.0 * self.cx, 2.0 * self.cy))
         return size.prod(keepdims=True) if ((target >= 0.0) & (target <= size)).all() else None
 
     def project(self, points: ArrayLike) -> Floats:
@@ -260,3 +270,14 @@ class Camera(CameraModel):
     def _lens_rays(self, lens: Lens, pixels: ArrayLike) -> Floats:
         """Rays (…, 3) of pixels (…, 2), NaN if the lens shows nothing."""
         return lens.rays((np.asarray(pixels, dtype=float) - (self.cx, self.cy)) / (self.fx, self.fy))
+
+
+def _checked_size(size: Any) -> tuple[float, float]:
+    """Width and height in pixels."""
+    try:
+        width, height = (float(one) for one in size)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"camera: size is {quoted(size)}; give width and height in pixels") from None
+    if not (0.0 < width < math.inf and 0.0 < height < math.inf):
+        raise InputError(f"camera: size is {quoted(size)}; give a positive width and height in pixels")
+    return width, height

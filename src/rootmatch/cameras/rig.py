@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats
-from rootmatch.cameras.base import CameraModel, tangent_axes
+from rootmatch.arrays import Bools, Floats, kept_by_values
+from rootmatch.cameras.base import CameraModel, expected_within, tangent_axes
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
 
 ORTHONORMAL = 1e-6
 """Deviation of R Rᵀ from the identity up to which R counts as a rotation: that of a file's digits."""
-RIM = 0.05
-"""Part of an image's width on both sides of its rim where a predicted point is less and less expected in it: the pose
-is not exact. A round value."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +32,8 @@ class Rig(CameraModel):
     views : sequence of (camera, R, t)
         Each camera with its pose in the rig, ``x_camera = R x_rig + t``: R (3, 3), t (3,) in the unit of the points.
     sizes : sequence of (width, height), optional
-        Sizes of the images, in pixels. A predicted pose then does not expect points outside the images; without sizes,
-        every point in front of a camera counts as visible.
+        Sizes of the images, in pixels; by default those of the cameras, if all have one. A pose then does not expect
+        points outside the images; without sizes, every point in front of a camera counts as visible.
 
     Raises
     ------
@@ -56,7 +54,7 @@ class Rig(CameraModel):
             raise InputError(f"rig: {type(views).__name__} given; give a list of (camera, R, t)") from None
         if not given:
             raise InputError("rig: no camera given; give a list of (camera, R, t)")
-        kept = []
+        kept, own = [], list[tuple[float, float]]()
         for k, view in enumerate(given):
             if len(view) != 3:
                 raise InputError(f"rig: {len(view)} entries for camera {k}; give (camera, R, t)")
@@ -66,8 +64,13 @@ class Rig(CameraModel):
             rotation, translation = _numbers(R, (3, 3), f"R of camera {k}"), _numbers(t, (3,), f"t of camera {k}")
             if np.abs(rotation @ rotation.T - np.eye(3)).max() > ORTHONORMAL or np.linalg.det(rotation) < 0.0:
                 raise InputError(f"rig: R of camera {k} is no rotation; give x_camera = R x_rig + t")
+            if camera.size is not None and isinstance(camera, Camera):
+                own.append(camera.size)
+                camera = replace(camera, size=None)  # which is in one place then
             kept.append((camera, tuple(map(tuple, rotation.tolist())), tuple(translation.tolist())))
         object.__setattr__(self, "views", tuple(kept))
+        if sizes is None and len(own) == len(kept):
+            sizes = own
         if sizes is not None:
             pairs = _numbers(sizes, (len(kept), 2), "sizes")
             if (pairs <= 0.0).any():
@@ -168,15 +171,11 @@ class Rig(CameraModel):
 
     def offsets(self, pixels: Floats) -> Floats:
         """Offset (C, 2) of each camera's image in a common plane on which the images do not overlap."""
-        return _offsets(len(self.views), np.asarray(pixels, float).tobytes())
+        return _offsets(len(self.views), np.asarray(pixels, float))
 
     def expects(self, k: int, pixels: Floats) -> Floats:
         """How far pixels (…, 2) of camera k are expected in its image: 1 well within, 0 well outside, ½ on the rim."""
-        if self.sizes is None:
-            return np.ones(pixels.shape[:-1])
-        size = np.array(self.sizes[k])
-        within = np.minimum(pixels, size - pixels).min(axis=-1)
-        return np.asarray(np.clip(0.5 + 0.5 * within / (RIM * size[0]), 0.0, 1.0))
+        return np.ones(pixels.shape[:-1]) if self.sizes is None else expected_within(pixels, self.sizes[k])
 
     def project(self, points: ArrayLike) -> Floats:
         """A rig has as many images of a point as cameras."""
@@ -191,10 +190,10 @@ class Rig(CameraModel):
         return self.project(points)
 
 
-@lru_cache(maxsize=4)
-def _offsets(count: int, rows: bytes) -> Floats:
-    """`Rig.offsets` by the values of the rows, found once for all bodies of a frame; not to be written into."""
-    pixels, offsets, edge = np.frombuffer(rows).reshape(-1, 3), np.zeros((count, 2)), 0.0
+@kept_by_values(4)
+def _offsets(count: int, pixels: Floats) -> Floats:
+    """`Rig.offsets`, found once for all bodies of a frame."""
+    offsets, edge = np.zeros((count, 2)), 0.0
     for k in range(count):
         own = pixels[pixels[:, 2] == k, :2]
         if len(own):

@@ -20,7 +20,6 @@ from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.errors import UnseenPixelError
 from rootmatch.explain.body_findings import among_all, joined
-from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.task import MatchingTask
@@ -54,8 +53,6 @@ class _Body:
     """One body in the course of the search."""
 
     number: int
-    label: Label
-    points: Integers
     match: Finding | None = None
     """Of its points, all detections and −1 where unmatched."""
     settled: bool = False
@@ -108,12 +105,10 @@ def match_bodies(task: MatchingTask, solve: Solve) -> Finding:
         From the task of one body to its match.
     """
     assert task.bodies is not None
-    bodies = [_Body(k, label, task.bodies.points_of(k)) for k, label in enumerate(task.bodies.names)]
+    bodies = [_Body(k) for k in range(len(task.bodies.names))]
     with suppress(OutOfTime):
         _match_each(task, bodies, solve)
-    for body in bodies:
-        body.match = body.match or nothing_found(task.body(body.number), LATE)
-    found = [(body.label, body.points, body.match) for body in bodies if body.match is not None]
+    found = [body.match or nothing_found(task.body(body.number), LATE) for body in bodies]
     return joined(task, found, sum(body.evaluated for body in bodies))
 
 

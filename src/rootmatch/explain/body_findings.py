@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rootmatch.arrays import Integers
-from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.task import MatchingTask
@@ -16,14 +16,14 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.modes import as_objects
 
 
-def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], evaluated: int) -> Finding:
-    """The finding of all bodies by label, rows and finding: the sum of their scores, the lead of the least sure one."""
+def joined(task: MatchingTask, found: Sequence[Finding], evaluated: int) -> Finding:
+    """The finding of all bodies by that of each, in order: the sum of their scores, the lead of the least sure one."""
+    assert task.bodies is not None
     assignment, labels = np.full(task.rows, -1, np.int64), np.full(task.rows, -1, np.int64)
-    parts: dict[Label, Finding] = {}
-    for k, (label, rows, found) in enumerate(bodies):
-        parts[label] = found
-        assignment[rows] = found.assignment
-        labels[rows] = np.where(found.assignment >= 0, k, -1)
+    bodies = [(task.sightings_of(task.bodies.points_of(k)), one) for k, one in enumerate(found)]
+    for k, (rows, one) in enumerate(bodies):
+        assignment[rows] = one.assignment
+        labels[rows] = np.where(one.assignment >= 0, k, -1)
     return Finding(
         task=task,
         assignment=assignment,
@@ -31,18 +31,18 @@ def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], ev
         facts=Facts(),
         tensor=DeferredTensor.of(lambda: _of_all_bodies(task, bodies), task.row_shape, task.row_weights),
         labels=labels,
-        converged=all(found.converged for found in parts.values()),
+        converged=all(one.converged for one in found),
         evaluated=evaluated,
-        parts=parts,
+        parts=dict(zip(task.bodies.names, found, strict=True)),
     )
 
 
-def _of_all_bodies(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]]) -> AffinityTensor:
-    """The hyper-edges of all bodies."""
+def _of_all_bodies(task: MatchingTask, bodies: list[tuple[Integers, Finding]]) -> AffinityTensor:
+    """The hyper-edges of all bodies by the rows and the finding of each."""
     _, n_target = task.row_shape
     nothing = empty_tensor(task)
     indices, weights = [nothing.indices], [nothing.weights]
-    for _, rows, found in bodies:
+    for rows, found in bodies:
         if found.tensor.size:
             i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
             indices.append((rows[i] * n_target + j).astype(np.int32))

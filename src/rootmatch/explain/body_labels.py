@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
@@ -96,14 +96,14 @@ def twin_points(first: Floats, second: Floats) -> Integers | None:
     """
     if len(first) != len(second):
         return None
-    found = _twin_points(*(np.ascontiguousarray(body, np.float64).tobytes() for body in (first, second)))
+    found = _twin_points(first, second)
     return None if found is None else found.copy()
 
 
-@lru_cache(maxsize=64)
-def _twin_points(first_bytes: bytes, second_bytes: bytes) -> Integers | None:
-    """`twin_points` of bodies by their values: every search asks for the same ones."""
-    one, two = (distances(np.frombuffer(body).reshape(-1, 3)) for body in (first_bytes, second_bytes))
+@kept_by_values(64)
+def _twin_points(first: Floats, second: Floats) -> Integers | None:
+    """`twin_points` of bodies of as many points."""
+    one, two = distances(first), distances(second)
     most = SAME_SHAPE * float(one.max())
     if np.abs(np.sort(one, axis=None) - np.sort(two, axis=None)).max() > most:
         return None

@@ -113,7 +113,7 @@ def diagnosed(match: Any, judge: Callable[[Finding], Any], max_seconds: float) -
     max_seconds : float
         Time limit for all trials together.
     """
-    given = _trial(Mistake("", "", lambda: match.task), match)
+    given = _trial(Mistake("", "", lambda task: task), match)
     mistakes = list(usual_mistakes(match.task))
     deadline, trials, skipped = Deadline(max_seconds), list[Trial](), 0
     for k, mistake in enumerate(mistakes):
@@ -126,7 +126,7 @@ def diagnosed(match: Any, judge: Callable[[Finding], Any], max_seconds: float) -
 
         def tried(change: Change, until: Deadline) -> Any:
             options = replace(match.task.options, max_seconds=max(until.left(), 0.0), progress=None)
-            return judge(explain(replace(change(), options=options, deadline=until)))
+            return judge(explain(change(replace(match.task, options=options, deadline=until))))
 
         try:
             until = Deadline(seconds)

@@ -35,10 +35,10 @@ def displaced_cameras(task: MatchingTask) -> Iterator[Mistake]:
         return
     for k in range(len(task.rig.views)):
         remedy = f"calibrate the pose of camera {k} again, and leave its detections out until then"
-        yield Mistake(f"camera {k} is not where the rig has it", remedy, partial(_placed_anew, task, k))
+        yield Mistake(f"camera {k} is not where the rig has it", remedy, partial(_placed_anew, k))
 
 
-def _placed_anew(task: MatchingTask, k: int) -> MatchingTask:
+def _placed_anew(k: int, given: MatchingTask) -> MatchingTask:
     """The task with a camera where it and the others see the same body.
 
     Raises
@@ -46,6 +46,7 @@ def _placed_anew(task: MatchingTask, k: int) -> MatchingTask:
     InputError
         If no body is told by the camera alone and by the others, or the camera is where it should be.
     """
+    task = given.without_priors()
     assert task.rig is not None
     bodies = [task] if task.bodies is None else [task.body(number) for number in range(len(task.bodies.names))]
     for body in bodies:

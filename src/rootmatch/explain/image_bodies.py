@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import LATE, SURE, Solve, budgets_of, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
-from rootmatch.explain.body_labels import Label, twin_points
+from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import (
@@ -64,8 +64,6 @@ class _Body:
     number: int
     task: MatchingTask
     """Of its points and all detections."""
-    rows: Integers
-    """Of an assignment of all bodies: its points or, of a rig, their sightings."""
     found: Finding
     """Of its last search, or of its prediction."""
     candidate: Candidate
@@ -200,7 +198,6 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
 
 def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     """The finding of all bodies by what is proposed so far, each without the detections of those more certain."""
-    assert task.bodies is not None
     taken = np.zeros(task.shape[1], np.bool_)
     found: dict[int, Finding] = {}
     for body in sorted(bodies, key=lambda one: -one.pose):
@@ -209,19 +206,15 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
         unseen = LATE if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen
         found[body.number] = one if one.reason == reason else replace(one, reason=reason)
-    names = task.bodies.names
-    every: list[tuple[Label, Integers, Finding]] = [(names[k], body.rows, found[k]) for k, body in enumerate(bodies)]
-    return joined(task, every, sum(body.evaluated for body in bodies))
+    return joined(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))
 
 
 def _body(task: MatchingTask, number: int) -> _Body:
     """A body for which nothing has been found yet."""
-    assert task.bodies is not None
-    own = task.body(number)
-    nothing = nothing_found(own, None)
-    rows, count = task.sightings_of(task.bodies.points_of(number)), task.shape[1]
+    own, count = task.body(number), task.shape[1]
     free, used = np.ones(count, np.bool_), np.zeros(count)
-    return _Body(number, own, rows, nothing, Candidate.of(own, []), told=unknown(own.rows), free=free, used=used)
+    nothing, told = nothing_found(own, None), unknown(own.rows)
+    return _Body(number, own, nothing, Candidate.of(own, []), told=told, free=free, used=used)
 
 
 def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
@@ -231,7 +224,7 @@ def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted poses."""
-    with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
+    with task.deadline.at_least(PREDICTION).within():
         for body in bodies:
             body.predict()
         _weigh(bodies)

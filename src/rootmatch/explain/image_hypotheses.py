@@ -281,12 +281,14 @@ def _with_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.flo
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: Sequence[Integers]) -> Proposals:
     """Assignments with their fitted poses, and all poses of those with few matches."""
-    enough = [one for one in assignments if np.count_nonzero(one >= 0) > task.minimal]
-    every = list({one.tobytes(): one for one in enough}.values())
-    if not every:
-        return no_proposals(task.rows)
-    rows = np.array(every)
-    return joined([rough_fits(model, rows), poses_of_few(model, rows)])
+    rows = with_poses(task, assignments)
+    return joined([rough_fits(model, rows), poses_of_few(model, rows)]) if len(rows) else no_proposals(task.rows)
+
+
+def with_poses(task: MatchingTask, assignments: Sequence[Integers]) -> Integers:
+    """Those of some assignments (K, n) that have more matches than a minimal set, each once."""
+    enough = {one.tobytes(): one for one in assignments if np.count_nonzero(one >= 0) > task.minimal}
+    return np.array(list(enough.values()), np.int64).reshape(-1, task.rows)
 
 
 def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:

@@ -48,14 +48,14 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
     """
     assert task.known is not None
     body, proposed, pairs = Candidate.of(task, []), None, None
-    with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
+    with task.deadline.at_least(PREDICTION).within():
         pairs = pairs_by_angle(task, task.known)
     found = nothing_found(task, f"{task.shape[1]} detections are given, too few for a search")
     if pairs is None and solve is not None and task.budget is None and pairs_are_drawn(task):
         quick = _searched(replace(task, budget=QUICK), solve, body, found)
         if quick.status is Status.MATCHED:
             return replace(quick, task=task)
-    with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
+    with task.deadline.at_least(PREDICTION).within():
         proposed = proposals_by_knowledge(task, body.model, pairs)
         if proposed is not None:
             body = body.proposed([], proposed)

@@ -6,11 +6,9 @@ need have met that.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.explain.body_labels import SAME_SHAPE, twin_points
 from rootmatch.problems.points import PointClouds, distances
 from rootmatch.samplers.point_sets.congruent import GATE, congruent_labellings
@@ -35,13 +33,12 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
         return (twin,)
     if max(len(first), len(second)) > MOST_POINTS:
         return ()
-    return _likenesses(*(np.ascontiguousarray(body, np.float64).tobytes() for body in (first, second)))
+    return _likenesses(first, second)
 
 
-@lru_cache(maxsize=256)
-def _likenesses(first_bytes: bytes, second_bytes: bytes) -> tuple[Integers, ...]:
-    """`likenesses` of bodies of a family by their values: every frame asks for the same ones."""
-    first, second = (np.frombuffer(body).reshape(-1, 3) for body in (first_bytes, second_bytes))
+@kept_by_values(256)
+def _likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
+    """`likenesses` of bodies of a family."""
     # a distance agrees within GATE of the deviations of both of its ends
     variance = 0.5 * (SAME_SHAPE * float(distances(first).max()) / GATE) ** 2
     noise = np.full(len(first), variance), np.full(len(second), variance)

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 from rootmatch.explain.task import MatchingTask
 
-Change = Callable[[], MatchingTask]
-"""Makes the corrected task."""
+Change = Callable[[MatchingTask], MatchingTask]
+"""Corrects a task, by its deadline."""
+
+
+def corrected(**changes: Any) -> Change:
+    """Other values of some attributes of a task, which is then tried without what is known of the pose."""
+    return lambda task: replace(task.without_priors(), **changes)
 
 
 class Mistake(NamedTuple):
-    """What may be wrong, what to do about it, and the task without it."""
+    """What may be wrong, what to do about it, and how a task is corrected."""
 
     name: str
     remedy: str

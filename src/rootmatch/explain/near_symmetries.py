@@ -7,13 +7,13 @@ pose with reversed depth does. A search that is cut short may find only one of t
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.algebra.rotation import frames_of_triangles
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
@@ -93,18 +93,13 @@ def symmetries_of(source: Floats, normals: Floats | None, mirrored: bool = False
     mirrored : bool
         Reflections, with or without a rotation, instead of motions.
     """
-    if not LEAST <= len(source) <= MOST_POINTS:
-        return ()
-    faces = b"" if normals is None else np.ascontiguousarray(normals, np.float64).tobytes()
-    return _known(np.ascontiguousarray(source, np.float64).tobytes(), faces, mirrored)
+    return _known(source, normals, mirrored) if LEAST <= len(source) <= MOST_POINTS else ()
 
 
-@lru_cache(maxsize=128)
-def _known(source: bytes, normals: bytes, mirrored: bool) -> tuple[NearSymmetry, ...]:
-    """Near symmetries of points and normals by their values, found once: every frame and search asks again."""
-    points = np.frombuffer(source).reshape(-1, 3)
-    faces = np.frombuffer(normals).reshape(-1, 3) if normals else None
-    found = _found(points, faces, -1.0 if mirrored else 1.0)
+@kept_by_values(128)
+def _known(source: Floats, normals: Floats | None, mirrored: bool) -> tuple[NearSymmetry, ...]:
+    """See `symmetries_of`."""
+    found = _found(source, normals, -1.0 if mirrored else 1.0)
     for one in found:
         for array in one:
             array.setflags(write=False)
@@ -169,7 +164,7 @@ def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
     if len(moved) > MOST_LAID:
         moved = np.sort(np.random.default_rng(1).choice(moved, MOST_LAID, replace=False))
     first, second = first[moved], second[moved]
-    frames = _frames(source[first]), _frames(source[second])
+    frames = frames_of_triangles(source[first]), frames_of_triangles(source[second])
     rotations = frames[1] * (1.0, 1.0, body.sign) @ frames[0].swapaxes(1, 2)
     own = np.trace(rotations, axis1=1, axis2=2) <= 1.0 + 2.0 * math.cos(ANGLE)
     if unit is not None:
@@ -212,16 +207,6 @@ def _words(mask: Bools) -> NDArray[np.uint64]:
     out = np.zeros((*mask.shape[:-1], -(-mask.shape[-1] // WORD) * WORD // 8), np.uint8)
     out[..., : packed.shape[-1]] = packed
     return out.view(np.uint64)
-
-
-def _frames(triples: Floats) -> Floats:
-    """Orthonormal frames (H, 3, 3), as columns, of triples (H, 3, 3)."""
-    first = triples[:, 1] - triples[:, 0]
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    third = np.cross(first, triples[:, 2] - triples[:, 0])
-    with np.errstate(invalid="ignore"):  # in line: no frame, and no motion
-        third /= np.linalg.norm(third, axis=1, keepdims=True)
-    return np.stack([first, np.cross(third, first), third], axis=2)
 
 
 def _counts(body: _Body, rotations: Floats, shifts: Floats) -> Integers:

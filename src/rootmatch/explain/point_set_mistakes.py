@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.explain.mistake import Mistake
-from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.mistake import Mistake, corrected
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Rigid, Similarity
 
@@ -37,23 +36,20 @@ REVERSED = (
 UNIT = "the sets have different units"
 
 
-def of_point_sets(problem: Similarity, task: MatchingTask) -> Iterator[Mistake]:
-    """Mistakes about a task of `Rigid` or `Similarity`."""
-    mirrored = np.array([-1.0, 1.0, 1.0])[: task.points.source.shape[1]] * task.points.source
-    yield Mistake(HANDED, REVERSED, lambda: replace(task, points=replace(task.points, source=mirrored)))
+def of_point_sets(problem: Similarity, given: PointSets) -> Iterator[Mistake]:
+    """Mistakes about the points of `Rigid` or `Similarity`."""
+    mirrored = np.array([-1.0, 1.0, 1.0])[: given.source.shape[1]] * given.source
+    yield Mistake(HANDED, REVERSED, corrected(points=replace(given, source=mirrored)))
     if not isinstance(problem, Rigid):
         return
     free, remedy = Similarity(problem.dimension), "use one unit, or Similarity(), which finds the scale"
     for handed in (False, True):
-        source = mirrored if handed else task.points.source
+        source = mirrored if handed else given.source
         name, how = (f"{HANDED}, and {UNIT}", f"{REVERSED}; {remedy}") if handed else (UNIT, remedy)
-        for k, (points, is_own) in enumerate(_with_noise_of_units(replace(task.points, source=source))):
+        for k, (points, is_own) in enumerate(_with_noise_of_units(replace(given, source=source))):
             told = how if is_own else f"{how}; give the noise of each set in its own unit"
-
-            def scaled(points: PointSets = points) -> MatchingTask:
-                return replace(task, problem=free, points=points)
-
-            yield Mistake(name, told, scaled, if_nothing_fits=handed or k > 0, scaled=True)
+            change = corrected(problem=free, points=points)
+            yield Mistake(name, told, change, if_nothing_fits=handed or k > 0, scaled=True)
 
 
 def named_by_scale(mistake: Mistake, scale: float) -> Mistake:

@@ -9,7 +9,7 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.pose_fit.pose import Pose as Pose
+from rootmatch.problems.pose_fit.pose import Pose
 
 LEAST = 1
 """Degrees of freedom beyond two that a pose is taken to have at the least, where its noise is estimated."""

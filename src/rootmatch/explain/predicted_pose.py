@@ -40,7 +40,7 @@ def match_predicted(
     searchable = solve is not None and task.shape[1] >= task.problem.order
     body = Candidate.of(task, [])
     predicted, found = None, nothing_found(task, UNCONFIRMED)
-    with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
+    with task.deadline.at_least(PREDICTION).within():
         predicted = proposals_by_prediction(body.model)
         body = body.proposed([], predicted)
         told = body.alone()

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from rootmatch.explain.body_labels import Label
-from rootmatch.explain.mistake import Mistake
+from rootmatch.explain.mistake import Mistake, corrected
 from rootmatch.explain.prior_validation import Prior
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
@@ -34,7 +34,7 @@ def of_priors(task: MatchingTask) -> Iterator[Mistake]:
         name = f"the position of the prior is in {wrong}, the points are in {right}"
         yield from _changed(task, name, "use one unit for points and prior", partial(_scaled, factor))
     remedy = "check its frame and its σ, or leave prior= out"
-    yield Mistake("what is known of the pose is wrong", remedy, task.without_priors, if_nothing_fits=True)
+    yield Mistake("what is known of the pose is wrong", remedy, MatchingTask.without_priors, if_nothing_fits=True)
 
 
 def _changed(task: MatchingTask, name: str, remedy: str, change: Callable[[Prior], Prior | None]) -> Iterator[Mistake]:
@@ -45,12 +45,11 @@ def _changed(task: MatchingTask, name: str, remedy: str, change: Callable[[Prior
     new = [known for known in (*one, *each.values()) if known is not None]
     if not new:
         return
-    bare = task.without_priors()
     poses = {label: known for label, known in each.items() if isinstance(known, Pose)}
     parts = {label: known for label, known in each.items() if isinstance(known, PosePrior)}
     pose = next((known for known in one if isinstance(known, Pose)), None)
     part = next((known for known in one if isinstance(known, PosePrior)), None)
-    yield Mistake(name, remedy, lambda: replace(bare, prior_pose=pose, known=part, prior_poses=poses, known_of=parts))
+    yield Mistake(name, remedy, corrected(prior_pose=pose, known=part, prior_poses=poses, known_of=parts))
 
 
 def _inverse(known: Prior) -> Prior | None:

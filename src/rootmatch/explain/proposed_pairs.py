@@ -17,6 +17,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Pace
 from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.proposals import fitted
 from rootmatch.problems.limits import GATE
@@ -72,13 +73,10 @@ def motions_of_pairs(task: MatchingTask) -> tuple[Solution, SampledTensor]:
     for label, group in enumerate(groups):
         labels[group >= 0], assignment[group >= 0] = label, group[group >= 0]
     tensor = _sample_of_hyperedges(task, groups, search.rng)
-    soft = np.zeros(task.shape)
-    matched = np.flatnonzero(assignment >= 0)
-    soft[matched, assignment[matched]] = 1.0
     statistics = {"evidence": float(sum(evidence)), "lead": 1.0 if evidence else 0.0, "against_chance": 1.0}
     solution = Solution(
-        soft, assignment, float(tensor.weights.sum()), [], converged=not task.deadline.stopped_early,
-        iterations=search.tried, statistics=statistics, groups=labels,
+        one_hot(assignment, task.shape[1]), assignment, float(tensor.weights.sum()), [],
+        converged=not task.deadline.stopped_early, iterations=search.tried, statistics=statistics, groups=labels,
     )  # fmt: skip
     return solution, SampledTensor(tensor, search.tried)
 

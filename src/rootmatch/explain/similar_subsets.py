@@ -6,11 +6,9 @@ which a few others lie where those do, and neither the search nor the fit need h
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 TOLERANCE = 0.15
@@ -34,16 +32,15 @@ def twins_of_few(points: Floats, few: Integers) -> Integers:
     """
     if len(points) > MOST_POINTS:
         return np.empty((0, len(points)), np.int64)
-    found = _kept(np.ascontiguousarray(points, np.float64).tobytes(), tuple(few.tolist()))
+    found = _alike(points, tuple(few.tolist()))
     images = np.full((len(found), len(points)), -1, np.int64)
     images[:, few] = found
     return images
 
 
-@lru_cache(maxsize=256)
-def _kept(points: bytes, few: tuple[int, ...]) -> Integers:
+@kept_by_values(256)
+def _alike(places: Floats, few: tuple[int, ...]) -> Integers:
     """Indices (K, m) of the points that look like some (m,), the most alike first."""
-    places = np.frombuffer(points).reshape(-1, 3)
     between = np.linalg.norm(places[:, None] - places, axis=2)
     most = TOLERANCE * body_radius(places)
     rows, worst = np.arange(len(places))[:, None], np.zeros(len(places))

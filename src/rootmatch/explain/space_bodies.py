@@ -16,7 +16,6 @@ from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import CONFIRMED, LATE, SURE, Solve, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
-from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
 from rootmatch.explain.point_set_decision import model_of, told_by, wholly_predicted
@@ -36,7 +35,6 @@ class _Body:
     number: int
     task: MatchingTask
     """Of its points and all targets."""
-    points: Integers
     model: PointSetModel
     found: Finding
     """Of its last search."""
@@ -137,15 +135,13 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
 
 def _body(task: MatchingTask, number: int) -> _Body:
     """A body for which nothing has been found yet."""
-    assert task.bodies is not None
     own = task.body(number)
     model = model_of(own)
     assert model is not None
     nothing = nothing_weighed(own.shape[0])
     told = PointSetPosterior(nothing.assignments, nothing.log_mass)
     free = np.ones(task.shape[1], np.bool_)
-    points, found = task.bodies.points_of(number), nothing_found(own, None)
-    return _Body(number, own, points, model, found, weighed=nothing, told=told, free=free)
+    return _Body(number, own, model, nothing_found(own, None), weighed=nothing, told=told, free=free)
 
 
 def _predict(bodies: list[_Body]) -> None:
@@ -182,7 +178,6 @@ def _share(bodies: list[_Body]) -> None:
 
 def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     """The finding of all bodies, each without the targets of those more certain."""
-    assert task.bodies is not None
     taken = np.zeros(task.shape[1], np.bool_)
     found: dict[int, Finding] = {}
     for body in sorted(bodies, key=lambda one: -one.told.motion):
@@ -190,6 +185,4 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
         taken |= uses_of(one.assignment[None], len(taken))[0]
         reason = LATE if body.among < 0 else None if len(body.told.assignments) else body.found.reason
         found[body.number] = one if one.reason == reason else replace(one, reason=reason)
-    names = task.bodies.names
-    every: list[tuple[Label, Integers, Finding]] = [(names[k], body.points, found[k]) for k, body in enumerate(bodies)]
-    return joined(task, every, sum(body.evaluated for body in bodies))
+    return joined(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))

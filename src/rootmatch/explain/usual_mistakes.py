@@ -33,14 +33,13 @@ NOISIER = {f"the noise is {factor:g} times as large": factor for factor in FACTO
 def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     """Possible mistakes, the commonest first; one about the points is tried without what is known of the pose."""
     yield from of_priors(given)
-    task = given.without_priors()
-    problem, points = task.problem, task.points
+    problem, points = given.problem, given.points
 
     def pointed(**changes: Any) -> Change:
-        return lambda: replace(task, points=replace(points, **changes))
+        return lambda task: replace(task.without_priors(), points=replace(points, **changes))
 
     def posed(**changes: Any) -> Change:
-        return lambda: replace(task, problem=replace(problem, **changes))  # type: ignore[type-var]
+        return lambda task: replace(task.without_priors(), problem=replace(problem, **changes))  # type: ignore[type-var]
 
     names = [name for name in ("camera", "camera2") if getattr(problem, name, None) is not None]
     cameras = {name: getattr(problem, name) for name in names}
@@ -49,9 +48,9 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
         return posed(**{name: _changed(camera, change) for name, camera in cameras.items()})
 
     if isinstance(problem, Similarity):  # Rigid too
-        yield from of_point_sets(problem, task)
+        yield from of_point_sets(problem, points)
     else:
-        yield from _of_axes(task, cameras, pointed)
+        yield from _of_axes(given, cameras, pointed, posed)
     if points.normals is not None:
         yield Mistake("the normals point inwards", "negate nx, ny and nz", pointed(normals=-points.normals))
         yield Mistake("the normals are wrong", "leave them out", pointed(normals=None, view_cosine=None))
@@ -63,7 +62,7 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
         upside = tuple(-np.asarray(problem.axis2, float))
         yield Mistake("one of the axes is reversed", "negate axis or axis2", posed(axis2=upside))
     yield from _of_lenses(cameras, filmed)
-    if not task.estimates_noise:
+    if not given.estimates_noise:
         if any(isinstance(camera, UnitRays) for camera in cameras.values()):
             unit = math.radians(1.0)
             remedy = "give the noise of rays in radians: np.radians(...)"
@@ -90,7 +89,9 @@ def _noisier(points: PointSets, factor: float) -> dict[str, Any]:
     }
 
 
-def _of_axes(task: MatchingTask, cameras: dict[str, Any], pointed: Callable[..., Change]) -> Iterator[Mistake]:
+def _of_axes(
+    task: MatchingTask, cameras: dict[str, Any], pointed: Callable[..., Change], posed: Callable[..., Change]
+) -> Iterator[Mistake]:
     """Axes of images and models; a pose cannot tell a mirrored image from a mirrored model."""
     points, camera = task.points, cameras.get("camera")
     flat = points.source.shape[1] == 2
@@ -101,16 +102,17 @@ def _of_axes(task: MatchingTask, cameras: dict[str, Any], pointed: Callable[...,
         yield Mistake("the model is left-handed", "negate one coordinate of points and normals", pointed(**mirrored))
         inverse = Rig([(own, np.array(R).T, -np.array(R).T @ np.array(t)) for own, R, t in camera.views], camera.sizes)
         remedy = "give each camera with x_camera = R x_rig + t: the inverse"
-        yield Mistake("poses of the cameras map to the rig", remedy, lambda: _with_camera(task, inverse))
+        yield Mistake("poses of the cameras map to the rig", remedy, posed(camera=inverse))
         for one, other in combinations(range(len(camera.views)), 2):
             views = list(camera.views)
             views[one], views[other] = views[other], views[one]
             exchanged = Rig(views, camera.sizes)
             remedy = f"exchange cameras {one} and {other} of the rig, or the camera of their detections"
-            yield Mistake(f"cameras {one} and {other} are exchanged", remedy, partial(_with_camera, task, exchanged))
+            yield Mistake(f"cameras {one} and {other} are exchanged", remedy, posed(camera=exchanged))
         for factor, (wrong, right) in LENGTHS.items():
             name = f"the model is in {wrong}, the rig in {right}"
-            yield Mistake(name, "use one unit for the points and the rig's translations", _in_unit(task, factor))
+            remedy = "use one unit for the points and the rig's translations"
+            yield Mistake(name, remedy, pointed(**_in_unit(points, factor)))
         yield from displaced_cameras(task)
         return
     centres = [_centre(cameras.get("camera2") or camera, task), _centre(camera, task)]
@@ -150,11 +152,9 @@ def _of_lenses(cameras: dict[str, Any], filmed: Callable[[Callable[[Camera], Cam
         yield Mistake("the lens' coefficients are Brown's", "use Camera.from_opencv(K, dist)", filmed(_as_brown))
     if any(lens is not None for lens in lenses):
         remedy = "give raw pixels, or leave the lens out"
-        yield Mistake("the detections were undistorted already", remedy, filmed(lambda own: Camera(*own.numbers)))
+        yield Mistake("the detections were undistorted already", remedy, filmed(lambda own: replace(own, lens=None)))
     remedy = "check the order: fx, fy, cx, cy"
-    yield Mistake(
-        "cx and cy are exchanged", remedy, filmed(lambda own: Camera(own.fx, own.fy, own.cy, own.cx, own.lens))
-    )
+    yield Mistake("cx and cy are exchanged", remedy, filmed(lambda own: replace(own, cx=own.cy, cy=own.cx)))
     shifts = [(x, y) for x in (0.5, -0.5) for y in (0.5, -0.5)]
     for half in (0.5, -0.5):
         remedy = f"add {half:g} to cx and cy: OpenCV counts the first pixel's centre as (0, 0), COLMAP as (0.5, 0.5)"
@@ -170,16 +170,14 @@ def _changed(camera: Any, change: Callable[[Camera], Camera]) -> Any:
     return change(camera) if isinstance(camera, Camera) else camera
 
 
-def _in_unit(task: MatchingTask, factor: float) -> Change:
-    """The task with source points in another unit."""
-    points, known = task.points, task.points.source_covariance
-    covariance = None if known is None else factor**2 * known
-    scaled = replace(points, source=factor * points.source, source_covariance=covariance)
-    return lambda: replace(task, points=replace(scaled, source_noise=factor * points.source_noise))
-
-
-def _with_camera(task: MatchingTask, camera: Any) -> MatchingTask:
-    return replace(task, problem=replace(task.problem, camera=camera))  # type: ignore[type-var]
+def _in_unit(points: PointSets, factor: float) -> dict[str, Any]:
+    """Source points and their noise in another unit."""
+    known = points.source_covariance
+    return {
+        "source": factor * points.source,
+        "source_noise": factor * points.source_noise,
+        "source_covariance": None if known is None else factor**2 * known,
+    }
 
 
 def _centre(camera: Any, task: MatchingTask) -> tuple[float, float]:
@@ -191,17 +189,18 @@ def _centre(camera: Any, task: MatchingTask) -> tuple[float, float]:
 
 
 def _scaled(factor: float, camera: Camera) -> Camera:
-    fx, fy, cx, cy = camera.numbers
-    return Camera(factor * fx, factor * fy, factor * cx, factor * cy, camera.lens)
+    fx, fy, cx, cy = (factor * one for one in camera.numbers)
+    size = None if camera.size is None else (factor * camera.size[0], factor * camera.size[1])
+    return Camera(fx, fy, cx, cy, camera.lens, size=size)
 
 
 def _shifted(by: tuple[float, float], camera: Camera) -> Camera:
-    return Camera(camera.fx, camera.fy, camera.cx + by[0], camera.cy + by[1], camera.lens)
+    return replace(camera, cx=camera.cx + by[0], cy=camera.cy + by[1])
 
 
 def _as_fisheye(camera: Camera) -> Camera:
-    return Camera(*camera.numbers, KannalaBrandt(camera.lens.values[:4])) if isinstance(camera.lens, Brown) else camera
+    return replace(camera, lens=KannalaBrandt(camera.lens.values[:4])) if isinstance(camera.lens, Brown) else camera
 
 
 def _as_brown(camera: Camera) -> Camera:
-    return Camera(*camera.numbers, Brown(camera.lens.values)) if isinstance(camera.lens, KannalaBrandt) else camera
+    return replace(camera, lens=Brown(camera.lens.values)) if isinstance(camera.lens, KannalaBrandt) else camera

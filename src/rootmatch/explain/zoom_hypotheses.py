@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.detection_odds import candidate_log_odds
-from rootmatch.explain.image_hypotheses import Candidate, best_of, few_twins, symmetries
+from rootmatch.explain.image_hypotheses import Candidate, best_of, few_twins, symmetries, with_poses
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.depth_reversal import reversed_in_depth
@@ -63,11 +63,9 @@ class ZoomCandidate(Candidate):
 
     def proposals(self, assignments: Sequence[Integers]) -> Proposals:
         """See `Candidate.proposals`: the lowest fits of each."""
-        enough = [one for one in assignments if np.count_nonzero(one >= 0) > self.task.minimal]
-        every = list({one.tobytes(): one for one in enough}.values())
-        if not every:
+        rows = with_poses(self.task, assignments)
+        if not len(rows):
             return no_proposals(self.task.rows)
-        rows = np.array(every)
         return self._posed(rows, zoom_fits(self.task.points, *self._camera, rows, most=VALLEYS))
 
     def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:

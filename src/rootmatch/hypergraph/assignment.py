@@ -94,12 +94,15 @@ def assign_clear(soft, assignment, taken):  # type: ignore[no-untyped-def]
     return CLEAR
 
 
-def largest_total(value: NDArray[np.float64], above: float = -np.inf) -> NDArray[np.int64]:
-    """The one-to-one assignment (n,) with the largest total of values (n, n'), of the pairs ``above`` some value."""
+def largest_total(value: NDArray[np.float64], above: float | NDArray[np.float64] = -np.inf) -> NDArray[np.int64]:
+    """The one-to-one assignment (n,) with the largest total of values (n, n'), of the pairs ``above`` some value.
+
+    ``above`` may differ from row to row, (n,).
+    """
     from scipy.optimize import linear_sum_assignment  # slow to import, and a clear case has no need of it
 
     rows, columns = linear_sum_assignment(value, maximize=True)
-    good = value[rows, columns] > above
+    good = value[rows, columns] > np.broadcast_to(above, len(value))[rows]
     assignment = np.full(len(value), -1, np.int64)
     assignment[rows[good]] = columns[good]
     return assignment

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.arrays import kept_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.random_tuples import distinct_tuples
@@ -145,14 +146,14 @@ def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
     """
     places = np.ascontiguousarray(points, np.float64)
     if len(places) <= KEPT_POINTS:
-        return _kept_order(places.tobytes(), places.shape[1]).copy()
+        return _kept_order(places).copy()
     return _wide_first(places)
 
 
-@lru_cache(maxsize=16)
-def _kept_order(places: bytes, dimension: int) -> NDArray[np.int64]:
-    """The order of few points, for frame after frame of the same ones."""
-    return _wide_first(np.frombuffer(places).reshape(-1, dimension).copy())
+@kept_by_values(16)
+def _kept_order(places: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The order of few points."""
+    return _wide_first(places.copy())  # what is read-only is another type to a kernel
 
 
 def _wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:

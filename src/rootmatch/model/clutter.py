@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.model.compiled.crowds import (
     densities_about_places,
     densities_given,
@@ -107,20 +107,6 @@ class Clutter:
         """As `rootmatch.model.compiled.evidence.weigh` takes it."""
         return self.log_density, self.about, self.centres, self.uniform, self.alone
 
-    def log_first(self, taken: Bools) -> Floats:
-        """Correction (K,) of the log-densities for detections (K, n') that are taken away together.
-
-        If a whole crowd is taken, its first member was not predicted by the others: it is predicted by the remaining
-        detections, or begins a crowd anywhere. Which member came first does not matter, so this is a mean over all of
-        them.
-        """
-        rest = ~taken[:, self.centres]
-        left = rest.sum(axis=1, keepdims=True)
-        share = 1.0 - self.alone
-        density = self.alone * self.uniform + (rest @ self.about.T + share * self.uniform) / (left + 1.0)
-        owed = np.where(taken, self.log_density - np.log(density), 0.0)
-        return np.asarray(np.maximum(owed.sum(axis=1) / np.maximum(taken.sum(axis=1), 1), 0.0))
-
     def about_places(self, places: Floats, variance: Floats, chance: Floats) -> Floats:
         """Density (K, n'), in parts of each detection's own, of crowds about places (K, n, k) with a variance (K, n).
 
@@ -192,9 +178,7 @@ def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[In
     for k, own in enumerate(images):
         label[own] = k
     mean = float(areas.sum()) / len(areas)
-    return _of_values(
-        *map(_bytes, (target, sigma, 1.0 / areas[label], np.full(2, math.sqrt(mean)))), label.tobytes(), PSEUDO
-    )
+    return _clutter(target, sigma, 1.0 / areas[label], np.full(2, math.sqrt(mean)), label, crowds=PSEUDO)
 
 
 def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
@@ -208,29 +192,18 @@ def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
         Of the box.
     """
     uniform, label = np.full(len(target), 1.0 / np.prod(extents)), np.zeros(len(target), np.int64)
-    return _of_values(*map(_bytes, (target, sigma, uniform, extents)), label.tobytes(), crowds=PSEUDO_IN_SPACE)
+    return _clutter(target, sigma, uniform, extents, label, crowds=PSEUDO_IN_SPACE)
 
 
-def _bytes(values: Floats) -> bytes:
-    return np.ascontiguousarray(values, np.float64).tobytes()
-
-
-@lru_cache(maxsize=8)
-def _of_values(
-    target_bytes: bytes,
-    sigma_bytes: bytes,
-    uniform_bytes: bytes,
-    extents_bytes: bytes,
-    label_bytes: bytes,
-    crowds: float,
+@kept_by_values(8)
+def _clutter(
+    target: Floats, sigma: Floats, uniform: Floats, extents: Floats, label: Integers, *, crowds: float
 ) -> Clutter:
-    """Clutter by the values of detections, σ, densities of the uniform part, and extents that clutter fills.
+    """Clutter by detections, σ, densities of the uniform part, and extents that clutter fills.
 
-    ``crowds``: pseudo-count of all of them together.
+    ``label``: the image of each detection; ``crowds``: pseudo-count of all of them together.
     """
-    extents, uniform = np.frombuffer(extents_bytes), np.frombuffer(uniform_bytes)
-    target, sigma = np.frombuffer(target_bytes).reshape(-1, len(extents)), np.frombuffer(sigma_bytes)
-    label, count = np.frombuffer(label_bytes, np.int64), len(target)
+    count = len(target)
     if count < FEW:
         return Clutter(
             np.zeros((count, count)), np.arange(count), uniform, 1.0,

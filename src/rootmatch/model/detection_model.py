@@ -6,7 +6,7 @@ All other detections are clutter, a Poisson process whose density about each det
 variances under an inverse gamma distribution, the number of clutter points under Jeffreys' prior.
 
 A rig of cameras uses the same model: its points are sightings, camera by camera, and its camera model projects each by
-its own camera (`rootmatch.problems.pose_fit.rig_fit.Copies`).
+its own camera (`rootmatch.cameras.rig_image.RigImage`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from rootmatch.model.linearised import Linearised, linearised
 from rootmatch.model.pose_density import Broad, PoseDensity
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.views import Views, rays_of, views_of
-from rootmatch.model.visibility import BARELY, UNSEEN, within
+from rootmatch.model.visibility import BARELY, UNSEEN
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 
@@ -82,8 +82,6 @@ class DetectionModel:
         Possible correspondences.
     log_weights : (n, n') array, optional
         Logarithm of the weight of each correspondence, over its mean for a point's detections.
-    size : (float, float), optional
-        Width and height of the image.
     resolution : float
         Distance in px below which two points are one detection.
     noise_freedom : float
@@ -102,7 +100,6 @@ class DetectionModel:
     prior: PoseDensity = ANY_POSE
     allowed: NDArray[np.bool_] | None = None
     log_weights: Floats | None = None
-    size: tuple[float, float] | None = None
     resolution: float = 0.0
     noise_freedom: float = NOISE_FREEDOM
 
@@ -123,9 +120,7 @@ class DetectionModel:
 
     @cached_property
     def areas(self) -> Floats:
-        """Area (C,) in px² of each image in which clutter may lie, from the image size or the principal point."""
-        if self.size is not None:
-            return np.array([np.prod(self.size)], float)
+        """Area (C,) in px² of each image in which clutter may lie, as the camera knows it, or by the detections."""
         known = self.camera.image_areas(self.target)
         return clutter_areas(self.target, self.sigma, self.images, self.camera.focal) if known is None else known
 
@@ -211,9 +206,6 @@ class DetectionModel:
     def linearised(self, rotation: Floats, position: Floats) -> Linearised:
         """Images of the points in poses (K, 3, 3) with the body's centre at (K, 3), to first order."""
         at = linearised(self.about_centre, self.camera, self._views, rotation, position)
-        if self.size is not None:
-            edge = within(at.pixels, self.size, float(np.median(self.sigma)))
-            at = at._replace(expected=at.expected * edge)
         return at if self.resolution == 0.0 else self._in_blobs(at)
 
     @cached_property
@@ -305,7 +297,7 @@ class DetectionModel:
     @cached_property
     def scene_for_kernels(self) -> tuple[Any, ...] | None:
         """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
-        if self._views is None or self.size is not None or self.resolution or self.has_covariances:
+        if self._views is None or self.resolution or self.has_covariances:
             return None
         clutter, rates = self.clutter.for_kernels, (*self.rates, self.noise_freedom)
         return self.about_centre, self._views, self.image_for_kernels, clutter, rates

@@ -100,8 +100,8 @@ def evidence(
     """
     assignments = np.array(assignments, np.int64)
     prior = prior or model.prior
-    if model.scene_for_kernels is not None and prior.for_kernels is not None:
-        return _settled_at_once(model, assignments, at, prior.for_kernels, given=IMAGES)
+    if (mixture := mixture_of(model, prior)) is not None:
+        return _settled_at_once(model, assignments, at, mixture, given=IMAGES)
     if len(at.seen) == 1 < len(assignments):
         at = at.take(np.zeros(len(assignments), np.int64))
     white = NOT_WHITE
@@ -136,6 +136,11 @@ def unweighed(count: int, n: int) -> Evidence:
     )
 
 
+def mixture_of(model: DetectionModel, prior: PoseDensity | None = None) -> Mixture | None:
+    """A prior, or the model's own, as kernels take it; None where NumPy has a part in that or in the scene."""
+    return None if model.scene_for_kernels is None else (prior or model.prior).for_kernels
+
+
 def _settled_at_once(
     model: DetectionModel,
     assignments: Integers,
@@ -161,8 +166,7 @@ def about(
     model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PoseDensity | None = None
 ) -> tuple[Evidence, Linearised]:
     """Evidence of assignments (K, n) about poses (K, 3, 3) and (K, 3) of the body's centre, as they are."""
-    mixture = (prior or model.prior).for_kernels
-    if model.scene_for_kernels is None or mixture is None:
+    if (mixture := mixture_of(model, prior)) is None:
         at = model.linearised(rotation, position)
         return evidence(model, assignments, at, prior), at
     at = unfilled(model.shape[0], model.normals is not None, rotation, position)
@@ -173,8 +177,7 @@ def settled_about(
     model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PoseDensity | None = None
 ) -> tuple[Evidence, Linearised]:
     """`settled`, from poses (K, 3, 3) and (K, 3) of the body's centre."""
-    mixture = (prior or model.prior).for_kernels
-    if model.scene_for_kernels is None or mixture is None:
+    if (mixture := mixture_of(model, prior)) is None:
         return settled(model, assignments, *about(model, assignments, rotation, position, prior), prior)
     at = unfilled(model.shape[0], model.normals is not None, rotation, position)
     rows = np.array(assignments, np.int64)
@@ -189,8 +192,7 @@ def settled(
     The steps of a hypothesis end when they no longer change its fit or, after the first `STEPS`, if it is far behind
     the best one. What is given may change in place.
     """
-    mixture = (prior or model.prior).for_kernels
-    if model.scene_for_kernels is not None and mixture is not None:
+    if (mixture := mixture_of(model, prior)) is not None:
         rows = np.array(assignments, np.int64)
         return _settled_at_once(model, rows, at, mixture, given=EVIDENCE, most=MOST_STEPS, found=found), at
     for turn in range(MOST_STEPS):

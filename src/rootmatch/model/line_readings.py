@@ -7,13 +7,12 @@ of three determines a pose there, so a search meets one of them by chance, or ma
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import Proposals, joined, no_proposals
 
@@ -66,7 +65,7 @@ def _readings(model: DetectionModel, row: Integers) -> list[Integers]:
     detections, found = row[used], list[tuple[float, Integers]]()
     rays = model.rays[detections]
     in_order = detections[np.argsort(rays @ np.linalg.svd(rays)[2][1])]
-    for line in lines_of(model.points.tobytes()):
+    for line in lines_of(model.points):
         count = min(len(line), len(detections))
         if math.comb(len(line), count) * math.comb(len(detections), count) > MOST:
             continue
@@ -104,10 +103,10 @@ def _is_line(points: Floats) -> bool:
     return bool(lengths[1] <= FLAT * lengths[0])
 
 
-@lru_cache(maxsize=64)
-def lines_of(point_bytes: bytes) -> list[Integers]:
+@kept_by_values(64)
+def lines_of(points: Floats) -> list[Integers]:
     """The sets of `FOUR` points or more of a body (n, 3) that are on a line, in their order on it."""
-    points, found = np.frombuffer(point_bytes).reshape(-1, 3), dict[bytes, Integers]()
+    found = dict[bytes, Integers]()
     if len(points) > MOST_POINTS:
         return []
     for i, j in combinations(range(len(points)), 2):

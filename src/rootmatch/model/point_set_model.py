@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.model.clutter import Clutter, clutter_in_space
 from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
@@ -122,7 +122,7 @@ class PointSetModel:
     @cached_property
     def _space(self) -> tuple[float, Clutter, Floats, Floats]:
         clouds = self.clouds
-        return _space_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), clouds.target.shape[1])
+        return _space_of(clouds.target, clouds.target_variance)
 
     def fit(self, assignments: Integers) -> PointSetFit:
         """The motion of each assignment (K, n)."""
@@ -221,7 +221,7 @@ class PointSetModel:
     def _box(self) -> tuple[Floats, Floats, Floats, Floats]:
         """See `_box_of`."""
         clouds = self.clouds
-        return _box_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), *clouds.source.shape)
+        return _box_of(clouds.target, clouds.target_variance, len(clouds.source))
 
     def log_density(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the density of the matched targets, motion and σ integrated out."""
@@ -288,21 +288,20 @@ def _log_counts(n: int, n_target: int, detection_rate: float | None) -> Floats:
     return np.asarray(detected + gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5))
 
 
-@lru_cache(maxsize=8)
-def _space_of(target: bytes, variance: bytes, size: int) -> tuple[float, Clutter, Floats, Floats]:
+@kept_by_values(8)
+def _space_of(target: Floats, variance: Floats) -> tuple[float, Clutter, Floats, Floats]:
     """Logarithm of the volume that targets span, the clutter in it, once for all bodies among them, and its frame."""
-    own = np.frombuffer(variance)
-    middle, axes, along, extents = box_of(np.frombuffer(target).reshape(-1, size), own)
-    return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(own), extents), middle, axes
+    middle, axes, along, extents = box_of(target, variance)
+    return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(variance), extents), middle, axes
 
 
-@lru_cache(maxsize=8)
-def _box_of(target: bytes, variance: bytes, count: int, size: int) -> tuple[Floats, Floats, Floats, Floats]:
+@kept_by_values(8)
+def _box_of(target: Floats, variance: Floats, count: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Corners of the box that targets span, how many may be anywhere by how many are matched, and 1 − r' / L at nodes.
 
     Those of Gauss and Legendre in (r' / L)^(c + 1).
     """
-    clutter, own = _space_of(target, variance, size)[1], _thickness(np.frombuffer(variance))
+    clutter, own = _space_of(target, variance)[1], _thickness(variance)
     low, high = clutter.target.min(axis=0), clutter.target.max(axis=0)
     thin = np.maximum(own - (high - low), 0.0)
     left = clutter.alone * np.maximum(len(clutter.target) - np.arange(count + 1.0), 0.0)

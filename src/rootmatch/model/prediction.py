@@ -21,7 +21,7 @@ from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.looking import TORN, look
 from rootmatch.model.compiled.updates import choose_pairs, explained_by_each, update_with_each
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.evidence import STEEP, Evidence, evidence, stepped, unweighed
+from rootmatch.model.evidence import STEEP, Evidence, evidence, mixture_of, stepped, unweighed
 from rootmatch.model.linearised import Linearised, unfilled
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals, joined
@@ -227,8 +227,7 @@ def _looked(
     n, _ = shape = model.shape
     gated = np.empty(shape, np.bool_), np.empty(shape), np.empty(n, np.int64)
     limits = options.gate**2, model.rate or options.usual_rate, HIDDEN
-    prior = model.prior.for_kernels
-    if model.scene_for_kernels is None or prior is None:
+    if (prior := mixture_of(model)) is None:
         at = model.linearised(*pose)
         visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
         unique = gate((*_images_of(model, at), visible), np.array(covariance), _image_of(model), limits, gated)

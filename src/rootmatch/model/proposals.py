@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
@@ -155,10 +155,7 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     Proposals
         T for each one given, way by way.
     """
-    known = (np.ascontiguousarray(one, np.float64).tobytes() for one in (first, second))
-    own, motions, mirrored, middle, middles = _likeness(
-        *known, np.ascontiguousarray(images, np.int64).tobytes(), len(images)
-    )
+    own, motions, mirrored, middle, middles = _likeness(first, second, images)
     rotation = proposals.rotation @ motions[:, None]
     # the centroids of the corresponding points coincide in both bodies
     place = proposals.position + middle @ proposals.rotation.swapaxes(1, 2)
@@ -172,8 +169,8 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
 
 
-@lru_cache(maxsize=256)
-def _likeness(first_bytes: bytes, second_bytes: bytes, image_bytes: bytes, ways: int) -> tuple[NDArray[Any], ...]:
+@kept_by_values(256)
+def _likeness(first: Floats, second: Floats, images: Integers) -> tuple[NDArray[Any], ...]:
     """How a second body lies in the place of a first one in T ways in which they look alike; see `look_alikes`.
 
     Returns
@@ -187,8 +184,6 @@ def _likeness(first_bytes: bytes, second_bytes: bytes, image_bytes: bytes, ways:
     middle, middles : (3,) and (T, 3) arrays
         Centroids of the corresponding points of both, about the centroids of all.
     """
-    first, second = (np.frombuffer(one).reshape(-1, 3) for one in (first_bytes, second_bytes))
-    images = np.frombuffer(image_bytes, np.int64).reshape(ways, -1)
     own = np.flatnonzero(images[0] >= 0)
     one, others = first[own], second[images[:, own]]
     middle, middles = one.mean(axis=0), others.mean(axis=1)

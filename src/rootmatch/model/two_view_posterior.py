@@ -20,6 +20,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
+from rootmatch.hypergraph.assignment import largest_total
 from rootmatch.model.detection_model import RATE_NODES, beta_quadrature
 from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
@@ -128,15 +129,8 @@ class TwoViewPosterior:
     @cached_property
     def likeliest_pairs(self) -> Integers:
         """The assignment (n,) with the most matches that are expected to be right."""
-        from scipy.optimize import linear_sum_assignment  # slow to import
-
-        rows, columns = linear_sum_assignment(self.marginals, maximize=True)
         # a pair that is less probable than that its point has no match is none
-        free = 1.0 - self._matched
-        good = self.marginals[rows, columns] > free[rows]
-        assignment = np.full(len(free), -1, np.int64)
-        assignment[rows[good]] = columns[good]
-        return assignment
+        return largest_total(self.marginals, 1.0 - self._matched)
 
     @cached_property
     def proposals(self) -> Integers:
@@ -300,12 +294,6 @@ def _around(model: TwoViewModel, pose: Relative) -> Integers:
 
 def _likeliest(odds: Floats, rows: Integers, columns: Integers, model: TwoViewModel) -> Integers:
     """The assignment (n,) with the largest odds, by log-odds (P,) of pairs."""
-    from scipy.optimize import linear_sum_assignment  # slow to import
-
     gain = np.zeros(model.shape)
     gain[rows, columns] = np.maximum(odds, 0.0)
-    source, target = linear_sum_assignment(gain, maximize=True)
-    assignment = np.full(len(gain), -1, np.int64)
-    good = gain[source, target] > 0.0
-    assignment[source[good]] = target[good]
-    return assignment
+    return largest_total(gain, 0.0)

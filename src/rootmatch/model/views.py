@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
-from rootmatch.cameras.base import CameraModel
+from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.cameras.base import RIM, CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.cameras.rig import RIM, Rig
+from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import ANTIPODE, Stereographic
 from rootmatch.errors import UnseenPixelError
@@ -67,15 +67,13 @@ def rays_of(camera: CameraModel, target: Floats) -> Floats:
         return rays
     if image is None:
         return _rays(camera, target)
-    arrays = target, np.array(image.offsets, float), image.camera_of
-    return _rays_of_rig(image.rig, *(one.tobytes() for one in arrays))
+    return _rays_of_rig(image.rig, target, image.offsets, image.camera_of)
 
 
-@lru_cache(maxsize=4)
-def _rays_of_rig(rig: Rig, target_bytes: bytes, offset_bytes: bytes, camera_bytes: bytes) -> Floats:
-    target, camera_of = np.frombuffer(target_bytes).reshape(-1, 2), np.frombuffer(camera_bytes, np.int64)
+@kept_by_values(4)
+def _rays_of_rig(rig: Rig, target: Floats, offsets: Floats, camera_of: Integers) -> Floats:
     rays = np.empty((len(target), 3))
-    for k, (camera, offset) in enumerate(zip(rig.cameras, np.frombuffer(offset_bytes).reshape(-1, 2), strict=True)):
+    for k, (camera, offset) in enumerate(zip(rig.cameras, offsets, strict=True)):
         rays[camera_of == k] = _rays(camera, target[camera_of == k] - offset)
     return rays
 
@@ -96,7 +94,7 @@ def _rays(camera: CameraModel, target: Floats) -> Floats:
 @lru_cache(maxsize=64)
 def _of_camera(camera: Camera) -> Views | None:
     one = _numbers(camera)
-    return None if one is None else _views((one,))
+    return None if one is None else _with_sizes(_views((one,)), None if camera.size is None else (camera.size,))
 
 
 @lru_cache(maxsize=16)
@@ -105,11 +103,15 @@ def _of_rig(rig: Rig) -> Views | None:
     known = tuple(one for one in every if one is not None)
     if len(known) < len(every):
         return None
-    views = _views(known)._replace(rotations=rig.rotations, translations=rig.translations)
-    if rig.sizes is None:
+    return _with_sizes(_views(known)._replace(rotations=rig.rotations, translations=rig.translations), rig.sizes)
+
+
+def _with_sizes(views: Views, sizes: tuple[tuple[float, float], ...] | None) -> Views:
+    """The same with the sizes of the images, if they are known."""
+    if sizes is None:
         return views
-    sizes = np.array(rig.sizes, dtype=float)
-    return views._replace(sizes=sizes, rims=RIM * sizes[:, 0])
+    known = np.array(sizes, dtype=float)
+    return views._replace(sizes=known, rims=RIM * known[:, 0])
 
 
 def _numbers(camera: CameraModel) -> tuple[int, tuple[float, ...]] | None:

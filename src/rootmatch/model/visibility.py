@@ -37,10 +37,3 @@ def facing(normals: Floats | None, positions: Floats, rotation: Floats) -> Float
     along = -((normals @ rotation.swapaxes(-1, -2)) * positions).sum(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(length > 0.0, along / length, np.nan))
-
-
-def within(pixels: Floats, size: tuple[float, float], sigma: float) -> Floats:
-    """Degree, 0 to 1, to which pixels (…, 2) lie within an image of a size (width, height); the edge is soft."""
-    inside = np.minimum(pixels, np.array(size) - pixels).min(axis=-1)
-    with np.errstate(over="ignore"):
-        return np.asarray(1.0 / (1.0 + np.exp(np.clip(-LOGISTIC * inside / sigma, -700.0, 700.0))))

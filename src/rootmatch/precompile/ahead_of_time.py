@@ -188,7 +188,8 @@ def _flown(problem: Problem, body: Body) -> None:
         found = tracker.update(view.frame(number, shown, clutter))
         _ = found.confidence, found.pose
     if "bodies" not in body.options:
-        wrong = Pose(view.R, view.t + 0.5 * view.radius, 1e-4 * np.eye(6))
+        R, t = view.pose(kinds[-1][0])
+        wrong = Pose(R, t + 0.5 * view.radius, 1e-4 * np.eye(6))
         tracker.update(view.frame(108, n, 4), prior=wrong)
     tracker.reset()
     tracker.update(view.frame(200, max(n // 2, 4), 8))
@@ -215,21 +216,23 @@ class _View:
         self.axis = np.array(getattr(problem, "vertical_world", (0.3, 1.0, 0.2)), np.float64)
         self.axis /= np.linalg.norm(self.axis)
         self.upright = Rotation.align_vectors(getattr(problem, "vertical_camera", self.axis), self.axis)[0].as_matrix()
-        self.R, self.t = np.eye(3), np.zeros(3)
+
+    def pose(self, number: int) -> tuple[Floats, Floats]:
+        """Rotation (3, 3) and translation (3,) of the body in a frame."""
+        R = self.upright @ one_rotation_matrix(self.axis * 0.02 * number)
+        _, rotation, translation = self.cameras[0]
+        ahead = np.array([0.002 * number, 0.0, DISTANCE]) * self.radius
+        return R, rotation.T @ (ahead - translation) - R @ self.centre
 
     def frame(self, number: int, shown: int, clutter: int) -> Any:
         """Detections of a frame: a number of points in each camera, and clutter."""
-        rng = np.random.default_rng(number)
-        self.R = self.upright @ one_rotation_matrix(self.axis * 0.02 * number)
-        _, rotation, translation = self.cameras[0]
-        ahead = np.array([0.002 * number, 0.0, DISTANCE]) * self.radius
-        self.t = rotation.T @ (ahead - translation) - self.R @ self.centre
+        rng, (R, t) = np.random.default_rng(number), self.pose(number)
         rows, index = [], []
         for k, (camera, turn, move) in enumerate(self.cameras):
-            places = (self.points @ self.R.T + self.t) @ turn.T + move
+            places = (self.points @ R.T + t) @ turn.T + move
             seen = camera.sees(places)
             if self.normals is not None:
-                outward = np.asarray(self.normals, np.float64) @ self.R.T @ turn.T
+                outward = np.asarray(self.normals, np.float64) @ R.T @ turn.T
                 away = -(outward * places).sum(axis=1)
                 seen &= away > self.cosine * np.linalg.norm(outward, axis=1) * np.linalg.norm(places, axis=1)
             seen = np.flatnonzero(seen)[:shown]

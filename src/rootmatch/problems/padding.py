@@ -6,7 +6,7 @@ target axis is a multiple of eight have no such rest. The padding repeats the la
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,23 +34,21 @@ def padded_places(targets: int) -> Integers:
 
 def with_targets(tables: Any, chosen: Integers, targets: int) -> Any:
     """Tables of some of the n' = ``targets`` target points, one of them more than once if need be."""
-    fewer = {}
-    for name in kernels_of(tables).target_fields:
-        field = getattr(tables, name)
-        for axis, size in enumerate(field.shape):
-            if size == targets:
-                field = np.take(field, chosen, axis=axis)
-        fewer[name] = np.ascontiguousarray(field)
-    return tables._replace(**fewer)
+    return _with_points(tables, kernels_of(tables).target_fields, chosen, targets)
 
 
 def with_sources(tables: Any, chosen: Integers, sources: int) -> Any:
     """Tables of some of the n = ``sources`` source points, whose record names the fields that have such an axis."""
+    return _with_points(tables, kernels_of(tables).source_fields, chosen, sources)
+
+
+def _with_points(tables: Any, names: Sequence[str], chosen: Integers, points: int) -> Any:
+    """Tables with some of so many points on each axis of these fields that has as many."""
     fewer = {}
-    for name in kernels_of(tables).source_fields:
+    for name in names:
         field = getattr(tables, name)
-        for axis in range(field.ndim - 1, -1, -1):
-            if field.shape[axis] == sources:
+        for axis, size in enumerate(field.shape):
+            if size == points:
                 field = np.take(field, chosen, axis=axis)
         fewer[name] = np.ascontiguousarray(field)
     return tables._replace(**fewer)

@@ -39,7 +39,7 @@ def write_colmap(
     ids : (n,) array of int, optional
         COLMAP's ids of the points, 0 or more; by default 1 to n. Points that no image shows have an empty track.
     size : two ints, optional
-        Width and height of the images in pixels; by default twice the principal point.
+        Width and height of the images in pixels; by default those of the camera, or twice the principal point.
     opencv_pixels : bool
         Whether camera and detections count the centre of the upper left pixel as (0, 0), as OpenCV does; COLMAP counts
         it as (0.5, 0.5), and half a pixel is then added.
@@ -105,7 +105,7 @@ def _camera(camera: CameraModel, size: tuple[int, int] | None, shift: float) -> 
     """A camera as COLMAP has it: model, width, height and parameters."""
     if not isinstance(camera, Camera):
         raise InputError(f"camera: {type(camera).__name__} given, which COLMAP does not have; give a Camera")
-    width, height = size or (max(1, round(2.0 * camera.cx)), max(1, round(2.0 * camera.cy)))
+    width, height = (max(1, round(one)) for one in size or camera.size or (2.0 * camera.cx, 2.0 * camera.cy))
     values = () if camera.lens is None else getattr(camera.lens, "values", ())
     model = "PINHOLE"
     if isinstance(camera.lens, KannalaBrandt):

@@ -38,6 +38,11 @@ class SearchLength:
         self.failures = 0 if found else self.failures + cut
 
 
+def is_of_a_row(frame: int, every: int) -> bool:
+    """Whether a frame does what takes long and compares a frame with the one before: the first half of ``every`` do."""
+    return 2 * (frame % every) < every
+
+
 def luby(number: int) -> int:
     """The element of Luby's sequence with this number, 1 or more."""
     while (number + 1) & number:  # not the last of a block, which begins as the block before it

@@ -35,7 +35,7 @@ from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, Trac
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.noise_scale import NoiseScale
-from rootmatch.tracking.search_schedule import SearchLength, next_part
+from rootmatch.tracking.search_schedule import SearchLength, is_of_a_row, next_part
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 
@@ -314,8 +314,8 @@ max_evaluations
         self._length.take(every_one, cut=found.evaluated >= (self._budget or math.inf))
         changed = False
         if of_images:
-            every = self.tracking.search_every  # in half of the frames, some in a row: what is compared are two
-            lost = not poses and self.labels is None and self.time is not None and 2 * (self._frame % every) < every
+            lost = not poses and self.labels is None and self.time is not None  # which takes a search
+            lost &= is_of_a_row(self._frame, self.tracking.search_every)
             asked: Container[Label | None] = (None,) if lost else poses
             if any(body.served == self._frame for body in self._bodies.values()):
                 asked = ()  # a frame that was searched takes long enough

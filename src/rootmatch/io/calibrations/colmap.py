@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from pathlib import Path
+from typing import Any
 
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.colmap import Colmap, colmap_parameters
@@ -43,7 +44,7 @@ def read_colmap_text(path: Path, text: str) -> dict[str, Camera]:
             values = [float(cell) for cell in cells[4:]]
         except ValueError:
             raise InputError(f"{where}: parameters that are not numbers; give {LINE}") from None
-        found[cells[0]] = colmap_camera(where, cells[1], values)
+        found[cells[0]] = colmap_camera(where, cells[1], values, (cells[2], cells[3]))
     if not found:
         raise InputError(f"{path}: no camera; give COLMAP's cameras.txt")
     return found
@@ -57,13 +58,13 @@ def read_colmap_binary(path: Path, data: bytes) -> dict[str, Camera]:
         if not 0 < count < MOST:
             raise InputError(f"{path}: {count} cameras announced; give COLMAP's cameras.bin")
         for _ in range(count):
-            camera_id, model, _, _ = struct.unpack_from("<iiQQ", data, at)
+            camera_id, model, *extent = struct.unpack_from("<iiQQ", data, at)
             if not 0 <= model < len(NAMES):
                 raise InputError(f"{path}: camera {camera_id} has model {model}, which is unknown; export cameras.txt")
             size = COUNTS.get(NAMES[model]) or len(colmap_parameters(NAMES[model])[2])
             values = struct.unpack_from(f"<{size}d", data, at + 24)
             at += 24 + 8 * size
-            found[str(camera_id)] = colmap_camera(f"{path}: camera {camera_id}", NAMES[model], list(values))
+            found[str(camera_id)] = colmap_camera(f"{path}: camera {camera_id}", NAMES[model], list(values), extent)
     except struct.error:
         raise InputError(f"{path}: it ends too early; give COLMAP's cameras.bin, whole") from None
     if at != len(data):
@@ -71,8 +72,8 @@ def read_colmap_binary(path: Path, data: bytes) -> dict[str, Camera]:
     return found
 
 
-def colmap_camera(where: str, model: str, values: list[float]) -> Camera:
-    """The camera of a model with COLMAP's parameters in COLMAP's order."""
+def colmap_camera(where: str, model: str, values: list[float], size: Any) -> Camera:
+    """The camera of a model with COLMAP's parameters in COLMAP's order, and an image of a width and height."""
     with errors_at(where):
         if model in COUNTS and len(values) != COUNTS[model]:
             raise InputError(f"camera: {len(values)} parameters given, and {model} has {COUNTS[model]}; give that many")
@@ -87,7 +88,7 @@ def colmap_camera(where: str, model: str, values: list[float]) -> Camera:
             )
         fx, fy = values[0], values[focals - 1]
         cx, cy, *rest = values[focals:]
-        return Camera(fx, fy, cx, cy, _lens(model, rest))
+        return Camera(fx, fy, cx, cy, _lens(model, rest), size=size)
 
 
 def _lens(model: str, rest: list[float]) -> Lens | None:

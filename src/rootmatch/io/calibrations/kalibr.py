@@ -44,7 +44,8 @@ def read_kalibr(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
             raise InputError(f"{where}: {len(values)} distortion_coeffs given, and {model} has {COUNTS[model]}")
         with errors_at(where):
             fx, fy, cx, cy = intrinsics
-            found[str(name)] = Camera(fx, fy, cx, cy, _lens(str(model), tuple(values)))
+            lens = _lens(str(model), tuple(values))
+            found[str(name)] = Camera(fx, fy, cx, cy, lens, size=entry.get("resolution"))
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,14 @@ from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.distortion import COEFFICIENTS, coefficients, is_fisheye, refuse_unread, spelled
-from rootmatch.io.calibrations.values import errors_at, matrix, numbers
+from rootmatch.io.calibrations.values import errors_at, matrix, numbers, sized
 from rootmatch.problems.derived.measurements import Bearings
 
 NUMBERS = ("fx", "fy", "cx", "cy")
-LOOSE = ("K", "fx", "fy", "cx", "cy")
-"""Keys that others may look like, so short are they."""
 DIRECTIONS = ("vertical_camera", "vertical_world", "axis", "axis2")
 SIZE = ("width", "height")
+LOOSE = ("K", *NUMBERS, *SIZE)
+"""Keys that others may look like, so short or common are they."""
 EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
 
 
@@ -50,7 +51,7 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
         return Bearings()
     if "rig" in content:
         return _rig(path, content["rig"])
-    known = (*NUMBERS, "K", "fisheye", "colmap", "bearings", "rig", "dist", *more)
+    known = (*NUMBERS, *SIZE, "K", "fisheye", "colmap", "bearings", "rig", "dist", *more)
     for key in content:
         near = difflib.get_close_matches(key[:40], [name for name in known if name not in LOOSE], n=1, cutoff=0.7)
         if near and key.lower() not in known and key not in known and spelled(key) not in COEFFICIENTS:
@@ -64,7 +65,7 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
             if missing:
                 raise InputError(f"{missing[0]} is missing; give fx, fy, cx and cy in pixels, or the matrix K")
             pinhole = Camera(*(content[name] for name in NUMBERS))
-        return _with_lens(path, pinhole, content)
+        return sized(_with_lens(path, pinhole, content), content, SIZE)
 
 
 def _rig(path: Path, views: Any) -> Rig:
@@ -101,17 +102,17 @@ def _with_lens(path: Path, pinhole: Camera, content: dict[str, Any]) -> Camera:
     """The camera with the lens that a JSON object describes."""
     name, values = coefficients(path, content)
     if content.get("colmap") is not None:
-        return Camera(*pinhole.numbers, Colmap(str(content["colmap"])[:40], tuple(values)))
+        return replace(pinhole, lens=Colmap(str(content["colmap"])[:40], tuple(values)))
     if content.get("fisheye") is not None:
         if values:
             raise InputError(f"fisheye and {name} given; a camera has one lens, leave one of them out")
-        return Camera(*pinhole.numbers, KannalaBrandt(tuple(numbers(path, "fisheye", content["fisheye"]))))
+        return replace(pinhole, lens=KannalaBrandt(tuple(numbers(path, "fisheye", content["fisheye"]))))
     if len(values) == 0:
         return pinhole
     if is_fisheye(path, content):
-        return Camera(*pinhole.numbers, KannalaBrandt(tuple(values)))
+        return replace(pinhole, lens=KannalaBrandt(tuple(values)))
     lens = Brown(tuple(values))
-    return Camera(*pinhole.numbers, lens) if any(lens.values) else pinhole
+    return replace(pinhole, lens=lens) if any(lens.values) else pinhole
 
 
 def camera_entry(camera: CameraModel) -> dict[str, Any]:
@@ -125,7 +126,7 @@ def camera_entry(camera: CameraModel) -> dict[str, Any]:
         return {"rig": entries}
     if not isinstance(camera, Camera):
         raise InputError(f"camera: {type(camera).__name__} given, which camera files do not hold; give a Camera")
-    entry: dict[str, Any] = dict(zip(NUMBERS, camera.numbers, strict=True))
+    entry: dict[str, Any] = dict(zip((*NUMBERS, *SIZE), (*camera.numbers, *(camera.size or ())), strict=False))
     if isinstance(camera.lens, KannalaBrandt):
         entry["fisheye"] = list(camera.lens.values)
     elif isinstance(camera.lens, Colmap):

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
 from rootmatch.io.calibrations.distortion import COEFFICIENTS, coefficients, is_fisheye, refuse_unread
-from rootmatch.io.calibrations.values import matrix, parsed
+from rootmatch.io.calibrations.values import IMAGE_SIZE, errors_at, matrix, parsed, sized
 
 MATRICES = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic_matrix", "K", "M", "mtx")
 FISHEYE_FLAG = "fisheye_model"
@@ -38,7 +38,8 @@ def read_opencv(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
             camera = Camera.from_opencv_fisheye(K, values) if fisheye else Camera.from_opencv(K, values)
         except InputError as error:
             raise InputError(f"{path}: {dist if 'distortion' in str(error) else name}: {error}") from None
-        found[f"camera{index}"] = camera
+        with errors_at(path):
+            found[f"camera{index}"] = sized(camera, content, IMAGE_SIZE)
     if not found:
         raise InputError(f"{path}: no camera matrix; give one as camera_matrix, with distortion_coefficients")
     refuse_unread(path, content, known)

@@ -8,7 +8,7 @@ from typing import Any
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.distortion import coefficients, refuse_unread
-from rootmatch.io.calibrations.values import errors_at, matrix
+from rootmatch.io.calibrations.values import IMAGE_SIZE, errors_at, matrix, sized
 
 COUNTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
 """Coefficients of each distortion model."""
@@ -33,4 +33,6 @@ def read_ros(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
     with errors_at(path):
         fisheye = model in ("equidistant", "fisheye")
         camera = Camera.from_opencv_fisheye(K, values) if fisheye else Camera.from_opencv(K, values)
+        # as files and as messages have it
+        camera = sized(sized(camera, content, ("width", "height")), content, IMAGE_SIZE)
     return {str(content.get("camera_name") or "camera")[:80]: camera}

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, printable, quoted
 
 LONGEST = 64
 """Maximum number of values in one entry: a camera's matrices and coefficients are shorter."""
+IMAGE_SIZE = "image_width", "image_height"
+"""Names of the size of an image, as OpenCV's calibration and ROS write them."""
 LARGEST = 10_000_000
 """Maximum size of a calibration file in bytes."""
 
@@ -67,6 +71,12 @@ def matrix(path: Path, name: str, value: Any) -> list[list[float]]:
     if len(flat) != 9:
         raise InputError(f"{path}: {name} has {len(flat)} numbers, 9 of a 3 × 3 matrix expected")
     return [flat[0:3], flat[3:6], flat[6:9]]
+
+
+def sized(camera: Camera, content: Mapping[str, Any], names: tuple[str, str]) -> Camera:
+    """A camera with the size of its image, where the entries of these names say it: width and height."""
+    width, height = (content.get(name) for name in names)
+    return camera if width is None or height is None else replace(camera, size=(width, height))
 
 
 def load_yaml(path: Path, text: str) -> Any:

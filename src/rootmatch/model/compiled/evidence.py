@@ -45,7 +45,10 @@ def log_of_rates(owned, missing, matches, rates, log_weights):  # type: ignore[n
 
 @part
 def log_of_squared(squared, freedom, given):  # type: ignore[no-untyped-def]
-    """See `rootmatch.model.evidence.log_scaled`."""
+    """Logarithm of the density at a squared deviation with a factor on all variances, over that of N(0, 1) at zero.
+
+    ``freedom``: of the deviation; ``given``: of the factor's distribution.
+    """
     if given == math.inf:
         return -0.5 * squared
     half = 0.5 * given
@@ -95,7 +98,12 @@ def inverted(matrix, factor, scale, out):  # type: ignore[no-untyped-def]
 
 @part
 def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
-    """See `rootmatch.model.clutter.Clutter.log_first`; ``taken`` (n',): scratch, False."""
+    """Correction of the log-densities of `rootmatch.model.clutter.Clutter` for detections that are taken away together.
+
+    If a whole crowd is taken, its first member was not predicted by the others: it is predicted by the remaining
+    detections, or begins a crowd anywhere. Which member came first does not matter, so this is a mean over all of them.
+    ``clutter``: `Clutter.for_kernels`; ``taken`` (n',): scratch, False.
+    """
     log_density, about, centres, uniform, alone = clutter
     count = 0
     for i in range(assignment.shape[0]):

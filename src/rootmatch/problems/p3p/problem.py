@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.problems.base import Problem
@@ -77,7 +76,7 @@ class P3P(Problem):
 
         source = points.source
         few = len(source) <= KEPT_POINTS
-        distance2, places = _kept_distances(source.tobytes()) if few else _distances(source)
+        distance2, places = _kept_distances(source) if few else _distances(source)
         rays = self.camera.bearings(points.target)
         versine = squared_distances(rays)
         versine *= 0.5
@@ -123,7 +122,4 @@ def _distances(source: Floats) -> tuple[Floats, Floats]:
     return squared_distances(places), np.ascontiguousarray(places.T)
 
 
-@lru_cache(maxsize=16)
-def _kept_distances(source: bytes) -> tuple[Floats, Floats]:
-    """`_distances` of few points, for frame after frame of the same ones; nobody writes to the arrays."""
-    return _distances(np.frombuffer(source).reshape(-1, 3))
+_kept_distances = kept_by_values(16)(_distances)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross, spread_rotations
+from rootmatch.algebra.rotation import frames_of_triangles, spread_rotations
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.problems.pose_fit.descent import Model, State
 from rootmatch.problems.pose_fit.prior_residuals import Upright
@@ -167,7 +167,7 @@ def poses_of_triples(points: Floats, rays: Floats) -> tuple[Floats, Floats]:
         depths = np.stack([a, a * x, a * y], axis=-1)
         good = nearly & (x > 0.0) & (y > 0.0) & np.isfinite(depths).all(axis=-1)
         positions = depths[..., None] * rays[:, None]
-        rotation = _frames(positions) @ _frames(points[:, None]).swapaxes(-1, -2)
+        rotation = frames_of_triangles(positions) @ frames_of_triangles(points[:, None]).swapaxes(-1, -2)
         translation = positions.mean(axis=2) - (rotation @ points.mean(axis=1)[:, None, :, None])[..., 0]
     good &= np.isfinite(rotation).all(axis=(-1, -2))
     return np.where(good[..., None, None], rotation, np.eye(3)), np.where(good[..., None], translation, np.nan)
@@ -197,12 +197,3 @@ def _roots(coefficients: Floats) -> NDArray[np.complex128]:
     companion[:, 0] = -coefficients[:, 1:] / coefficients[:, :1]
     companion[:, 1, 0] = companion[:, 2, 1] = companion[:, 3, 2] = 1.0
     return np.linalg.eigvals(np.nan_to_num(companion, nan=0.0, posinf=1e6, neginf=-1e6)).astype(np.complex128)
-
-
-def _frames(corners: Floats) -> Floats:
-    """Orthonormal frames (…, 3, 3), columns, of triangles (…, 3, 3)."""
-    first = corners[..., 1, :] - corners[..., 0, :]
-    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-    normal = cross(first, corners[..., 2, :] - corners[..., 0, :])
-    normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-    return np.stack([first, cross(normal, first), normal], axis=-1)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE
 from rootmatch.samplers.guided.sequential_test import PreparedSets, prepare_sets
 from rootmatch.samplers.guided.triangle_shapes import add_near_shapes, shape_tables
@@ -103,13 +102,7 @@ def _cameras(positions: Floats, normals: Floats, view_cosine: Floats | None) -> 
     return cameras, np.asarray((along > least) | ~normals.any(axis=1))
 
 
+@kept_by_values(8)
 def model_views(positions: Floats, normals: Floats, view_cosine: Floats | None = None) -> ModelViews:
-    """`ModelViews` of points and normals (n, 3), kept for the last few objects: frame after frame asks for them."""
-    cosines = None if view_cosine is None else view_cosine.tobytes()
-    return _kept(positions.tobytes(), normals.tobytes(), cosines)
-
-
-@lru_cache(maxsize=8)
-def _kept(positions: bytes, normals: bytes, cosines: bytes | None) -> ModelViews:
-    view_cosine = None if cosines is None else np.frombuffer(cosines)
-    return ModelViews(np.frombuffer(positions).reshape(-1, 3), np.frombuffer(normals).reshape(-1, 3), view_cosine)
+    """`ModelViews` of points and normals (n, 3), kept for the last few objects."""
+    return ModelViews(positions, normals, view_cosine)

@@ -7,7 +7,6 @@ wide sets; `visible_search` and `local_search` have the other sources.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from functools import partial
 
@@ -66,11 +65,11 @@ class Search:
     task : SamplingTask
     options : GuidedOptions
     deadline : Deadline, optional
-        When the search ends; that of the task by default.
+        When the search ends, unless the options say earlier; that of the task by default.
     """
 
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
-        self.deadline = task.deadline if deadline is None else deadline
+        self.deadline = (task.deadline if deadline is None else deadline).at_most(options.max_seconds)
         tables, motions = task.tables, task.motions
         self.tables, self.options, self.progress = tables, options, task.progress
         self.budget = options.budget  # less for the last part of a search
@@ -100,7 +99,6 @@ class Search:
         self.conclusive = False
         self.missed = 1.0
         """Probability of having missed a pose that explains as much as the strongest hypothesis."""
-        self.started = time.perf_counter()
 
     def run(self) -> None:
         """Batch after batch until enough is found, every minimal set was tried, or the budget is spent."""
@@ -195,9 +193,7 @@ class Search:
         return sequential_test(self.clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
 
     def _spent(self) -> bool:
-        limit = self.options.max_seconds
-        late = limit is not None and time.perf_counter() - self.started > limit
-        return late or self.evaluated >= self.budget or self.deadline.passed()
+        return self.evaluated >= self.budget or self.deadline.passed()
 
     def _enough(self) -> bool:
         """Whether the search may stop; see `enough_found`."""

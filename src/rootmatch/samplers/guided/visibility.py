@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.samplers.guided.minimal_sets import EVENNESS, FIRST_WAVE, LARGEST_WAVE, LISTED, distances2, width
@@ -69,40 +68,25 @@ def _cosines(normals: Floats) -> Floats:
     return np.where(length > 0.0, cosine, 2.0)
 
 
+@kept_by_values(64)
 def seen_together(normals: Floats, view_cosine: Floats | None = None) -> float:
     """Share of all triples of points that a view shows, of those views that show three: 1 on one side of a plate.
 
-    Parameters as for `facing_points`; the answers for the last few objects are kept.
+    Parameters as for `facing_points`.
     """
-    angles = None if view_cosine is None else np.ascontiguousarray(view_cosine, np.float64).tobytes()
-    return _seen_together(np.ascontiguousarray(normals, np.float64).tobytes(), angles)
-
-
-@lru_cache(maxsize=64)
-def _seen_together(normal_bytes: bytes, angle_bytes: bytes | None) -> float:
-    normals = np.frombuffer(normal_bytes).reshape(-1, 3)
-    facing = facing_points(normals, None if angle_bytes is None else np.frombuffer(angle_bytes))
-    count = facing.sum(axis=1).astype(np.float64)
+    count = facing_points(normals, view_cosine).sum(axis=1).astype(np.float64)
     triples = (count * (count - 1.0) * (count - 2.0))[count >= 3.0]
     n = len(normals)
     return float(triples.mean()) / (n * (n - 1) * (n - 2)) if len(triples) else 0.0
 
 
+@kept_by_values(64)
 def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = None) -> Bools:
     """Points (V, n) that may be detected together where ``matched`` are, in each view that can show so many.
 
     They are taken at random from those that face the camera and, where these do not suffice, from those that are seen
     edge-on. What shows fewer points from behind than a pose matches, such as a plate, is not seen from there.
     """
-    angles = None if view_cosine is None else np.ascontiguousarray(view_cosine, np.float64).tobytes()
-    return _detected_views(matched, np.ascontiguousarray(normals, np.float64).tobytes(), angles)
-
-
-@lru_cache(maxsize=64)
-def _detected_views(matched: int, normal_bytes: bytes, angle_bytes: bytes | None) -> Bools:
-    """See `detected_views`: frame after frame asks for the same ones."""
-    normals = np.frombuffer(normal_bytes).reshape(-1, 3)
-    view_cosine = None if angle_bytes is None else np.frombuffer(angle_bytes)
     cosine, rng = _cosines(normals), np.random.default_rng([matched, len(normals)])
     facing = facing_points(normals, view_cosine)
     shown = cosine > (0.0 if view_cosine is None else view_cosine)
@@ -115,19 +99,13 @@ def _detected_views(matched: int, normal_bytes: bytes, angle_bytes: bytes | None
     return views
 
 
+@kept_by_values(64)
 def views_of_parts(matched: int, positions: Floats) -> Bools:
     """Points (PARTS, n) that may be detected together where ``matched`` are and no normals tell which.
 
     In every second view they are any of the points (n, 3), in the others those nearest to some place: an image may show
     a part of an object.
     """
-    return _views_of_parts(matched, np.ascontiguousarray(positions, np.float64).tobytes())
-
-
-@lru_cache(maxsize=64)
-def _views_of_parts(matched: int, place_bytes: bytes) -> Bools:
-    """See `views_of_parts`."""
-    positions = np.frombuffer(place_bytes).reshape(-1, 3)
     rng = np.random.default_rng([matched, len(positions)])
     order = rng.random((PARTS, len(positions)))
     order[::2] = distances2(positions, PARTS // 2, rng)
@@ -149,8 +127,7 @@ def covering_waves(
 ) -> Iterator[Integers]:
     """Waves of minimal sets (W, size) of points (n, 3): all, or as many as are listed.
 
-    Those come first that cover views which the ones before do not. The order is kept for the last few objects, as one
-    frame after another asks for it.
+    Those come first that cover views which the ones before do not.
     """
     ordered = covering_order(positions, normals, size, view_cosine)
     wave, done = FIRST_WAVE, 0
@@ -159,25 +136,12 @@ def covering_waves(
         done, wave = done + wave, min(2 * wave, LARGEST_WAVE)
 
 
+@kept_by_values(8)
 def covering_order(positions: Floats, normals: Floats, size: int, view_cosine: Floats | None = None) -> Integers:
     """All sets (S, size) of `covering_waves`, one after the other."""
-    return _covering(
-        positions_bytes=positions.tobytes(),
-        normals_bytes=normals.tobytes(),
-        n=len(positions),
-        size=size,
-        view_cosine=None if view_cosine is None else tuple(view_cosine.tolist()),
-    )
-
-
-@lru_cache(maxsize=8)
-def _covering(
-    positions_bytes: bytes, normals_bytes: bytes, n: int, size: int, view_cosine: tuple[float, ...] | None
-) -> Integers:
-    positions = np.frombuffer(positions_bytes).reshape(n, 3)
-    normals = np.frombuffer(normals_bytes).reshape(n, 3)
+    n = len(positions)
     rng = np.random.default_rng([n, size])
-    views = facing_points(normals, None if view_cosine is None else np.array(view_cosine))
+    views = facing_points(normals, view_cosine)
     views &= rng.random(views.shape) < DETECTED
     if math.comb(n, size) <= LISTED:
         sets = np.array(list(combinations(range(n), size)), np.int64).reshape(-1, size)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rootmatch.algebra.rotation import frames_of_triangles
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import in_force
 from rootmatch.hypergraph.enumeration import subsets
@@ -171,7 +172,7 @@ def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bo
     if clouds.source.shape[1] == 2:
         return [fitted_motions(first, second, clouds.scaled, mirror)]
     centre, centre2 = first.mean(axis=1), second.mean(axis=1)
-    frame, frame2 = _frames(first), _frames(second)
+    frame, frame2 = (np.nan_to_num(frames_of_triangles(one)) for one in (first, second))
     scale = np.ones(len(first))
     if clouds.scaled:
         own, other = (((first - centre[:, None]) ** 2), ((second - centre2[:, None]) ** 2))
@@ -181,22 +182,6 @@ def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bo
         linear = scale[:, None, None] * kind @ frame.swapaxes(1, 2)
         motions.append(Motions(linear, centre2 - (linear @ centre[:, :, None])[:, :, 0], scale))
     return motions
-
-
-def _frames(triples: Floats) -> Floats:
-    """Right-handed orthonormal frames (H, 3, 3), as columns, of triples (H, 3, 3)."""
-    first = _unit(triples[:, 1] - triples[:, 0])
-    third = _unit(_crossed(first, triples[:, 2] - triples[:, 0]))
-    return np.stack([first, _crossed(third, first), third], axis=2)
-
-
-def _crossed(first: Floats, second: Floats) -> Floats:
-    """Cross products (H, 3); `numpy.cross` takes longer for few."""
-    return np.asarray(first[:, [1, 2, 0]] * second[:, [2, 0, 1]] - first[:, [2, 0, 1]] * second[:, [1, 2, 0]])
-
-
-def _unit(vectors: Floats) -> Floats:
-    return np.asarray(vectors / np.maximum(np.sqrt((vectors**2).sum(axis=1, keepdims=True)), 1e-300))
 
 
 def _labelled_by(clouds: PointClouds, motions: Motions, allowed: Bools | None) -> Integers:

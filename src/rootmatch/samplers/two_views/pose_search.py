@@ -262,13 +262,9 @@ class PoseSearch:
         """The likeliest assignment (n,) and its log-likelihood ratio against clutter."""
         with np.errstate(divide="ignore"):
             gain = np.maximum(np.log(ratios * (VISIBLE / (1.0 - VISIBLE))), 0.0)
-        from scipy.optimize import linear_sum_assignment  # slow to import
-
-        rows, columns = linear_sum_assignment(gain, maximize=True)
-        gained = gain[rows, columns]
-        assignment = np.full(self.n, -1, np.int64)
-        assignment[rows[gained > 0.0]] = columns[gained > 0.0]
-        return self.n * math.log(1.0 - VISIBLE) + float(gained.sum()), assignment
+        assignment = largest_total(gain, 0.0)
+        matched = np.flatnonzero(assignment >= 0)
+        return self.n * math.log(1.0 - VISIBLE) + float(gain[matched, assignment[matched]].sum()), assignment
 
     def assignments(self) -> Integers:
         """Assignments (K, n) of the hypotheses, each once, strongest first."""

@@ -43,7 +43,7 @@ POLISHED, POLISHED_SCORE = 12, 0.7
 benchmarks/solvers.py: for all of them it would cost most of the time."""
 CLAIMED = 0.2
 """Gain over the median gain from which a point is claimed by an assignment: alternatives that move a claimed point come
-first. As `rootmatch.hypergraph.assignment.drop_unsupported`."""
+first. As `rootmatch.hypergraph.support.drop_unsupported`."""
 DOUBTFUL_PART = 0.25
 """Fraction of the alternatives left to those that move only doubtful points."""
 NEIGHBOURS_PER_KEPT = 4
