@@ -60,6 +60,8 @@ DEFAULT_PREDICTION = PredictionOptions()
 NARROWER = 8
 """Looks about a prediction that is too wide, each half as far as the one before: a body is hardly ever as far off as it
 may be. A round value."""
+SEVERAL = 1.5
+"""Detections in a gate, in the mean, from which it is looked nearer. A round value."""
 HIDDEN = 0.1
 """Least visibility of a point with candidates."""
 
@@ -107,14 +109,15 @@ def proposals_about(
     most = options.most_pairs * max(len(model.images), 1)
     known: dict[bytes, Settled] = {}
     start, torn = None, None
-    for narrower in range(NARROWER):
+    for _ in range(NARROWER):
         looked = _looked(model, pose, covariance, options, rounds=options.rounds, most=most)
         if not (count := np.count_nonzero(looked.candidates)):
             break
         if count <= most:
-            torn = torn or (looked, covariance)
+            torn = looked, covariance
             start = settle(model, pose, covariance, options=options, known=known, looked=looked)
-            if not narrower or (start is not None and start.is_convincing(options)):
+            several = count > SEVERAL * np.count_nonzero(looked.candidates.any(axis=1))
+            if not several or (start is not None and start.is_convincing(options)):
                 break
         covariance = 0.25 * covariance
     if torn is None:

@@ -102,7 +102,8 @@ class MotionFilter:
     """Filter of pose, velocity and acceleration of one body, with random accelerations that last for a while.
 
     Velocities are those of the body's centre, in the target's frame. Errors are from the left, as those of `Pose`. A
-    scale, where one is estimated, has no velocity.
+    scale, where one is estimated, has no velocity. Among points that are all around it, as below a map, it is the
+    camera that moves and turns: velocities are those of the points where it is.
 
     Parameters
     ----------
@@ -116,7 +117,10 @@ class MotionFilter:
     """
 
     def __init__(self, source: Floats, pose: Pose, time: float, options: MotionOptions = DEFAULT_MOTION) -> None:
-        self.centre = source.mean(axis=0)
+        self.middle = self.centre = source.mean(axis=0)
+        self.extent = float(np.linalg.norm(source - self.middle, axis=1).max())
+        if len(np.asarray(pose.covariance)) == 6 and self._is_among(-pose.R.T @ pose.t - self.middle):
+            self.centre = -pose.R.T @ pose.t
         self.options, self.time, self.factor = options, time, 1.0
         self.R, self.t, covariance = self._centred(pose)
         self.scale = pose.scale
@@ -143,7 +147,7 @@ class MotionFilter:
         It is that of the same place in the camera frame, which is another one of the body: so both expect the same.
         """
         other = self.copy()
-        other.R, other.centre = self.R @ R, R.T @ (self.centre - t)
+        other.R, other.centre, other.middle = self.R @ R, R.T @ (self.centre - t), R.T @ (self.middle - t)
         other._ahead = None
         return other
 
@@ -151,6 +155,7 @@ class MotionFilter:
         """A filter with the same motion for another body of points (n, 3), which x' = R x + t takes to this one's."""
         other = self.copy()
         other.centre, other.radius = source.mean(axis=0), self.scale * body_radius(source)
+        other.middle = other.centre
         other.R = self.R @ R
         other.t = self.t + self.scale * self.R @ (R @ other.centre + t - self.centre)
         if self.shared is not None:  # its points have errors of their own
@@ -161,13 +166,14 @@ class MotionFilter:
     def is_near(self, pose: Pose, time: float) -> bool:
         """Whether a pose at a time is where the body is expected: no two bodies are so near each other."""
         R, t, _, _ = self._at(time)
-        off = pose.t + pose.scale * pose.R @ self.centre - t
+        off = pose.t + pose.scale * pose.R @ self.middle - self._middle(R, t)
         return bool((R * pose.R).sum() > ALIKE) and float(np.linalg.norm(off)) <= self.radius
 
     def is_in_sight(self, pose: Pose, time: float) -> bool:
         """Whether a pose at a time is where the body is expected to be seen, however it is turned, near or far."""
-        t = self._at(time)[1]
-        off = np.cross(pose.t + pose.scale * pose.R @ self.centre, t)
+        R, t, _, _ = self._at(time)
+        t = self._middle(R, t)
+        off = np.cross(pose.t + pose.scale * pose.R @ self.middle, t)
         return float(np.linalg.norm(off)) <= self.radius * float(np.linalg.norm(t))
 
     def predicted(self, time: float) -> Pose:
@@ -208,6 +214,27 @@ class MotionFilter:
         if weight < 1.0:
             self.scale = scale + weight * (self.scale - scale)
             self._mixed(weight, before, step)
+        if size == 6 and self._is_among(self.centre - self.R.T @ self.t - self.middle):
+            self._go_with(-self.R.T @ self.t)
+
+    def _is_among(self, offset: Floats) -> bool:
+        """Whether a camera at a point of the body's frame, from its centre, has the body's points around it."""
+        return float(np.linalg.norm(offset)) < self.extent
+
+    def _go_with(self, arm: Floats) -> None:
+        """Refer position, velocity and acceleration to another point, ``arm`` from the one so far, in the body."""
+        change, arm = np.eye(len(self.P)), self.R @ arm
+        x, y, z = arm
+        for k in range(0, len(change), 6):
+            change[k + 3 : k + 6, k : k + 3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+        self.centre, self.t = self.centre + self.R.T @ arm, self.t + arm
+        self.motion, self.P = change[6:, 6:] @ self.motion, change @ self.P @ change.T
+        if self.shared is not None:
+            self.shared = self.shared.moved(change)
+
+    def _middle(self, R: Floats, t: Floats) -> Floats:
+        """Position of the body's centre in a state."""
+        return np.asarray(t + self.scale * R @ (self.middle - self.centre))
 
     def _mixed(self, weight: float, before: State, step: Floats) -> None:
         """Take the update since ``before`` with a probability: first two moments of both together."""

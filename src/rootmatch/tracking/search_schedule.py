@@ -15,6 +15,8 @@ from rootmatch.tracking.followed_body import FollowedBody
 
 LONGEST_SEARCH = 16
 """Length of the longest search relative to the shortest one. A round value."""
+INTERVAL = 1.0 / 60.0
+"""Seconds between frames for which the budget of a search is stated."""
 
 
 class SearchLength:
@@ -32,6 +34,13 @@ class SearchLength:
     def factor(self) -> int:
         """Length of the next search."""
         return min(luby(self.failures + 1), LONGEST_SEARCH)
+
+    def of(self, evaluations: int, gap: float) -> int:
+        """Evaluations of the next search, by those of the shortest one at `INTERVAL`; ``gap``: seconds between frames.
+
+        Where frames come at longer intervals, there is more time for each.
+        """
+        return round(evaluations * self.factor * min(max(gap / INTERVAL, 1.0), LONGEST_SEARCH))
 
     def take(self, found: bool, cut: bool) -> None:
         """Count a frame: whether everything was found in it, and whether its search was cut short."""

@@ -244,11 +244,6 @@ max_evaluations
         self.time = when
         return report(found, seconds=perf_counter() - started, stopped_early=deadline.stopped_early)
 
-    @property
-    def _budget(self) -> int | None:
-        """Evaluations of a search; None for the first frame, which is limited only as `rootmatch.match` is."""
-        return None if self.time is None else self.tracking.search_budget * self._length.factor
-
     def _found(
         self,
         target: ArrayLike,
@@ -279,12 +274,14 @@ max_evaluations
         factor = self.noise_factor if of_images else 1.0
         stated = self.matcher.noise if noise is None else noise
         gap = 0.0 if self.time is None else when - self.time
+        # the first frame is limited only as `rootmatch.match` is
+        budget = None if self.time is None else self._length.of(self.tracking.search_budget, gap)
 
         def explained(searching: bool | Choice, factor: float = factor) -> Finding:
             noise = stated if factor == 1.0 else np.asarray(stated) * factor ** (1 if np.ndim(stated) < 3 else 2)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
-                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=self._budget,
+                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
                 rivals=rivals, present=present, searching=searching, more_images=True,
             )  # fmt: skip
 
@@ -311,7 +308,7 @@ max_evaluations
             for label, part in self._parts(found).items()
         }
         every_one = all(part.status is Status.MATCHED for part in parts.values())
-        self._length.take(every_one, cut=found.evaluated >= (self._budget or math.inf))
+        self._length.take(every_one, cut=found.evaluated >= (budget or math.inf))
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
