@@ -65,7 +65,7 @@ def advice(
     undetermined : bool
         Whether the matches leave a direction of the pose open; see `is_undetermined`.
     """
-    if finding.reason is not None:
+    if finding.reason is not None and finding.status is Status.UNTRUSTED:
         return f"no trustworthy match: {finding.reason}"
     unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
     if (of_bodies := _of_bodies(finding)) is not None:
