@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rig_scenes import frame
+from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.status_advice import advice
@@ -51,6 +52,17 @@ def test_a_search_that_ended_too_soon_is_named_as_the_cause() -> None:
     assert late.startswith("ambiguous: max_seconds ended the search before it could exclude")
     assert "give more time" in late
     assert late.count("max_seconds") == 1
+
+
+def test_a_search_of_a_frame_that_was_cut_names_its_budget() -> None:
+    found = unexcluded()
+    cut = replace(found, task=replace(found.task, budget=found.evaluated))
+    nothing = replace(cut, facts=Facts(confirmed=False, missed=1.0))
+    assert advice(cut, cut.confidence).endswith("or raise `search_budget` in `TrackingOptions`")
+    assert "`search_budget` ended the search of this frame before anything was found" in advice(nothing)
+    for one in (cut, nothing):
+        enough = replace(one, task=replace(one.task, budget=found.evaluated + 1))
+        assert "search_budget" not in advice(enough, enough.confidence)
 
 
 def test_what_was_given_is_not_asked_for() -> None:

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,6 +62,39 @@ def test_opencv_4_and_stereo_and_fisheye(tmp_path: Path) -> None:
     flat = {"camera_matrix": K.tolist(), "distortion_coefficients": FISHEYE, "fisheye_model": 1}
     path.write_text(yaml.safe_dump(flat))
     assert rm.read_cameras(path) == {"camera": WITH_FISHEYE}
+
+
+@pytest.mark.parametrize("name", ["K.txt", "K.csv", "K.npy"])
+def test_a_camera_matrix_alone(tmp_path: Path, name: str) -> None:
+    path, skewed = tmp_path / name, K.copy()
+    skewed[0, 1] = 2.0
+
+    def save(matrix: Any) -> None:
+        if name == "K.npy":
+            np.save(path, matrix)
+        else:
+            np.savetxt(path, matrix, delimiter="," if name == "K.csv" else " ", header="of the left camera")
+
+    save(K)
+    assert rm.read_cameras(path) == {"camera": rm.Camera.from_matrix(K)}
+    assert parse_camera(str(path), "--camera").camera == rm.Camera.from_matrix(K)
+    save(skewed)
+    with pytest.raises(InputError, match=r"K\.\w+: camera matrix: skew, or a last row other than 0 0 1"):
+        rm.read_cameras(path)
+
+
+def test_arrays_of_numpy_that_are_no_camera_matrix(tmp_path: Path) -> None:
+    path = tmp_path / "K.npy"
+    for array, words in [
+        (K[:2], r"K\.npy: an array of shape \(2, 3\) and type float64; give a camera matrix \(3, 3\)"),
+        (np.full((3, 3), None), r"K\.npy: an array of shape \(3, 3\) and type object; give a camera matrix"),
+    ]:
+        np.save(path, array, allow_pickle=True)
+        with pytest.raises(InputError, match=words):
+            rm.read_cameras(path)
+    path.write_bytes(b"no array")
+    with pytest.raises(InputError, match=r"K\.npy: not an array of NumPy"):
+        rm.read_cameras(path)
 
 
 def test_colmap(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ import pytest
 import rootmatch as rm
 from commands import Command, descendants, rows_of, run
 from rootmatch.errors import InputError
-from rootmatch.io.frame_files import Frame, read_frames
+from rootmatch.io.frame_files import Frame, has_frames, read_frames
 from rootmatch.io.known_files import read_known
 from rootmatch.io.point_files import read_points
 from test_tracker import BODY, frame
@@ -253,6 +253,10 @@ def test_a_predicted_pose(folder: Path, tmp_path: Path) -> None:
     result = run("match", folder / "model.csv", folder / "image.csv", *OPTIONS, "--prior", prior)
     assert result.exit_code == 2
     assert "the covariance is not positive" in result.stderr
+    for text in ('{"R": [[1, 0, 0]]}', json.dumps(record)):  # the second is too long for the name of a file
+        result = run("match", folder / "model.csv", folder / "image.csv", *OPTIONS, "--prior", text)
+        assert result.exit_code == 2
+        assert "no file has this name; write the JSON to a file, and give its name" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -260,6 +264,9 @@ def test_a_predicted_pose(folder: Path, tmp_path: Path) -> None:
     [
         ([[3, 1, 2], [2, 1, 2]], "row 3: frame 2 after frame 3; frames are out of order"),
         ([[-1, 1, 2]], "row 2: frame is '-1'"),
+        ([[0.5, 1, 2]], "row 2: frame is '0.5'"),
+        ([["1e17", 1, 2]], "row 2: frame is '1e17'"),
+        ([["nan", 1, 2]], "row 2: frame is 'nan'"),
         ([[0, 1, "a"]], "row 2: y is 'a'"),
     ],
 )
@@ -347,6 +354,14 @@ def test_a_frame_is_answered_when_it_ends(folder: Path) -> None:
         process.stdin.close()
         assert process.stdout.read() == ""
         assert process.wait() == 0
+
+
+@pytest.mark.parametrize(("spelled", "comments"), [("%.18e", ""), ("%.18e", "# "), ("%.1f", "# ")])
+def test_frames_of_numpy(tmp_path: Path, spelled: str, comments: str) -> None:
+    path, rows = tmp_path / "frames.csv", np.array([[0, 1, 2], [0, 3, 4], [12, 5, 6]])
+    np.savetxt(path, rows, delimiter=",", header="frame,x,y", comments=comments, fmt=spelled)
+    assert has_frames(path)
+    assert [(one.number, one.points.tolist()) for one in read_frames(path)] == [(0, [[1, 2], [3, 4]]), (12, [[5, 6]])]
 
 
 def test_frames_without_detections_and_where_frames_end(tmp_path: Path) -> None:

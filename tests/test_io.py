@@ -74,8 +74,17 @@ def test_points_are_read_back_to_the_bit(tmp_path: Path, points: PointSet) -> No
         b"\xef\xbb\xbfx,y\r\n1,2\r\n3,4\r\n",
         b"\n \ny , X\n2,1\n\n \n 4 ,3.0",
         b'"x","y"\r"1","2"\r"3","4e0"\r',
+        b'x, "y"\n"1", "2"\n3, 4\n',
+        b"# x,y\n1.000000000000000000e+00,2.000000000000000000e+00\n3,4\n",
     ],
-    ids=["plain", "byte-order mark and CRLF", "blank lines, spaces, other order", "quotes and old Mac line ends"],
+    ids=[
+        "plain",
+        "byte-order mark and CRLF",
+        "blank lines, spaces, other order",
+        "quotes and old Mac line ends",
+        "quotes after spaces",
+        "a header after #, as of numpy.savetxt",
+    ],
 )
 def test_tolerated_writings(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "image.csv"
@@ -100,6 +109,12 @@ def test_tolerated_writings(tmp_path: Path, content: bytes) -> None:
         (2, "x;y\n1,5;2,5\n", 1, "semicolons"),
         (2, "x\ty\n1\t2\n", 1, "tabs"),
         (2, "1,2\n3,4\n", 1, "add a header row x,y"),
+        (2, "1e0 2e0\n3e0 4e0\n", 1, "spaces between the columns; save with commas under a header row x,y"),
+        (2, "# x y\n1 2\n", 1, "spaces between the columns; save with commas, and"),
+        (2, "# x,y\n1 2\n", 2, "spaces between the columns; save with commas, and"),
+        (2, "x,y\n1,2\n3;4\n", 3, "semicolons between the columns"),
+        (2, "# x,z\n1,2\n", 1, "begin with a header x,y"),
+        (3, "# x,y\n1,2\n", 1, "'z' is missing"),
         (2, "x,y\n1,2\n3,abc\n", 3, "y is 'abc'"),
         (2, "x,y\n1,2\n\n1_0,4\n", 4, "x is '1_0'"),
         (2, "x,y\n1,\n", 2, "y is empty"),

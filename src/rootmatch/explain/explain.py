@@ -28,6 +28,7 @@ from rootmatch.explain.rig_search import match_rig
 from rootmatch.explain.sampling import affordable, sample, swept
 from rootmatch.explain.space_bodies import match_bodies_in_space
 from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.too_few import are_too_few
 from rootmatch.explain.two_view_decision import assessed as judged_by_views
 from rootmatch.explain.two_view_decision import model_of as two_view_model
 from rootmatch.solvers.base import solved
@@ -111,6 +112,9 @@ def _found(task: MatchingTask, judging: bool) -> Finding:
         return decided
     if (dense := match_dense(task)) is not None:
         return dense
+    if are_too_few(task):
+        told = f"{task.shape[1]} detections are too few to tell a pose of {task.shape[0]} points from chance"
+        return nothing_found(task, told).with_facts(missed=1.0)
     return _several_motions(task) if task.options.packs_motions else _one_motion(task, judging)
 
 

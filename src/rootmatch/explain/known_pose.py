@@ -15,11 +15,12 @@ from rootmatch.explain.body_findings import among_all
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
+from rootmatch.explain.image_hypotheses import DOUBT, PREDICTION, Candidate
 from rootmatch.explain.known_place import Pairs, pairs_by_angle, poses_by_position
 from rootmatch.explain.known_rotation import lines_of_sight, pairs_are_drawn, poses_by_rotation
 from rootmatch.explain.predicted_poses import knowledge_of
 from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.too_few import are_too_few
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import proposals_about
@@ -77,6 +78,9 @@ def _searched(
     """What searches find, weighed with what was ``proposed`` and told by ``found``."""
     named, evaluated = list[Integers](), 0
     for one, columns in _searches(task):
+        # with what is known every pose was proposed: without it, what is known would have to be wrong
+        if proposed is not None and one.problem is task.problem and are_too_few(one, math.log(DOUBT)):
+            continue
         part: MatchingTask | None = one
         while part is not None and len(columns) >= part.problem.order and not task.deadline.passed():
             searched = solve(part)

@@ -65,7 +65,7 @@ def advice(
     undetermined : bool
         Whether the matches leave a direction of the pose open; see `is_undetermined`.
     """
-    if finding.reason is not None:
+    if finding.reason is not None and finding.status is Status.UNTRUSTED:
         return f"no trustworthy match: {finding.reason}"
     unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
     if (of_bodies := _of_bodies(finding)) is not None:
@@ -148,6 +148,11 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             "no trustworthy match: max_seconds ended it before anything was found that is beyond chance; "
             f"give more time, or check {problem.to_check}"
         )
+    if _is_cut(finding):
+        return (
+            "no trustworthy match: `search_budget` ended the search of this frame before anything was found that is "
+            f"beyond chance; raise it in `TrackingOptions`, or check {problem.to_check}"
+        )
     if facts.present is not None and facts.missed <= TRUST.missed:  # a search that ended by itself
         given = _given([*_to_give(task), "more points or detections"])
         seen = "" if task.rig is None else "; `diagnose` tries the usual mistakes about a rig"
@@ -156,6 +161,11 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             f"check {problem.to_check} and the noise, or {given}{seen}"
         )
     return advice_on(Status.UNTRUSTED, problem)
+
+
+def _is_cut(finding: Finding) -> bool:
+    """Whether the search of a tracker's frame spent the evaluations that it may take."""
+    return finding.task.budget is not None and finding.evaluated >= finding.task.budget
 
 
 def _is_there(finding: Finding) -> bool:
@@ -204,9 +214,10 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
                 "ambiguous: nothing better was found, but no search meets every pose that explains so few points; "
                 f"{_given([*to_give, 'more detections'])}"
             )
+        more = "raise `search_budget` in `TrackingOptions`" if _is_cut(finding) else "evaluate more hyper-edges"
         return (
             f"ambiguous: nothing better was found, but the search ended before it could exclude {missed}; "
-            f"{_given([*to_give, 'fewer stray detections'])}, or evaluate more hyper-edges"
+            f"{_given([*to_give, 'fewer stray detections'])}, or {more}"
         )
     prior = ", or give a `prior`" if PRIOR in to_give and to_tell != _given([PRIOR]) else ""
     if unsure and _is_pose_certain(finding):

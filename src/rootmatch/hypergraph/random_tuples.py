@@ -9,9 +9,15 @@ from numpy.typing import DTypeLike, NDArray
 
 
 def distinct_tuples(
-    rng: np.random.Generator, count: int, points: int, size: int, dtype: DTypeLike = np.int64
+    rng: np.random.Generator,
+    count: int | tuple[int, ...],
+    points: int | NDArray[np.int64],
+    size: int,
+    dtype: DTypeLike = np.int64,
 ) -> NDArray[Any]:
     """Uniform ordered tuples (count, size) of distinct indices below ``points``, without rejection.
+
+    ``points`` may be of each tuple its own, of a shape that broadcasts to ``count``.
 
     Entry p is drawn among the ``points`` − p indices that are left and lifted over the earlier entries in increasing
     order. The stream of the generator depends on ``dtype``.
@@ -28,7 +34,7 @@ def distinct_tuples(
         for q, earlier in enumerate(ascending):
             ascending[q], moving = np.minimum(earlier, moving), np.maximum(earlier, moving)
         ascending.append(moving)
-    return np.stack(entries, axis=1)
+    return np.stack(entries, axis=-1)
 
 
 def permuted_tuples(rng: np.random.Generator, count: int, points: int, size: int) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 Rows are counted as an editor counts lines: the header is row 1. The text is UTF-8, with or without a byte-order mark
 and with any line endings; blank lines are ignored. A row of separators alone is refused: a lost detection that were
-ignored would move the numbers of all that follow.
+ignored would move the numbers of all that follow. A header may begin with #, as `numpy.savetxt` writes it.
 """
 
 from __future__ import annotations
@@ -45,30 +45,44 @@ def table_rows(
 
     ``needed`` tells from the header which columns it must have.
     """
-    reader = csv.reader(lines, strict=True)
+    reader = csv.reader(lines, strict=True, skipinitialspace=True)
     header: list[str] = []
+
+    def where() -> str:
+        return f"{path}, row {reader.line_num}"
+
     try:
         for raw in reader:
             cells = [cell.strip() for cell in raw]
             if not any(cells):
                 if len(cells) > 1:
-                    raise InputError(
-                        f"{path}, row {reader.line_num}: commas without a value; fill the row, or remove it"
-                    )
+                    raise InputError(f"{where()}: commas without a value; fill the row, or remove it")
                 yield reader.line_num, {}
                 continue
             if not header:
-                cells = header = [cell.lower() for cell in cells]
+                first, cells = cells[0], header_names(cells)
+                header, expected = cells, ",".join(needed(cells))
+                _refuse_separators(where(), cells, known, f"under a header row {expected}")
+                if first.startswith("#") and not set(header) <= set(known):
+                    raise InputError(
+                        f"{where()}: a comment; remove the lines that begin with #, and begin with a header {expected}"
+                    )
                 check_header(path, reader.line_num, header, needed(header), known)
             elif len(cells) != len(header):
+                _refuse_separators(where(), cells)
                 raise InputError(
-                    f"{path}, row {reader.line_num}: {len(cells)} values given, {len(header)} expected "
+                    f"{where()}: {len(cells)} values given, {len(header)} expected "
                     f"({','.join(needed(header))}); write a decimal point, not a comma, and fill every column"
                 )
             yield reader.line_num, dict(zip(header, cells, strict=True))
     except csv.Error as error:
-        where = f"{path}, row {reader.line_num}"
-        raise InputError(f"{where}: not comma-separated values ({error}); check the quotes") from None
+        raise InputError(f"{where()}: not comma-separated values ({error}); check the quotes") from None
+
+
+def header_names(cells: Iterable[str]) -> list[str]:
+    """The names of the columns in the cells of a header, in lower case; a # before the first is none of its name."""
+    names = [cell.strip().strip('"').lower() for cell in cells]
+    return [names[0].removeprefix("#").strip(), *names[1:]]
 
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -115,11 +129,6 @@ def check_header(path: Path, row: int, header: list[str], needed: Sequence[str],
     """Refuse a header with missing, unknown or repeated columns, and suggest what was probably meant."""
     where = f"{path}, row {row}"
     expected = ",".join(needed)
-    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-        if len(header) == 1 and separator in header[0]:
-            raise InputError(f"{where}: {name} between the columns; save with commas, and decimal points in numbers")
-    if header[0].startswith("#"):
-        raise InputError(f"{where}: a comment; remove the lines that begin with #")
     if "" in header:
         raise InputError(f"{where}: a column without a name; name it, or remove the comma at the end of each row")
     if all(_is_number(cell) for cell in header):
@@ -136,6 +145,21 @@ def check_header(path: Path, row: int, header: list[str], needed: Sequence[str],
         raise InputError(f"{where}: the column {missing[0]!r} is missing, the header must name {expected}{hint}")
     if unknown:
         raise InputError(f"{where}: the column {quoted(unknown[0])} is unknown; known columns are {', '.join(known)}")
+
+
+def _refuse_separators(where: str, cells: Sequence[str], known: Sequence[str] = (), and_more: str = "") -> None:
+    """Refuse a row whose columns are not separated by commas; ``and_more``: what else a row of numbers lacks."""
+    if len(cells) != 1:
+        return
+    words = cells[0].split()
+    of_numbers = all(map(_is_number, words))
+    in_columns = len(words) > 1 and all(word in known or _is_number(word) for word in words)
+    for name, found in (("semicolons", ";" in cells[0]), ("tabs", "\t" in cells[0]), ("spaces", in_columns)):
+        if found:
+            more = f" {and_more}" if and_more and of_numbers else ""
+            raise InputError(
+                f"{where}: {name} between the columns; save with commas{more}, and decimal points in numbers"
+            )
 
 
 def _is_number(text: str) -> bool:

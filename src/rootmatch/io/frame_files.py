@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -15,7 +15,7 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.appended_table import MOST_DIGITS
-from rootmatch.io.csv_tables import number, table_rows
+from rootmatch.io.csv_tables import header_names, number, table_rows
 from rootmatch.io.inputs import unreadable_named
 from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
 from rootmatch.io.noise_columns import COVARIANCE, noise_columns, noise_of_row, noise_of_rows
@@ -24,6 +24,8 @@ STANDARD_INPUT = Path("-")
 MOST_DETECTIONS = 100_000
 """Maximum number of detections in a frame; a match takes a tenth of them."""
 LONGEST_LINE = 1_000_000
+EXACT = 2.0**53
+"""Up to here floating-point numbers tell each whole number from the next."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ def has_frames(path: Path) -> bool:
             header = next((line for line in _lines(path, stream) if line.strip()), "")
     except (OSError, ValueError):
         return False  # who reads it as one image says what is wrong
-    return not {"frame", "time"}.isdisjoint(cell.strip().lower() for cell in header.split(","))
+    return not {"frame", "time"}.isdisjoint(header_names(header.split(",")))
 
 
 def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iterator[Frame]:
@@ -175,9 +177,13 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
 
 
 def _frame_number(path: Path, row: int, text: str) -> int:
-    if not text.isascii() or not text.isdigit() or len(text) > MOST_DIGITS:
-        raise InputError(f"{path}, row {row}: frame is {quoted(text)}; give a whole number, 0 or more")
-    return int(text)
+    if text.isascii() and text.isdigit() and len(text) <= MOST_DIGITS:
+        return int(text)
+    with suppress(ValueError):  # `numpy.savetxt` writes 7 as 7.000000000000000000e+00
+        value = float(text)
+        if value.is_integer() and 0.0 <= value <= EXACT and "_" not in text:
+            return int(value)
+    raise InputError(f"{path}, row {row}: frame is {quoted(text)}; give a whole number, 0 or more")
 
 
 def _standard_input() -> Iterator[TextIO]:

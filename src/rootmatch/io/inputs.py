@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quoted
 
 LARGEST = 100_000_000
 """Maximum size of a table of points in bytes; a million points take less."""
@@ -31,10 +31,13 @@ def unreadable_named(path: Path) -> Iterator[None]:
     """Errors of opening and reading a file as one line that names it."""
     try:
         yield
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file; check the name") from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
+        if str(path).lstrip().startswith(("{", "[")):
+            told = quoted(str(path))
+            raise InputError(f"{told}: no file has this name; write the JSON to a file, and give its name") from None
+        if not isinstance(error, FileNotFoundError):
+            raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
+        raise InputError(f"{path}: there is no such file; check the name") from None
     except InputError:
         raise
     except ValueError as error:

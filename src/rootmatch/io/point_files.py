@@ -12,7 +12,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.csv_tables import number, read_table, read_text, refuse_repeats, write_table
+from rootmatch.io.csv_tables import header_names, number, read_table, read_text, refuse_repeats, write_table
 from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
 from rootmatch.io.noise_columns import (
     COVARIANCE,
@@ -58,7 +58,7 @@ class PointSet:
 def point_dimension(path: Path) -> int:
     """3 if the header of a file of points has a column ``z``, else 2."""
     header = next((line for line in read_text(path).splitlines() if line.strip(" ,\t")), "")
-    return 3 if "z" in {cell.strip().strip('"').lower() for cell in header.split(",")} else 2
+    return 3 if "z" in header_names(header.split(",")) else 2
 
 
 def read_points(

@@ -13,6 +13,7 @@ integrated out. Poses need not be fitted: the minimum of Q is found to first ord
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -120,6 +121,20 @@ def evidence(
         tuple(found),
     )
     return found
+
+
+def most_evidence(model: DetectionModel, minimal: int) -> float:
+    """The largest log B of any pose of the broad prior whose place a minimal set of its matches tells.
+
+    That set is taken to say nothing else; each further match is worth at most what it is exactly where it is predicted.
+    """
+    n, count = model.shape
+    worth = np.sort(-(model.clutter.log_density + model.log_areas))[::-1]
+    best = -math.inf
+    for matches in range(minimal + 1, min(n, count) + 1):
+        rest = math.lgamma(count - matches + 0.5) - math.lgamma(count + 0.5)
+        best = max(best, float(worth[: matches - minimal].sum()) + rest)
+    return best
 
 
 def unweighed(count: int, n: int) -> Evidence:

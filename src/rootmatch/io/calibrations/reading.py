@@ -9,6 +9,7 @@ from typing import Any
 
 from rootmatch.cameras.base import CameraModel
 from rootmatch.errors import InputError
+from rootmatch.io.calibrations.camera_matrix import read_matrix, read_npy, rows_of_matrix
 from rootmatch.io.calibrations.colmap import read_colmap_binary, read_colmap_text
 from rootmatch.io.calibrations.kalibr import is_kalibr, read_kalibr
 from rootmatch.io.calibrations.native import EXAMPLE, cameras_of
@@ -18,7 +19,7 @@ from rootmatch.io.calibrations.values import LARGEST, load_yaml, parsed
 from rootmatch.io.csv_tables import read_text
 from rootmatch.io.inputs import read_bytes
 
-SUFFIXES = (".json", ".yaml", ".yml", ".xml", ".txt", ".bin")
+SUFFIXES = (".json", ".yaml", ".yml", ".xml", ".txt", ".bin", ".csv", ".npy")
 """Suffixes of calibration files that can be read."""
 REMEDY = "it is no calibration; give the file of the camera"
 
@@ -30,7 +31,8 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
     ----------
     path : str or path
         What OpenCV's FileStorage wrote (YAML, XML or JSON), COLMAP's ``cameras.txt`` or ``cameras.bin``, Kalibr's
-        camchain (YAML), ROS' ``camera_info`` (YAML) or a camera file of `rootmatch` (JSON).
+        camchain (YAML), ROS' ``camera_info`` (YAML), a camera file of `rootmatch` (JSON), or a camera matrix alone as
+        NumPy's ``savetxt`` and ``save`` write it.
 
     Returns
     -------
@@ -51,7 +53,11 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
     suffix = file.suffix.lower()
     if suffix == ".bin":
         return dict(read_colmap_binary(file, read_bytes(file, LARGEST, REMEDY)))
+    if suffix == ".npy":
+        return dict(read_npy(file, read_bytes(file, LARGEST, REMEDY)))
     text = read_small_text(file)
+    if (rows := rows_of_matrix(text)) is not None:
+        return dict(read_matrix(file, rows))
     if suffix == ".txt":
         return dict(read_colmap_text(file, text))
     if suffix == ".xml" or text.lstrip().startswith("<"):

@@ -86,3 +86,19 @@ class HypothesisClusters(NamedTuple):
     """(G,) of the strongest hypothesis of each."""
     false_alarm_level: float
     """Evidence that chance may reach."""
+
+
+def strongest_of(batches: Sequence[Hypotheses]) -> Integers:
+    """Assignment (n,) of the hypothesis with the highest evidence."""
+    strongest = max(batches, key=lambda batch: float(batch.evidence.max()))
+    return np.asarray(strongest.best[strongest.evidence.argmax()])
+
+
+def missed_as_met(best: Integers, drawn: Sequence[Hypotheses]) -> float:
+    """Probability of not having met a pose that is as easy to meet as that of an assignment (n,).
+
+    That was met by some of the minimal sets that were ``drawn``, each a batch, once and then so many times again. Of a
+    Poisson process that had k events and whose mean may be anything, an equal one has none with the probability 2⁻ᵏ.
+    """
+    met = [one.points[(best[one.points] == one.images[:, 1:]).all(axis=1)] for one in drawn]
+    return 0.5 ** max(sum(len(np.unique(np.sort(sets, axis=1), axis=0)) for sets in met if len(sets)) - 1, 0)

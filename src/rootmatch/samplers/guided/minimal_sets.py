@@ -68,11 +68,10 @@ def sets_of_parts(positions: Floats, size: int, rng: np.random.Generator) -> Ite
     while True:
         near = distances2(positions, wave, rng).argsort(axis=1)
         count = np.exp(rng.uniform(math.log(size), math.log(n + 1), wave)).astype(np.int64)
-        sets = []
-        for part, members in zip(near, np.maximum(count, size).tolist(), strict=True):
-            drawn = part[distinct_tuples(rng, DRAWN_IN_PART, members, size)]
-            sets.append(drawn[width(positions, drawn).argmax()])
-        yield np.array(sets)
+        places = distinct_tuples(rng, (wave, DRAWN_IN_PART), np.maximum(count, size)[:, None], size)
+        part = np.arange(wave)
+        drawn = near[part[:, None, None], places]
+        yield drawn[part, width(positions, drawn.reshape(-1, size)).reshape(wave, -1).argmax(axis=1)]
         wave = min(2 * wave, LARGEST_WAVE)
 
 

@@ -23,7 +23,7 @@ from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.crowding import CROWDING
 from rootmatch.samplers.guided.detection_grid import grid_of
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
-from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters
+from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters, missed_as_met, strongest_of
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import in_turn, minimal_sets, others_of, sets_of_parts
 from rootmatch.samplers.guided.options import GuidedOptions
@@ -94,6 +94,8 @@ class Search:
         self.refined_at, self.refined_clusters = -1, 0
         self.sure_sets = SURE_SETS if self.single and not self.normals else SETS
         """Minimal sets solved anew of a cluster that is beyond chance."""
+        self.drawn: list[Hypotheses] = []
+        """Those of sets that were drawn, not made of what is known."""
         self._known: tuple[Integers, Integers, Hypotheses] | None = None
         self.hypotheses: list[Hypotheses] = []
         self.conclusive = False
@@ -169,15 +171,13 @@ class Search:
         elif not self.single or matched <= self.minimal + 1:
             return False
         else:
-            self.missed = missed_at_random(matched, self.n, self.minimal, sets_done)
+            at_random = missed_at_random(matched, self.n, self.minimal, sets_done)
+            self.missed = min(at_random, missed_as_met(strongest_of(self.hypotheses), self.drawn))
         return self.missed <= MISSED
 
     def _most_matched(self) -> int:
         """Points that the hypothesis with the highest evidence matches, or a minimal set and one more."""
-        if not self.hypotheses:
-            return self.minimal + 1
-        strongest = max(self.hypotheses, key=lambda batch: float(batch.evidence.max()))
-        return int((strongest.best[strongest.evidence.argmax()] >= 0).sum())
+        return int((strongest_of(self.hypotheses) >= 0).sum()) if self.hypotheses else self.minimal + 1
 
     def _prepared(self, points: Integers, arrangements: int) -> PreparedSets:
         """Minimal sets with what all their images share, each beginning elsewhere in the arrangements."""
@@ -274,6 +274,7 @@ class Search:
         met = len(self.hypotheses) > before and self.hypotheses[-1].evidence.max() > level
         if first < len(found.ratios) and not met:
             self._verify(found.points[first:], found.images[first:])
+        self.drawn += [one.take(one.evidence > 0.0) for one in self.hypotheses[before:]]
 
     def _verify(self, points: Integers, images: Integers) -> None:
         """Keep solved minimal sets with their evidence and candidates; at the deadline in force, those verified."""

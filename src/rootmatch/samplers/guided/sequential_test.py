@@ -31,7 +31,11 @@ points alone."""
 DECAY = 0.75
 """Factor on that fraction from one wave of minimal sets to the next: ever more patience with hidden points."""
 LEAST_VISIBLE = 0.2
-"""Fraction below which the assumption never falls."""
+"""Fraction below which the assumption never falls, unless it is far lower at first."""
+LEAST_OF_SPARSE = 2.0
+"""The same over the first one, where detections are so few that no pose shows so many points: a test that assumes more
+than there can be drops what is right. Of 120 lamps of which 7 and 8 are detected, the right pose is met after a fifth
+to a half of the evaluations that a fraction of 0.2 takes, and with a factor of 1 after twice as many."""
 LEAST_VISIBLE_ODDS = 1.5
 """Least fraction over the chance of a hit by clutter; below 1 a hit would be no evidence."""
 MOST_CLUTTER = 0.6
@@ -78,7 +82,8 @@ def sequential_test(
         See `SequentialTest`.
     """
     met = min(1.0 - math.exp(-clutter), MOST_CLUTTER)
-    seen = max(visible * DECAY**wave, LEAST_VISIBLE, LEAST_VISIBLE_ODDS * met)
+    least_seen = min(LEAST_VISIBLE, LEAST_OF_SPARSE * visible)
+    seen = max(visible * DECAY**wave, least_seen, LEAST_VISIBLE_ODDS * met)
     fall = 0.5 * SHARPNESS**2
     return SequentialTest(
         hit=math.log(seen / met) + math.log(fall),

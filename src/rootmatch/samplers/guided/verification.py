@@ -18,7 +18,8 @@ BEHIND2 = 1e11
 
 
 VISIBLE = (0.95, 0.6, 0.25, 0.1)
-"""Probabilities that a source point is visible, over which the evidence is averaged."""
+"""Probabilities that a source point is visible, over which the evidence is averaged; and the share of the points that
+detections can be of, where it is less than each of these."""
 CANDIDATES = 4
 """Detections kept for one source point of a hypothesis."""
 
@@ -58,7 +59,9 @@ def verify(
     scratch = (
         np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(CANDIDATES), np.empty(n_target)
     )  # fmt: skip
-    gate2, visible, shares = GATE**2, np.array(VISIBLE), shares_of(allowed, n)
+    share = n_target / n
+    visible = np.array([*VISIBLE, share] if share < VISIBLE[-1] else VISIBLE)
+    gate2, shares = GATE**2, shares_of(allowed, n)
     roots, sets = images[:, 0].copy(), images[:, 1:].copy()
     _verify(tables, points, roots, sets, density, shares, gate2, allowed, visible, *scratch, evidence, best, candidates)
     return evidence, best, candidates
