@@ -15,10 +15,11 @@ from rootmatch.explain.body_findings import among_all
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import DOUBT, PREDICTION, Candidate
+from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
 from rootmatch.explain.known_place import Pairs, pairs_by_angle, poses_by_position
 from rootmatch.explain.known_rotation import lines_of_sight, pairs_are_drawn, poses_by_rotation
 from rootmatch.explain.predicted_poses import knowledge_of
+from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.too_few import are_too_few
 from rootmatch.model.detection_model import DetectionModel

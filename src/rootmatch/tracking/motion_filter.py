@@ -228,7 +228,7 @@ class MotionFilter:
         for k in range(0, len(change), 6):
             change[k + 3 : k + 6, k : k + 3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
         self.centre, self.t = self.centre + self.R.T @ arm, self.t + arm
-        self.motion, self.P = change[6:, 6:] @ self.motion, change @ self.P @ change.T
+        self.motion, self.P, self._ahead = change[6:, 6:] @ self.motion, change @ self.P @ change.T, None
         if self.shared is not None:
             self.shared = self.shared.moved(change)
 
