@@ -15,8 +15,9 @@ the odds
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
   labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
-  number of labellings. Half of it puts the middle of the object anywhere into V, and half the whole object, whose
-  translation is then the better known the more of V it fills (`PointSetModel.log_factors`).
+  number of labellings. Some of it puts the middle of the object anywhere into V, some the whole object, whose
+  translation is then the better known the more of V it fills, and some any part of it, so that V is a window through
+  which the object is seen: points beyond it are not missed (`PointSetModel.log_factors`).
 - Where something is known of the motion, its prior takes the place of that volume (`rootmatch.model.motion_prior`).
 - σ is that given times a factor, whose square has an inverse gamma prior of `NOISE_FREEDOM` degrees of freedom about 1:
   exp(−χ²/2) becomes a power of 1 + χ²/ν, as of Student's t.
@@ -51,6 +52,8 @@ PRESENT = 0.5
 INSIDE = 0.5
 """Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
 its middle alone. A round value."""
+IN_PART = 0.2
+"""Prior probability that the targets show neither, but what of the object is in a window. A round value."""
 
 
 _HALF, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -98,6 +101,8 @@ class PointSetModel:
         What is known of the motion.
     present : float
         Probability that the targets show the source, before they are seen.
+    repeated : Clutter, optional
+        Clutter with a repetition in it, see `rootmatch.model.repetition`.
     """
 
     clouds: PointClouds
@@ -107,6 +112,7 @@ class PointSetModel:
     detection_rate: float | None = None
     prior: MotionPrior | None = None
     present: float = PRESENT
+    repeated: Clutter | None = None
     _kept: dict[bytes, Judged] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -122,7 +128,8 @@ class PointSetModel:
     @cached_property
     def _space(self) -> tuple[float, Clutter, Floats, Floats]:
         clouds = self.clouds
-        return _space_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), clouds.target.shape[1])
+        space = _space_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), clouds.target.shape[1])
+        return space if self.repeated is None else (space[0], self.repeated, *space[2:])
 
     def fit(self, assignments: Integers) -> PointSetFit:
         """The motion of each assignment (K, n)."""
@@ -161,7 +168,7 @@ class PointSetModel:
     def log_more_clutter(self, matched: Floats | Integers | float) -> Floats:
         """Logarithm by which the targets left are too few for crowds about hidden points, by the number of matches."""
         n, n_target = len(self.clouds.source), len(self.clouds.target)
-        about = (1.0 - self.clutter.alone) * self._seen(matched) * (n - matched) / max(n_target, 1)
+        about = self.clutter.crowded * self._seen(matched) * (n - matched) / max(n_target, 1)
         return np.asarray((n_target - matched + 0.5) * np.log1p(about))
 
     def _seen(self, matched: Floats | Integers | float) -> Floats:
@@ -186,21 +193,24 @@ class PointSetModel:
     def log_factors(self, fit: PointSetFit) -> Floats:
         """Logarithm (predictions + 1, K) of what each prediction of a motion makes of its density, and at last nothing.
 
-        Where nothing is known of it, the whole object is where targets are, or its middle alone is.
+        Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part.
         """
-        placed = np.logaddexp(math.log(INSIDE) + self._log_inside(fit), math.log1p(-INSIDE))
+        inside, in_part = self._log_placed(fit)
+        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE))
+        if in_part is not None:
+            placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
         if self.prior is None:
             return placed[None]
         factors = self.prior.log_factors(fit, self.log_volume)
         factors[-1] += placed
         return factors
 
-    def _log_inside(self, fit: PointSetFit) -> Floats:
-        """Logarithm (K,) of how much more probable motions are if the object is wholly within the box of clutter.
+    def _log_placed(self, fit: PointSetFit) -> tuple[Floats, Floats | None]:
+        """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
 
-        The box has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all points of the
-        object r', and these alone l. With c points that may be anywhere in the box, its translation has the density
-        1 / (L − l) in the place of 1 / L, and each edge the factor
+        The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all
+        points of the object r', and these alone l. With c points that may be anywhere in the box, its translation has
+        the density 1 / (L − l) in the place of 1 / L, and each edge the factor
 
             (c + 1) (c + 2) r^(c + 1) ∫ (L − r') L^(−c − 2) / (L − l) dL,  L > r'.
 
@@ -215,7 +225,28 @@ class PointSetModel:
         others, beyond = left[matched, None] + 1.0, above[matched, None]
         log = others * np.log((high - low) / both)
         log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ _WEIGHTS))
-        return np.asarray(log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0))
+        inside = log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0)
+        wholly = bool((both <= high - low).all())
+        in_part = None if wholly or self.detection_rate is not None else self._log_in_part(along, fit.assignments)
+        return np.asarray(inside), in_part
+
+    def _log_in_part(self, along: Floats, assignments: Integers) -> Floats:
+        """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
+
+        The window is where targets are; it ends where none of them is seen any more, so that a point e beyond them is
+        in view with the probability (r / (r + e))^(n' − 1) along an axis, as n' points span r. Points that are not in
+        view are not missed: δ is that of the others. The object may be wherever it and the window overlap.
+        """
+        from scipy.special import gammaln  # slow to import
+
+        low, high = self._box[:2]
+        span, n, matched = high - low, len(along), (assignments >= 0).sum(axis=1)
+        off = np.maximum(np.maximum(low - along, along - high), 0.0)
+        seen = (span / (span + off)).prod(axis=2) ** (len(self.clouds.target) - 1)
+        in_view = np.where(assignments.T >= 0, 1.0, seen).sum(axis=0)
+        missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
+        missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
+        return np.asarray(missed + np.log(span / (span + np.ptp(along, axis=0))).sum(axis=1))
 
     @cached_property
     def _box(self) -> tuple[Floats, Floats, Floats, Floats]:
