@@ -265,7 +265,9 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
     )
     if task.noise_is_estimated:
         return told
-    doubted = doubted_by_fit(told, fault, alike=model.clutter.repeats)
+    # what is left out as unsure may be what does not fit
+    whole = model.judged_one(found.assignments[0]).fit
+    doubted = doubted_by_fit(told, Misfit.of(float(whole.chi2[0]), int(whole.dof[0])), alike=model.clutter.repeats)
     # something is there that does not fit, which the advice says
     return doubted.with_facts(present=present) if does_not_fit(fault) else doubted
 

@@ -91,7 +91,8 @@ def weighed(
 
     Neighbours are weighed by fits of their own. Labellings that a self-motion of the source exchanges become equally
     probable to the degree that the source is exactly symmetric under it. ``mirrored``: labellings (M, n) by
-    reflections, which are not answers. ``judged``: the proposals, if they are already. ``of_several``: whether other bodies may take what the best ones need.
+    reflections, which are not answers. ``judged``: the proposals, if they are already. ``of_several``: whether other
+    bodies may take what the best ones need.
 
     Raises
     ------
