@@ -183,9 +183,8 @@ def assessed(
     _, base = unjudged(task, sampled, None)
     base = replace(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
     proposals = proposals[(proposals >= 0).sum(axis=1) >= LEAST]
-    judged = model.judged(proposals)
-    own = with_repetition(model, judged)
-    return told_by(base, posterior(own, proposals, mirrored, judged if own is model else None), own)
+    model, judged = with_repetition(model, model.judged(proposals))
+    return told_by(base, posterior(model, proposals, mirrored, judged), model)
 
 
 def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> Finding:
