@@ -8,7 +8,7 @@ of descent. A match is then worth by how much it is nearer to its place than tha
 
 Motions that may repeat the targets are those between rival motions of the object. One counts if targets are more
 probable with it by more than the number of motions that can be told apart, which is what it takes to name it. The
-source names those that it has itself. That what is beside the object is like it has the prior odds of a copy.
+source names those that it has itself: what is beside the object is like it as probably as not.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.model.clutter import MOST, STEPS, Clutter
 from rootmatch.model.compiled.crowds import shares_of_crowds
 from rootmatch.model.point_set_model import Judged, PointSetModel, box_of
-from rootmatch.model.priors import COPY
 
 RIVALS = 8
 """Most motions of the object between which repetitions are sought. A round value."""
@@ -54,7 +53,7 @@ def with_repetition(model: PointSetModel, proposals: Judged) -> tuple[PointSetMo
     of_clutter = [one.log_taken(every, np.zeros(every.shape))[0] for one in (model.clutter, found[0])]
     absent = math.log(1.0 / model.present - 1.0)
     with_it, without = (float(np.logaddexp(absent, one.log_odds.max())) for one in (judged, proposals))
-    counts = with_it + of_clutter[1] + math.log(COPY) - found[1] > without + of_clutter[0]
+    counts = with_it + of_clutter[1] - found[1] > without + of_clutter[0]
     return (own, judged) if counts else (model, proposals)
 
 
