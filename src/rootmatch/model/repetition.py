@@ -31,6 +31,8 @@ WIDTHS = 4
 """Widths of a repetition, each half as wide as the one before; the first is a quarter of the targets' spacing."""
 REPETITIONS = 6
 """Most repetitions that are kept. A round value."""
+EQUAL = 1e-6
+"""Difference of two logarithms that rounding may make."""
 TRIED = np.array([0.25, 0.5, 0.75, 0.9])[:, None, None, None]
 """Shares with which a repetition is tried."""
 PSEUDO, PSEUDO_REPEATED = 1.0, 0.1
@@ -53,7 +55,8 @@ def with_repetition(model: PointSetModel, proposals: Judged) -> tuple[PointSetMo
     of_clutter = [one.log_taken(every, np.zeros(every.shape))[0] for one in (model.clutter, found[0])]
     absent = math.log(1.0 / model.present - 1.0)
     with_it, without = (float(np.logaddexp(absent, one.log_odds.max())) for one in (judged, proposals))
-    counts = with_it + of_clutter[1] - found[1] > without + of_clutter[0]
+    # equal where nothing is left
+    counts = with_it + of_clutter[1] - found[1] > without + of_clutter[0] + EQUAL
     return (own, judged) if counts else (model, proposals)
 
 
