@@ -53,8 +53,7 @@ def with_repetition(model: PointSetModel, proposals: Judged) -> tuple[PointSetMo
     own = replace(model, repeated=found[0])
     judged, every = own.judged(proposals.fit.assignments), np.ones((1, len(model.clouds.target)), np.bool_)
     of_clutter = [one.log_taken(every, np.zeros(every.shape))[0] for one in (model.clutter, found[0])]
-    absent = math.log(1.0 / model.present - 1.0)
-    with_it, without = (float(np.logaddexp(absent, one.log_odds.max())) for one in (judged, proposals))
+    with_it, without = (float(one.log_odds.max()) for one in (judged, proposals))
     # equal where nothing is left
     counts = with_it + of_clutter[1] - found[1] > without + of_clutter[0] + EQUAL
     return (own, judged) if counts else (model, proposals)
