@@ -37,11 +37,12 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.clutter import Clutter, clutter_in_space
+from rootmatch.model.clutter import Clutter
 from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.targets_box import WEIGHTS, edges_of, space_of
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
 
@@ -54,11 +55,6 @@ INSIDE = 0.5
 its middle alone. A round value."""
 IN_PART = 0.2
 """Prior probability that the targets show neither, but what of the object is in a window. A round value."""
-
-
-_HALF, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-"""Nodes of the integral over a box, which is then off by less than .01 in its logarithm, and weights."""
-_LOG_NODES = np.log(0.5 + 0.5 * _HALF)
 
 
 class Judged(NamedTuple):
@@ -128,7 +124,7 @@ class PointSetModel:
     @cached_property
     def _space(self) -> tuple[float, Clutter, Floats, Floats]:
         clouds = self.clouds
-        space = _space_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), clouds.target.shape[1])
+        space = space_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), clouds.target.shape[1])
         return space if self.repeated is None else (space[0], self.repeated, *space[2:])
 
     def fit(self, assignments: Integers) -> PointSetFit:
@@ -224,7 +220,7 @@ class PointSetModel:
         share, matched = (last - first) / both, (fit.assignments >= 0).sum(axis=1)
         others, beyond = left[matched, None] + 1.0, above[matched, None]
         log = others * np.log((high - low) / both)
-        log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ _WEIGHTS))
+        log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
         inside = log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0)
         wholly = bool((both <= high - low).all())
         in_part = None if wholly or self.detection_rate is not None else self._log_in_part(along, fit.assignments)
@@ -250,9 +246,9 @@ class PointSetModel:
 
     @cached_property
     def _box(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """See `_box_of`."""
+        """See `edges_of`."""
         clouds = self.clouds
-        return _box_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), *clouds.source.shape)
+        return edges_of(clouds.target.tobytes(), clouds.target_variance.tobytes(), *clouds.source.shape)
 
     def log_density(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the density of the matched targets, motion and σ integrated out."""
@@ -319,27 +315,6 @@ def _log_counts(n: int, n_target: int, detection_rate: float | None) -> Floats:
     return np.asarray(detected + gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5))
 
 
-@lru_cache(maxsize=8)
-def _space_of(target: bytes, variance: bytes, size: int) -> tuple[float, Clutter, Floats, Floats]:
-    """Logarithm of the volume that targets span, the clutter in it, once for all bodies among them, and its frame."""
-    own = np.frombuffer(variance)
-    middle, axes, along, extents = box_of(np.frombuffer(target).reshape(-1, size), own)
-    return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(own), extents), middle, axes
-
-
-@lru_cache(maxsize=8)
-def _box_of(target: bytes, variance: bytes, count: int, size: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Corners of the box that targets span, how many may be anywhere by how many are matched, and 1 − r' / L at nodes.
-
-    Those of Gauss and Legendre in (r' / L)^(c + 1).
-    """
-    clutter, own = _space_of(target, variance, size)[1], _thickness(np.frombuffer(variance))
-    low, high = clutter.target.min(axis=0), clutter.target.max(axis=0)
-    thin = np.maximum(own - (high - low), 0.0)
-    left = clutter.alone * np.maximum(len(clutter.target) - np.arange(count + 1.0), 0.0)
-    return low - 0.5 * thin, high + 0.5 * thin, left, -np.expm1(_LOG_NODES / (left[:, None] + 1.0))
-
-
 def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
     """Logarithm of exp(−χ²/2) averaged over the factor of the variances, whose powers σ^(−f) it takes along."""
     from scipy.special import gammaln  # slow to import
@@ -348,22 +323,3 @@ def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
     return np.asarray(
         gammaln(power) - gammaln(0.5 * nu) - 0.5 * freedom * np.log(0.5 * nu) - power * np.log1p(chi2 / nu)
     )
-
-
-def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Mean and principal axes of points (n, k), these along them, and extents (k,) of the box that they fill.
-
-    Corrected for n uniform ones. Whatever the axes of the frame, points of a plane span a thin box; it is as thick as
-    the noise.
-    """
-    middle = points.mean(axis=0)
-    centred = points - middle
-    axes = np.linalg.eigh(centred.T @ centred)[1]
-    along = centred @ axes
-    extent = np.ptp(along, axis=0) * ((len(points) + 1) / max(len(points) - 1, 1))
-    return middle, axes, along, np.asarray(np.maximum(extent, _thickness(variance)))
-
-
-def _thickness(variance: Floats) -> float:
-    """Of the box that points fill whose spread is that of noise."""
-    return 2.0 * math.sqrt(2.0 * math.pi * float(variance.max()))

@@ -21,7 +21,8 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.clutter import MOST, STEPS, Clutter
 from rootmatch.model.compiled.crowds import shares_of_crowds
-from rootmatch.model.point_set_model import Judged, PointSetModel, box_of
+from rootmatch.model.point_set_model import Judged, PointSetModel
+from rootmatch.model.targets_box import box_of
 
 RIVALS = 8
 """Most motions of the object between which repetitions are sought. A round value."""
@@ -85,7 +86,7 @@ def _motions_between(linear: Floats, shift: Floats, *, of_source: bool) -> tuple
 
 
 def _kernels(points: Floats, variance: Floats, motions: tuple[Floats, Floats], widths: Floats) -> Floats:
-    """Density (G, W, n, n) of each point (n, k) about the others' images, and of those about its own; 0 about itself."""
+    """Density (G, W, n, n) of points (n, k) about the others' images, and of these about theirs; 0 about itself."""
     linear, shift = motions
     images, own = points @ linear.swapaxes(1, 2) + shift[:, None], np.arange(len(points))
     squared = ((points[:, None] - images[:, None]) ** 2).sum(axis=3)
