@@ -26,14 +26,14 @@ def rooms(seed: int) -> Scene:
     return halves(every, 13.7, 7.7, rng)
 
 
-def halves(every: Floats, end: float, begin: float, rng: np.random.Generator) -> Scene:
+def halves(every: Floats, end: float, begin: float, rng: np.random.Generator, sigma: float = SIGMA) -> Scene:
     """Points up to one place, and from another one on, in a frame of their own; a tenth of each is lost."""
     first = np.flatnonzero((every[:, 0] < end) & (rng.random(len(every)) > 0.1))
     second = rng.permutation(np.flatnonzero((every[:, 0] > begin) & (rng.random(len(every)) > 0.1)))
     turn = rng.uniform(0.0, 2.0 * np.pi)
     back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    source = every[first] + rng.normal(0.0, SIGMA, (len(first), 2))
-    target = every[second] @ back + rng.normal(0.0, SIGMA, (len(second), 2))
+    source = every[first] + rng.normal(0.0, sigma, (len(first), 2))
+    target = every[second] @ back + rng.normal(0.0, sigma, (len(second), 2))
     place = np.full(len(every), -1)
     place[second] = np.arange(len(second))
     return source, target, place[first]
@@ -96,7 +96,7 @@ def test_points_that_do_not_repeat_have_no_repetition() -> None:
 
 def test_labellings_that_are_kept_are_near_their_motions() -> None:
     """The right one has fewer matches than some hundred others, whose motions bring rooms roughly onto rooms."""
-    for seed in (10, 25):
+    for seed in (1, 3, 24):
         source, target, truth = rooms(seed)
         found = congruent_labellings(clouds_of(source, target), False).proper
         assert len(found) == MOST_KEPT
@@ -108,8 +108,8 @@ def test_points_beyond_the_window_are_not_missed() -> None:
     trusted, gained = 0, 0.0
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        source, target, truth = halves(rng.uniform(0.0, 10.0, (24, 2)), 7.0, 3.0, rng)
-        match = rm.match(source, target, rm.Rigid(2), noise=(SIGMA, SIGMA))
+        source, target, truth = halves(rng.uniform(0.0, 10.0, (24, 2)), 7.0, 3.0, rng, 2.0 * SIGMA)
+        match = rm.match(source, target, rm.Rigid(2), noise=(2.0 * SIGMA, 2.0 * SIGMA))
         assert is_right(match, truth) or not match
         trusted += bool(match)
         # a rate that is given is that of all points
