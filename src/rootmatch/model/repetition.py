@@ -32,8 +32,9 @@ WIDTHS = 4
 """Widths of a repetition, each half as wide as the one before; the first is a quarter of the targets' spacing."""
 REPETITIONS = 6
 """Most repetitions that are kept. A round value."""
-EQUAL = 1e-6
-"""Difference of two logarithms that rounding may make."""
+MORE = math.log(2.0)
+"""Logarithm of how much more probable targets have to be with repetitions: where nothing is left, they are as probable
+with and without, but for rates. A round value."""
 TRIED = np.array([0.25, 0.5, 0.75, 0.9])[:, None, None, None]
 """Shares with which a repetition is tried."""
 PSEUDO, PSEUDO_REPEATED = 1.0, 0.1
@@ -55,8 +56,7 @@ def with_repetition(model: PointSetModel, proposals: Judged) -> tuple[PointSetMo
     judged, every = own.judged(proposals.fit.assignments), np.ones((1, len(model.clouds.target)), np.bool_)
     of_clutter = [one.log_taken(every, np.zeros(every.shape))[0] for one in (model.clutter, found[0])]
     with_it, without = (float(one.log_odds.max()) for one in (judged, proposals))
-    # equal where nothing is left
-    counts = with_it + of_clutter[1] - found[1] > without + of_clutter[0] + EQUAL
+    counts = with_it + of_clutter[1] - found[1] > without + of_clutter[0] + MORE
     return (own, judged) if counts else (model, proposals)
 
 
