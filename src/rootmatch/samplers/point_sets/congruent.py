@@ -30,6 +30,8 @@ MOST_MOTIONS = 6_000
 """Triples of targets that are followed up, those of the widest triples of source points first: a tenth of a second."""
 MOST_KEPT = 256
 """Distinct labellings that are returned, those that tell the most about their motion first. A round value."""
+MOST_FITTED = 2048
+"""Distinct labellings whose motions are fitted, those with the most matches first: a twentieth of a second."""
 CELLS = 200_000
 """Distances that are computed between two looks at the time: two milliseconds."""
 
@@ -83,7 +85,7 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | Non
 
 def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | None) -> Integers:
     """Labellings (K, n) of three points or more, and those by the motions that are fitted to them."""
-    found = found[(found >= 0).sum(axis=1) >= 3]
+    found = found[(found >= 0).sum(axis=1) >= 3][:MOST_FITTED]
     if not len(found):
         return found
     clouds = clouds.with_means
