@@ -52,7 +52,7 @@ def with_repetition(model: PointSetModel, proposals: Judged) -> tuple[PointSetMo
     found = _repeated(model, proposals.take(rivals))
     if found is None:
         return model, proposals
-    own = replace(model, repeated=found[0])
+    own = replace(model, repeated=found[0], present=1.0 / (1.0 + (1.0 / model.present - 1.0) * math.exp(-found[2])))
     judged, every = own.judged(proposals.fit.assignments), np.ones((1, len(model.clouds.target)), np.bool_)
     of_clutter = [one.log_taken(every, np.zeros(every.shape))[0] for one in (model.clutter, found[0])]
     with_it, without = (float(one.log_odds.max()) for one in (judged, proposals))
@@ -101,10 +101,10 @@ def _gains(without: Floats, densities: Floats) -> Floats:
     return np.asarray((np.log((1.0 - TRIED) + TRIED * (densities / without))).sum(axis=3).max(axis=0))
 
 
-def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float] | None:
+def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, float] | None:
     """Clutter with the repetitions between rivals, and what it takes to name those that the source has not.
 
-    None if there are none.
+    And what it takes to name the first of them without the source. None if there are none.
     """
     clutter, clouds = model.clutter, model.clouds
     target, count, size = clutter.target, len(clutter.target), clutter.target.shape[1]
@@ -149,4 +149,4 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float] | N
     more = replace(
         clutter, about=about, alone=rest * clutter.alone, shares=rest * clutter.shares, repeats=1.0 - rest,
     )  # fmt: skip
-    return more, float(sum(cost[one[1]] for one in chosen if unknown[one]))
+    return more, float(sum(cost[one[1]] for one in chosen if unknown[one])), float(cost[chosen[0][1]])
