@@ -13,7 +13,7 @@ from scipy.stats import multivariate_t
 
 import rootmatch as rm
 from rootmatch.model.labelling_sums import labelling_sums
-from rootmatch.model.point_set_model import INSIDE, PointSetModel
+from rootmatch.model.point_set_model import IN_PART, INSIDE, PointSetModel
 from rootmatch.model.point_set_posterior import posterior
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, fitted_point_sets
@@ -188,13 +188,26 @@ def test_a_whole_object_within_the_box_of_clutter_is_integrated() -> None:
     axes, expected = model._space[3], []
     for places, matched in zip(fit.places[0], (4, 3), strict=True):
         total, c = 0.0, model.clutter.alone * (10 - matched)
+        part, seen = 0.0, np.ones(5)
         for axis in axes.T:
             r, every = np.ptp(target @ axis), np.ptp(np.concatenate([places, target]) @ axis)
             own = np.ptp(places @ axis)
             inside = quad(lambda x, e=every, o=own, c=c: (x - e) * x ** (-c - 2) / (x - o), every, np.inf)[0]
             anywhere = quad(lambda x, r=r, c=c: (x - r) * x ** (-c - 3), r, np.inf)[0]
             total += np.log(inside / anywhere)
-        expected.append(np.logaddexp(np.log(INSIDE) + total, np.log1p(-INSIDE)))
+            # what a window shows that ends where no target is seen any more, and any place where they overlap
+            off = np.maximum(
+                np.maximum((target @ axis).min() - places @ axis, places @ axis - (target @ axis).max()), 0.0
+            )
+            seen *= (r / (r + off)) ** 9
+            part += np.log(r / (r + own))
+        missed = float(seen[matched:].sum())
+        of_seen, of_all = (
+            quad(lambda d, k=k, m=matched: d**m * (1.0 - d) ** k, 0.0, 1.0)[0] for k in (missed, 5 - matched)
+        )
+        placed = np.logaddexp(np.log(INSIDE) + total, np.log1p(-INSIDE))
+        part += np.log(of_seen / of_all)
+        expected.append(np.logaddexp(np.log1p(-IN_PART) + placed, np.log(IN_PART) + part))
     np.testing.assert_allclose(model.log_factors(fit)[-1], expected, atol=0.03)
 
 

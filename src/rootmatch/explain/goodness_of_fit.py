@@ -67,11 +67,15 @@ class Misfit(NamedTuple):
         return float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
 
 
-def doubted_by_fit(found: Finding, fault: Misfit, of_rig: bool = False) -> Finding:
-    """A finding that is less probable by how its residuals speak for something else; a wrong model is allowed for."""
+def doubted_by_fit(found: Finding, fault: Misfit, of_rig: bool = False, alike: float = 0.0) -> Finding:
+    """A finding that is less probable by how its residuals speak for something else; a wrong model is allowed for.
+
+    ``alike``: share of what else there is that has nearly the shape, as where a scene repeats itself.
+    """
     if not fault.dof or fault.sigma <= 1.0 or found.facts.probability is None:
         return found
-    own = min((1.0 + WRONG_MODEL) / (1.0 + WRONG_MODEL * fault.for_something_else(of_rig)), 1.0)
+    odds = WRONG_MODEL + alike
+    own = min((1.0 + odds) / (1.0 + odds * fault.for_something_else(of_rig)), 1.0)
     present = None if found.facts.present is None else own * found.facts.present
     return found.with_facts(present=present).less_certain(own)
 

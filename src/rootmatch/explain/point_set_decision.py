@@ -25,6 +25,7 @@ from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances, with_errors_of_source
 from rootmatch.model.point_set_model import PRESENT, Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, posterior
+from rootmatch.model.repetition import with_repetition
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grown, is_small
@@ -180,7 +181,9 @@ def assessed(
     """The finding of proposed labellings; their scores are computed when they are asked for."""
     _, base = unjudged(task, sampled, None)
     base = replace(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
-    return told_by(base, posterior(model, proposals, mirrored), model)
+    proposals = proposals[(proposals >= 0).sum(axis=1) >= LEAST]
+    model, judged = with_repetition(model, model.judged(proposals))
+    return told_by(base, posterior(model, proposals, mirrored, judged), model)
 
 
 def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> Finding:
@@ -260,7 +263,9 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
     )
     if task.noise_is_estimated:
         return told
-    doubted = doubted_by_fit(told, fault)
+    # what is left out as unsure may be what does not fit
+    whole = model.judged_one(found.assignments[0]).fit
+    doubted = doubted_by_fit(told, Misfit.of(float(whole.chi2[0]), int(whole.dof[0])), alike=model.clutter.repeats)
     # something is there that does not fit, which the advice says
     return doubted.with_facts(present=present) if does_not_fit(fault) else doubted
 

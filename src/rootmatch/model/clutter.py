@@ -85,6 +85,8 @@ class Clutter:
         Of crowds, by width.
     widths : (S, k) float64
         Standard deviations of crowds along each axis.
+    repeats : float
+        Share of those that repeat others, see `rootmatch.model.repetition`.
     """
 
     about: Floats
@@ -95,12 +97,18 @@ class Clutter:
     sigma: Floats
     shares: Floats
     widths: Floats
+    repeats: float = 0.0
 
     @cached_property
     def log_density(self) -> Floats:
         """Logarithm (n',) of the density of a clutter point at each detection, given all others."""
         others = self.about.sum(axis=1) / max(len(self.centres) - 1, 1)
         return np.asarray(np.log(self.alone * self.uniform + others))
+
+    @property
+    def crowded(self) -> float:
+        """Share of those in crowds."""
+        return float(self.shares.sum())
 
     @property
     def for_kernels(self) -> tuple[Floats, Floats, Integers, Floats, float]:

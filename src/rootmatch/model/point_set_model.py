@@ -15,8 +15,9 @@ the odds
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
   labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
-  number of labellings. Half of it puts the middle of the object anywhere into V, and half the whole object, whose
-  translation is then the better known the more of V it fills (`PointSetModel.log_factors`).
+  number of labellings. Some of it puts the middle of the object anywhere into V, some the whole object, whose
+  translation is then the better known the more of V it fills, and some any part of it, so that V is a window through
+  which the object is seen: points beyond it are not missed (`PointSetModel.log_factors`).
 - Where something is known of the motion, its prior takes the place of that volume (`rootmatch.model.motion_prior`).
 - σ is that given times a factor, whose square has an inverse gamma prior of `NOISE_FREEDOM` degrees of freedom about 1:
   exp(−χ²/2) becomes a power of 1 + χ²/ν, as of Student's t.
@@ -35,12 +36,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
-from rootmatch.model.clutter import Clutter, clutter_in_space
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.clutter import Clutter
 from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.targets_box import WEIGHTS, edges_of, space_of
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
 
@@ -51,11 +53,8 @@ PRESENT = 0.5
 INSIDE = 0.5
 """Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
 its middle alone. A round value."""
-
-
-_HALF, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-"""Nodes of the integral over a box, which is then off by less than .01 in its logarithm, and weights."""
-_LOG_NODES = np.log(0.5 + 0.5 * _HALF)
+IN_PART = 0.2
+"""Prior probability that the targets show neither, but what of the object is in a window. A round value."""
 
 
 class Judged(NamedTuple):
@@ -98,6 +97,8 @@ class PointSetModel:
         What is known of the motion.
     present : float
         Probability that the targets show the source, before they are seen.
+    repeated : Clutter, optional
+        Clutter with a repetition in it, see `rootmatch.model.repetition`.
     """
 
     clouds: PointClouds
@@ -107,6 +108,7 @@ class PointSetModel:
     detection_rate: float | None = None
     prior: MotionPrior | None = None
     present: float = PRESENT
+    repeated: Clutter | None = None
     _kept: dict[bytes, Judged] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -122,7 +124,8 @@ class PointSetModel:
     @cached_property
     def _space(self) -> tuple[float, Clutter, Floats, Floats]:
         clouds = self.clouds
-        return _space_of(clouds.target, clouds.target_variance)
+        space = space_of(clouds.target, clouds.target_variance)
+        return space if self.repeated is None else (space[0], self.repeated, *space[2:])
 
     def fit(self, assignments: Integers) -> PointSetFit:
         """The motion of each assignment (K, n)."""
@@ -161,7 +164,7 @@ class PointSetModel:
     def log_more_clutter(self, matched: Floats | Integers | float) -> Floats:
         """Logarithm by which the targets left are too few for crowds about hidden points, by the number of matches."""
         n, n_target = len(self.clouds.source), len(self.clouds.target)
-        about = (1.0 - self.clutter.alone) * self._seen(matched) * (n - matched) / max(n_target, 1)
+        about = self.clutter.crowded * self._seen(matched) * (n - matched) / max(n_target, 1)
         return np.asarray((n_target - matched + 0.5) * np.log1p(about))
 
     def _seen(self, matched: Floats | Integers | float) -> Floats:
@@ -186,21 +189,24 @@ class PointSetModel:
     def log_factors(self, fit: PointSetFit) -> Floats:
         """Logarithm (predictions + 1, K) of what each prediction of a motion makes of its density, and at last nothing.
 
-        Where nothing is known of it, the whole object is where targets are, or its middle alone is.
+        Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part.
         """
-        placed = np.logaddexp(math.log(INSIDE) + self._log_inside(fit), math.log1p(-INSIDE))
+        inside, in_part = self._log_placed(fit)
+        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE))
+        if in_part is not None:
+            placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
         if self.prior is None:
             return placed[None]
         factors = self.prior.log_factors(fit, self.log_volume)
         factors[-1] += placed
         return factors
 
-    def _log_inside(self, fit: PointSetFit) -> Floats:
-        """Logarithm (K,) of how much more probable motions are if the object is wholly within the box of clutter.
+    def _log_placed(self, fit: PointSetFit) -> tuple[Floats, Floats | None]:
+        """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
 
-        The box has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all points of the
-        object r', and these alone l. With c points that may be anywhere in the box, its translation has the density
-        1 / (L − l) in the place of 1 / L, and each edge the factor
+        The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all
+        points of the object r', and these alone l. With c points that may be anywhere in the box, its translation has
+        the density 1 / (L − l) in the place of 1 / L, and each edge the factor
 
             (c + 1) (c + 2) r^(c + 1) ∫ (L − r') L^(−c − 2) / (L − l) dL,  L > r'.
 
@@ -214,14 +220,35 @@ class PointSetModel:
         share, matched = (last - first) / both, (fit.assignments >= 0).sum(axis=1)
         others, beyond = left[matched, None] + 1.0, above[matched, None]
         log = others * np.log((high - low) / both)
-        log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ _WEIGHTS))
-        return np.asarray(log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0))
+        log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
+        inside = log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0)
+        wholly = bool((both <= high - low).all())
+        in_part = None if wholly or self.detection_rate is not None else self._log_in_part(along, fit.assignments)
+        return np.asarray(inside), in_part
+
+    def _log_in_part(self, along: Floats, assignments: Integers) -> Floats:
+        """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
+
+        The window is where targets are; it ends where none of them is seen any more, so that a point e beyond them is
+        in view with the probability (r / (r + e))^(n' − 1) along an axis, as n' points span r. Points that are not in
+        view are not missed: δ is that of the others. The object may be wherever it and the window overlap.
+        """
+        from scipy.special import gammaln  # slow to import
+
+        low, high = self._box[:2]
+        span, n, matched = high - low, len(along), (assignments >= 0).sum(axis=1)
+        off = np.maximum(np.maximum(low - along, along - high), 0.0)
+        seen = (span / (span + off)).prod(axis=2) ** (len(self.clouds.target) - 1)
+        in_view = np.where(assignments.T >= 0, 1.0, seen).sum(axis=0)
+        missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
+        missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
+        return np.asarray(missed + np.log(span / (span + np.ptp(along, axis=0))).sum(axis=1))
 
     @cached_property
     def _box(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """See `_box_of`."""
+        """See `edges_of`."""
         clouds = self.clouds
-        return _box_of(clouds.target, clouds.target_variance, len(clouds.source))
+        return edges_of(clouds.target, clouds.target_variance, len(clouds.source))
 
     def log_density(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the density of the matched targets, motion and σ integrated out."""
@@ -288,26 +315,6 @@ def _log_counts(n: int, n_target: int, detection_rate: float | None) -> Floats:
     return np.asarray(detected + gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5))
 
 
-@kept_by_values(8)
-def _space_of(target: Floats, variance: Floats) -> tuple[float, Clutter, Floats, Floats]:
-    """Logarithm of the volume that targets span, the clutter in it, once for all bodies among them, and its frame."""
-    middle, axes, along, extents = box_of(target, variance)
-    return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(variance), extents), middle, axes
-
-
-@kept_by_values(8)
-def _box_of(target: Floats, variance: Floats, count: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Corners of the box that targets span, how many may be anywhere by how many are matched, and 1 − r' / L at nodes.
-
-    Those of Gauss and Legendre in (r' / L)^(c + 1).
-    """
-    clutter, own = _space_of(target, variance)[1], _thickness(variance)
-    low, high = clutter.target.min(axis=0), clutter.target.max(axis=0)
-    thin = np.maximum(own - (high - low), 0.0)
-    left = clutter.alone * np.maximum(len(clutter.target) - np.arange(count + 1.0), 0.0)
-    return low - 0.5 * thin, high + 0.5 * thin, left, -np.expm1(_LOG_NODES / (left[:, None] + 1.0))
-
-
 def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
     """Logarithm of exp(−χ²/2) averaged over the factor of the variances, whose powers σ^(−f) it takes along."""
     from scipy.special import gammaln  # slow to import
@@ -316,22 +323,3 @@ def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
     return np.asarray(
         gammaln(power) - gammaln(0.5 * nu) - 0.5 * freedom * np.log(0.5 * nu) - power * np.log1p(chi2 / nu)
     )
-
-
-def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Mean and principal axes of points (n, k), these along them, and extents (k,) of the box that they fill.
-
-    Corrected for n uniform ones. Whatever the axes of the frame, points of a plane span a thin box; it is as thick as
-    the noise.
-    """
-    middle = points.mean(axis=0)
-    centred = points - middle
-    axes = np.linalg.eigh(centred.T @ centred)[1]
-    along = centred @ axes
-    extent = np.ptp(along, axis=0) * ((len(points) + 1) / max(len(points) - 1, 1))
-    return middle, axes, along, np.asarray(np.maximum(extent, _thickness(variance)))
-
-
-def _thickness(variance: Floats) -> float:
-    """Of the box that points fill whose spread is that of noise."""
-    return 2.0 * math.sqrt(2.0 * math.pi * float(variance.max()))

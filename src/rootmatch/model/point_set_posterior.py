@@ -12,7 +12,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.labelling_sums import SHARED, LabellingSums, same_motion
 from rootmatch.model.modes import uses_of
-from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import COPY, WRONG_MODEL
 from rootmatch.model.weighed_labellings import weighed
 
@@ -146,12 +146,14 @@ class PointSetPosterior:
         return odds
 
 
-def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | None = None) -> PointSetPosterior:
+def posterior(
+    model: PointSetModel, proposals: Integers, mirrored: Integers | None = None, judged: Judged | None = None
+) -> PointSetPosterior:
     """The posterior of proposed labellings (K, n), their neighbours by one change, and clutter alone.
 
-    See `weighed`; ``mirrored`` as there.
+    See `weighed`; ``mirrored`` and ``judged`` as there.
     """
-    found = weighed(model, proposals, mirrored)
+    found = weighed(model, proposals, mirrored, judged=judged)
     if not len(found.assignments):
         return PointSetPosterior(found.assignments, found.log_mass)
     absent = math.log(1.0 / model.present - 1.0)

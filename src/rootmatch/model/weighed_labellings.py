@@ -80,13 +80,19 @@ def nothing_weighed(n: int) -> Weighed:
 
 
 def weighed(
-    model: PointSetModel, proposals: Integers, mirrored: Integers | None = None, *, of_several: bool = False
+    model: PointSetModel,
+    proposals: Integers,
+    mirrored: Integers | None = None,
+    *,
+    judged: Judged | None = None,
+    of_several: bool = False,
 ) -> Weighed:
     """Proposed labellings (K, n) and their neighbours by one change, the best ones of them.
 
     Neighbours are weighed by fits of their own. Labellings that a self-motion of the source exchanges become equally
     probable to the degree that the source is exactly symmetric under it. ``mirrored``: labellings (M, n) by
-    reflections, which are not answers. ``of_several``: whether other bodies may take what the best ones need.
+    reflections, which are not answers. ``judged``: the proposals, if they are already. ``of_several``: whether other
+    bodies may take what the best ones need.
 
     Raises
     ------
@@ -97,7 +103,7 @@ def weighed(
     if not len(proposals):
         return nothing_weighed(len(model.clouds.source))
     checkpoint()
-    found = _best(model.judged(proposals), of_several)
+    found = _best(model.judged(proposals) if judged is None else judged, of_several)
     known_ones = {one.tobytes() for one in found.fit.assignments}
     expanded: set[bytes] = set()
     for _ in range(ROUNDS):

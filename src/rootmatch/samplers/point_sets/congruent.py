@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
@@ -29,7 +30,9 @@ MOST_LOOKED_UP = 3_000_000
 MOST_MOTIONS = 6_000
 """Triples of targets that are followed up, those of the widest triples of source points first: a tenth of a second."""
 MOST_KEPT = 256
-"""Distinct labellings that are returned, those with the most matches first. A round value."""
+"""Distinct labellings that are returned, those that tell the most about their motion first. A round value."""
+MOST_FITTED = 2048
+"""Distinct labellings whose motions are fitted, those with the most matches first: a twentieth of a second."""
 CELLS = 200_000
 """Distances that are computed between two looks at the time: two milliseconds."""
 
@@ -42,7 +45,7 @@ def is_small(clouds: PointClouds) -> bool:
 
 
 class Labellings(NamedTuple):
-    """Labellings (K, n) that motions explain, −1 for unmatched, those with the most matches first."""
+    """Labellings (K, n) that motions explain, −1 for unmatched."""
 
     proper: Integers
     """Labellings by motions of the kind that is looked for."""
@@ -83,13 +86,33 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | Non
 
 def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | None) -> Integers:
     """Labellings (K, n) of three points or more, and those by the motions that are fitted to them."""
-    found = found[(found >= 0).sum(axis=1) >= 3][:MOST_KEPT]
+    found = found[(found >= 0).sum(axis=1) >= 3][:MOST_FITTED]
     if not len(found):
         return found
     clouds = clouds.with_means
     fit = fitted_point_sets(clouds, found, mirror)
     again = _in_parts(clouds, len(found), lambda some: fit.take(some).squares(), NEAR, allowed)
-    return _distinct([found, again], 3)[:MOST_KEPT]
+    every = _distinct([found, again], 3)
+    if len(every) <= MOST_KEPT:
+        return every
+    return np.asarray(every[np.argsort(-_telling(clouds, every, mirror), kind="stable")[:MOST_KEPT]])
+
+
+def _telling(clouds: PointClouds, labellings: Integers, mirror: bool) -> Floats:
+    """What labellings (K, n) tell, (K,): log-likelihood ratios of matches near their motions against chance.
+
+    Where points repeat, some motion brings many of them roughly to targets, and fewer exactly.
+    """
+    moved, own = (fit := fitted_point_sets(clouds, labellings, mirror)).places
+    at = np.maximum(labellings, 0)
+    variance = own + (fit.scale**2)[:, None] * clouds.source_variance + clouds.target_variance[at]
+    size, n_target = clouds.target.shape[1], len(clouds.target)
+    centred = clouds.target - clouds.target.mean(axis=0)
+    spread = np.linalg.svd(centred, compute_uv=False) * math.sqrt(12.0 / n_target)  # that of a box
+    log_chance = math.log(n_target) - float(np.log(np.maximum(spread, math.sqrt(float(variance.min())))).sum())
+    squared = ((moved - clouds.target[at]) ** 2).sum(axis=2)
+    ratio = -0.5 * (squared / variance + size * np.log(2.0 * math.pi * variance)) - log_chance
+    return np.asarray(np.where(labellings >= 0, np.maximum(ratio, 0.0), 0.0).sum(axis=1))
 
 
 def _alike(clouds: PointClouds, allowed: Bools | None) -> tuple[Integers, Integers]:

@@ -1,0 +1,152 @@
+"""Repetition among targets, as rooms of a floor and trees of a street have it: a motion puts many of them near others.
+
+Where the object repeats itself, so does what is beside it, and a labelling that is a period off matches that. Against
+clutter that lies anywhere, its matches are worth as much as right ones; but what the other targets and the repetition
+predict is no coincidence. So a clutter point may also lie about where the motion puts another one, in one of `WIDTHS`
+widths, as crowds lie about other targets: see `rootmatch.model.clutter.Clutter`, of whose forests it is one more kind
+of descent. A match is then worth by how much it is nearer to its place than that.
+
+Motions that may repeat the targets are those between rival motions of the object. One counts if targets are more
+probable with it by more than the number of motions that can be told apart, which is what it takes to name it. The
+source names those that it has itself: what is beside the object is like it as probably as not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rootmatch.arrays import Floats, Integers
+from rootmatch.model.clutter import MOST, STEPS, Clutter
+from rootmatch.model.compiled.crowds import shares_of_crowds
+from rootmatch.model.point_set_model import Judged, PointSetModel
+from rootmatch.model.targets_box import box_of
+
+RIVALS = 8
+"""Most motions of the object between which repetitions are sought. A round value."""
+SHARED = 0.3
+"""Share of their matches up to which two labellings are of rival motions. A round value."""
+WIDTHS = 4
+"""Widths of a repetition, each half as wide as the one before; the first is a quarter of the targets' spacing."""
+REPETITIONS = 6
+"""Most repetitions that are kept. A round value."""
+MORE = math.log(2.0)
+"""Logarithm of how much more probable targets have to be with repetitions: where nothing is left, they are as probable
+with and without, but for rates. A round value."""
+TRIED = np.array([0.25, 0.5, 0.75, 0.9])[:, None, None, None]
+"""Shares with which a repetition is tried."""
+PSEUDO, PSEUDO_REPEATED = 1.0, 0.1
+"""Pseudo-counts of clutter without repetitions and of each of them, as of crowds in space."""
+
+
+def with_repetition(model: PointSetModel, proposals: Judged) -> tuple[PointSetModel, Judged]:
+    """The model with the repetitions among targets that labellings point to, and these by it; as given without any.
+
+    What the best labelling leaves has to be more probable with them: the image of an object repeats as it does itself.
+    """
+    rivals = _rivals(proposals)
+    if len(rivals) < 2 or len(model.clouds.target) > MOST:
+        return model, proposals
+    found = _repeated(model, proposals.take(rivals))
+    if found is None:
+        return model, proposals
+    own = replace(model, repeated=found[0], present=1.0 / (1.0 + (1.0 / model.present - 1.0) * math.exp(-found[2])))
+    judged, every = own.judged(proposals.fit.assignments), np.ones((1, len(model.clouds.target)), np.bool_)
+    of_clutter = [one.log_taken(every, np.zeros(every.shape))[0] for one in (model.clutter, found[0])]
+    with_it, without = (float(one.log_odds.max()) for one in (judged, proposals))
+    counts = with_it + of_clutter[1] - found[1] > without + of_clutter[0] + MORE
+    return (own, judged) if counts else (model, proposals)
+
+
+def _rivals(found: Judged) -> Integers:
+    """Labellings of different motions that are better than clutter alone, the best first."""
+    assignments, kept = found.fit.assignments, list[int]()
+    if len(assignments) == 1:
+        return np.empty(0, np.int64)
+    better = np.flatnonzero(found.log_odds > 0.0)
+    left = better[np.argsort(-found.log_odds[better], kind="stable")]
+    while len(left) and len(kept) < RIVALS:
+        one, others = assignments[left[0]], assignments[left]
+        kept.append(int(left[0]))
+        fewer = np.minimum((others >= 0).sum(axis=1), int((one >= 0).sum()))
+        left = left[((others == one) & (one >= 0)).sum(axis=1) < SHARED * fewer]
+    return np.array(kept, np.int64)
+
+
+def _motions_between(linear: Floats, shift: Floats, *, of_source: bool) -> tuple[Floats, Floats]:
+    """Motions y' = S y + b (G, k, k) and (G, k) from each rival's places to another's, or the same of the source."""
+    first, second = np.triu_indices(len(shift), 1)
+    if of_source:  # T₁⁻¹ T₂
+        back = np.linalg.inv(linear[first])
+        return back @ linear[second], (back @ (shift[second] - shift[first])[..., None])[..., 0]
+    between = linear[second] @ np.linalg.inv(linear[first])
+    return between, shift[second] - (between @ shift[first][..., None])[..., 0]
+
+
+def _kernels(points: Floats, variance: Floats, motions: tuple[Floats, Floats], widths: Floats) -> Floats:
+    """Density (G, W, n, n) of points (n, k) about the others' images, and of these about theirs; 0 about itself."""
+    linear, shift = motions
+    images, own = points @ linear.swapaxes(1, 2) + shift[:, None], np.arange(len(points))
+    squared = ((points[:, None] - images[:, None]) ** 2).sum(axis=3)
+    squared[:, own, own] = np.inf
+    every = widths[:, None, None] ** 2 + variance[:, None] + variance
+    density = np.exp(-0.5 * squared[:, None] / every) / (2.0 * np.pi * every) ** (0.5 * points.shape[1])
+    return np.asarray(0.5 * (density + density.swapaxes(2, 3)))  # either of two may be the other's image
+
+
+def _gains(without: Floats, densities: Floats) -> Floats:
+    """By how much points are more probable, (G, W), with some share of densities (G, W, n) than without them, (n,)."""
+    return np.asarray((np.log((1.0 - TRIED) + TRIED * (densities / without))).sum(axis=3).max(axis=0))
+
+
+def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, float] | None:
+    """Clutter with the repetitions between rivals, and what it takes to name those that the source has not.
+
+    And what it takes to name the first of them without the source. None if there are none.
+    """
+    clutter, clouds = model.clutter, model.clouds
+    target, count, size = clutter.target, len(clutter.target), clutter.target.shape[1]
+    spacing = float(clutter.uniform[0] * count) ** (-1.0 / size)
+    widths = 0.25 * spacing * 0.5 ** np.arange(WIDTHS)
+    # along the axes of the box, as clutter has them
+    middle, axes = model._space[2:]
+    linear, shift = rivals.fit.scale[:, None, None] * rivals.fit.rotation, rivals.fit.shift
+    between = _motions_between(axes.T @ linear, (shift - middle) @ axes, of_source=False)
+    kernels = _kernels(target, clutter.sigma**2, between, widths)
+    densities = kernels.sum(axis=3) / (count - 1)
+    # motions that widths tell apart: places along each axis, and turns
+    span = np.ptp(target, axis=0) * (count + 1) / (count - 1)
+    radius = math.sqrt(float(((target - target.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    cost = np.log(np.maximum(span / widths[:, None], 1.0)).sum(axis=1)
+    cost += size * (size - 1) // 2 * np.log(np.maximum(2.0 * math.pi * radius / widths, 1.0))
+    # the source shows them as well
+    scale = float(rivals.fit.scale[0])
+    own = _kernels(
+        clouds.source, clouds.source_variance, _motions_between(linear, shift, of_source=True), widths / scale
+    )
+    n = len(clouds.source)
+    anywhere = np.full(n, 1.0 / np.prod(box_of(clouds.source, clouds.source_variance)[3]))
+    unknown = _gains(anywhere, own.sum(axis=3) / (n - 1)) < cost
+    without = np.exp(clutter.log_density)
+    now, chosen, shares = without, list[tuple[int, int]](), np.ones(1)
+    while len(chosen) < REPETITIONS:
+        tried = _gains(now, densities) - cost
+        best = np.unravel_index(int(tried.argmax()), tried.shape)
+        if tried[best] <= 0.0:
+            break
+        chosen.append((int(best[0]), int(best[1])))
+        densities_of = np.array([without, *(densities[one] for one in chosen)])
+        prior = np.array([PSEUDO, *[PSEUDO_REPEATED] * len(chosen)])
+        shares = prior / prior.sum()
+        shares_of_crowds(densities_of, prior, STEPS, shares)
+        now = shares @ densities_of
+    if not chosen:
+        return None
+    about = shares[0] * clutter.about + sum(share * kernels[one] for share, one in zip(shares[1:], chosen, strict=True))
+    rest = float(shares[0])
+    more = replace(
+        clutter, about=about, alone=rest * clutter.alone, shares=rest * clutter.shares, repeats=1.0 - rest,
+    )  # fmt: skip
+    return more, float(sum(cost[one[1]] for one in chosen if unknown[one])), float(cost[chosen[0][1]])

@@ -1,0 +1,53 @@
+"""The box that targets span, in which clutter lies: its volume, its edges, and the axes along which it is taken."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.arrays import Floats, kept_by_values
+from rootmatch.model.clutter import Clutter, clutter_in_space
+
+_HALF, WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Nodes of the integral over a box, which is then off by less than .01 in its logarithm, and weights."""
+_LOG_NODES = np.log(0.5 + 0.5 * _HALF)
+
+
+@kept_by_values(8)
+def space_of(target: Floats, variance: Floats) -> tuple[float, Clutter, Floats, Floats]:
+    """Logarithm of the volume that targets span, the clutter in it, once for all bodies among them, and its frame."""
+    middle, axes, along, extents = box_of(target, variance)
+    return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(variance), extents), middle, axes
+
+
+@kept_by_values(8)
+def edges_of(target: Floats, variance: Floats, count: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Corners of the box that targets span, how many may be anywhere by how many are matched, and 1 − r' / L at nodes.
+
+    Those of Gauss and Legendre in (r' / L)^(c + 1).
+    """
+    clutter, own = space_of(target, variance)[1], _thickness(variance)
+    low, high = clutter.target.min(axis=0), clutter.target.max(axis=0)
+    thin = np.maximum(own - (high - low), 0.0)
+    left = clutter.alone * np.maximum(len(clutter.target) - np.arange(count + 1.0), 0.0)
+    return low - 0.5 * thin, high + 0.5 * thin, left, -np.expm1(_LOG_NODES / (left[:, None] + 1.0))
+
+
+def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Mean and principal axes of points (n, k), these along them, and extents (k,) of the box that they fill.
+
+    Corrected for n uniform ones. Whatever the axes of the frame, points of a plane span a thin box; it is as thick as
+    the noise.
+    """
+    middle = points.mean(axis=0)
+    centred = points - middle
+    axes = np.linalg.eigh(centred.T @ centred)[1]
+    along = centred @ axes
+    extent = np.ptp(along, axis=0) * ((len(points) + 1) / max(len(points) - 1, 1))
+    return middle, axes, along, np.asarray(np.maximum(extent, _thickness(variance)))
+
+
+def _thickness(variance: Floats) -> float:
+    """Of the box that points fill whose spread is that of noise."""
+    return 2.0 * math.sqrt(2.0 * math.pi * float(variance.max()))
