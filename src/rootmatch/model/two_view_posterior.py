@@ -13,7 +13,7 @@ order, and no assignment is preferred because it was proposed. What no proposal 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +25,7 @@ from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.shown_in_part import few_detected
+from rootmatch.model.two_view_alike import log_evidence_of_alike
 from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
@@ -34,6 +35,8 @@ PRESENT = 0.5
 MISSED = 0.1
 """Probability that a search proposes no pose near the right one. It bounds how sure it is that the images have
 nothing in common: what was missed may explain them. A stated value, not measured."""
+ALIKE = 0.001
+"""Odds that the images show scenes that are alike, over those of nothing in common. A stated value, not measured."""
 FIRST = 128
 """First samples, which tell where to draw. A round value."""
 FEWEST = 16
@@ -72,17 +75,22 @@ class TwoViewPosterior:
         alone, by the images.
     parts : list of (Relative, weights, Matchings)
         K samples about each pose, their weights (K,), which sum to one over all parts, and their sums over assignments.
+    log_alike : two floats
+        Logarithms of the odds that they show scenes that are alike near those poses, against clutter alone, by all
+        detections and by those without a match.
     """
 
     model: TwoViewModel
     log_evidence: float
     parts: list[tuple[Relative, Floats, Matchings]]
+    log_alike: tuple[float, float] = -math.inf, -math.inf
 
     @property
     def present(self) -> float:
         """Probability that the images show the same points, in a pose near those proposed."""
         found = self.log_evidence + math.log(PRESENT * (1.0 - MISSED))
-        rest = math.log(1.0 - PRESENT * (1.0 - MISSED))
+        found += float(np.logaddexp(0.0, self.log_alike[1] + math.log(.1)))
+        rest = float(np.logaddexp(math.log(1.0 - PRESENT * (1.0 - MISSED)), self._alike))
         return (1.0 - WRONG_MODEL) / (1.0 + math.exp(min(rest - found, 700.0)))
 
     @cached_property
@@ -104,9 +112,15 @@ class TwoViewPosterior:
         """Probability (n,) that each point has no match."""
         odds, few = self._shown_in_part
         missed = MISSED * max(1.0 - odds, 0.0)  # of what shows enough
-        without = (1.0 - PRESENT + PRESENT * odds * few) / (1.0 - PRESENT + PRESENT * (odds + missed))
+        unlike = 1.0 - PRESENT + math.exp(min(self._alike, 700.0))
+        without = (unlike + PRESENT * odds * few) / (unlike + PRESENT * (odds + missed))
         absent = (1.0 - WRONG_MODEL - self.present) * without
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
+
+    @property
+    def _alike(self) -> float:
+        """Logarithm of the weight of scenes that are alike, as that of nothing in common is 1 − π."""
+        return self.log_alike[0] + math.log((1.0 - PRESENT) * ALIKE)
 
     @property
     def _shown_in_part(self) -> tuple[float, Floats]:
@@ -200,7 +214,7 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0) -> TwoV
     if not len(assignments):
         return TwoViewPosterior(model, -math.inf, [])
     checkpoint(SECONDS_PER_PAIR * model.shape[0] * model.shape[1])
-    rows, columns = _possible(model)
+    rows, columns = possible = _possible(model)
     centres = centres_of(model, fitted(model, distinct(assignments)[:NAMED]))
     checkpoint()
     drawn = drawn_about(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
@@ -251,7 +265,10 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0) -> TwoV
         return TwoViewPosterior(model, -math.inf, [])
     total = float(np.logaddexp.reduce(np.concatenate(values)))
     parts = [(poses, np.exp(some - total), sums) for some, (poses, sums) in zip(values, every, strict=True)]
-    return TwoViewPosterior(model, total - math.log(SAMPLES), parts)
+    found = total - math.log(SAMPLES)
+    told = TwoViewPosterior(model, found, parts)
+    others = 1.0 - np.minimum(told.marginals.sum(axis=0), 1.0)
+    return replace(told, log_alike=log_evidence_of_alike(model, fits, possible, others, found, seed))
 
 
 def _possible(model: TwoViewModel) -> tuple[Integers, Integers]:
