@@ -13,7 +13,7 @@ order, and no assignment is preferred because it was proposed. What no proposal 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +25,7 @@ from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.shown_in_part import few_detected
-from rootmatch.model.two_view_alike import log_evidence_of_alike
+from rootmatch.model.two_view_alike import alike_odds, possible_pairs
 from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
@@ -35,8 +35,6 @@ PRESENT = 0.5
 MISSED = 0.1
 """Probability that a search proposes no pose near the right one. It bounds how sure it is that the images have
 nothing in common: what was missed may explain them. A stated value, not measured."""
-ALIKE = 0.001
-"""Odds that the images show scenes that are alike, over those of nothing in common. A stated value, not measured."""
 FIRST = 128
 """First samples, which tell where to draw. A round value."""
 FEWEST = 16
@@ -75,22 +73,22 @@ class TwoViewPosterior:
         alone, by the images.
     parts : list of (Relative, weights, Matchings)
         K samples about each pose, their weights (K,), which sum to one over all parts, and their sums over assignments.
-    log_alike : two floats
-        Logarithms of the odds that they show scenes that are alike near those poses, against clutter alone, by all
-        detections and by those without a match.
+    alike, repeated : float
+        Logarithms of what is alike but not the same, as of `alike_odds`.
     """
 
     model: TwoViewModel
     log_evidence: float
     parts: list[tuple[Relative, Floats, Matchings]]
-    log_alike: tuple[float, float] = -math.inf, -math.inf
+    alike: float = -math.inf
+    repeated: float = 0.0
 
     @property
     def present(self) -> float:
         """Probability that the images show the same points, in a pose near those proposed."""
-        found = self.log_evidence + math.log(PRESENT * (1.0 - MISSED))
-        found += float(np.logaddexp(0.0, self.log_alike[1] + math.log(.1)))
-        rest = float(np.logaddexp(math.log(1.0 - PRESENT * (1.0 - MISSED)), self._alike))
+        found = self.log_evidence + self.repeated + math.log(PRESENT * (1.0 - MISSED))
+        alike = self.alike + math.log(1.0 - PRESENT)
+        rest = float(np.logaddexp(math.log(1.0 - PRESENT * (1.0 - MISSED)), alike))
         return (1.0 - WRONG_MODEL) / (1.0 + math.exp(min(rest - found, 700.0)))
 
     @cached_property
@@ -112,15 +110,10 @@ class TwoViewPosterior:
         """Probability (n,) that each point has no match."""
         odds, few = self._shown_in_part
         missed = MISSED * max(1.0 - odds, 0.0)  # of what shows enough
-        unlike = 1.0 - PRESENT + math.exp(min(self._alike, 700.0))
+        unlike = (1.0 - PRESENT) * (1.0 + math.exp(min(self.alike, 700.0)))
         without = (unlike + PRESENT * odds * few) / (unlike + PRESENT * (odds + missed))
         absent = (1.0 - WRONG_MODEL - self.present) * without
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
-
-    @property
-    def _alike(self) -> float:
-        """Logarithm of the weight of scenes that are alike, as that of nothing in common is 1 − π."""
-        return self.log_alike[0] + math.log((1.0 - PRESENT) * ALIKE)
 
     @property
     def _shown_in_part(self) -> tuple[float, Floats]:
@@ -207,14 +200,14 @@ class TwoViewPosterior:
         return float((e * e).sum(axis=1).min()), max(len(own) - lost, 0)
 
 
-def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0) -> TwoViewPosterior:
-    """The posterior about the poses of proposed assignments (K, n)."""
+def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0, alike: bool = True) -> TwoViewPosterior:
+    """The posterior about the poses of proposed assignments (K, n); ``alike``: whether scenes may be alike."""
     rng = np.random.default_rng([seed, 17])
     assignments = assignments[(assignments >= 0).sum(axis=1) >= model.size - 1]
     if not len(assignments):
         return TwoViewPosterior(model, -math.inf, [])
     checkpoint(SECONDS_PER_PAIR * model.shape[0] * model.shape[1])
-    rows, columns = possible = _possible(model)
+    rows, columns = possible_pairs(model)
     centres = centres_of(model, fitted(model, distinct(assignments)[:NAMED]))
     checkpoint()
     drawn = drawn_about(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
@@ -266,18 +259,7 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0) -> TwoV
     total = float(np.logaddexp.reduce(np.concatenate(values)))
     parts = [(poses, np.exp(some - total), sums) for some, (poses, sums) in zip(values, every, strict=True)]
     found = total - math.log(SAMPLES)
-    told = TwoViewPosterior(model, found, parts)
-    others = 1.0 - np.minimum(told.marginals.sum(axis=0), 1.0)
-    return replace(told, log_alike=log_evidence_of_alike(model, fits, possible, others, found, seed))
-
-
-def _possible(model: TwoViewModel) -> tuple[Integers, Integers]:
-    """Points and detections (P,) of the pairs that may be matches."""
-    if model.log_weights is None:
-        n, n_target = model.shape
-        return np.repeat(np.arange(n), n_target), np.tile(np.arange(n_target), n)
-    every = np.flatnonzero(np.isfinite(model.log_weights))
-    return every // model.shape[1], every % model.shape[1]
+    return TwoViewPosterior(model, found, parts, *(alike_odds(model, fits, parts, found, seed) if alike else ()))
 
 
 def _log_odds(model: TwoViewModel, drawn: Samples, rows: Integers, columns: Integers) -> tuple[Floats, Floats]:
