@@ -14,14 +14,18 @@ The integral is by importance sampling about the poses of the same points, with 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.model.matchings import Matchings
+from rootmatch.deadline import checkpoint
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import FITS, NARROWER, Centres, drawn_poses, log_drawn_poses, log_sum
 from rootmatch.problems.pose_fit.two_view_pose import OPEN
+
+if TYPE_CHECKING:
+    from rootmatch.model.two_view_posterior import TwoViewPosterior
 
 ALIKE = 1e-3
 """Odds that images show scenes that are alike, over those that they have nothing in common. As of a copy of a body,
@@ -31,7 +35,7 @@ REPEATED = 0.1
 WIDTHS = np.array([4.0, 8.0, 16.0, 32.0, 64.0])
 """Deviations w over those of the noise, one as probable as the other: from what noise cannot be to a part of an image.
 Round values."""
-SAMPLES = 256
+SAMPLES = 192
 """Samples of a round, at most. A round value."""
 FEWEST = 16
 """Samples of a round of images with so many points that there are less than so many. A round value."""
@@ -50,13 +54,7 @@ NODES = 8
 Pairs = tuple[Integers, Integers]
 
 
-def alike_odds(
-    model: TwoViewModel,
-    centres: Centres,
-    parts: list[tuple[Relative, Floats, Matchings]],
-    log_evidence: float,
-    seed: int,
-) -> tuple[float, float]:
+def alike_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, seed: int) -> tuple[float, float]:
     """Logarithms of prior times evidence that scenes are alike, against clutter, and of what a scene like itself adds.
 
     If the images show the same points, those without a match may be alike to others, elsewhere in one scene: with the
@@ -65,13 +63,12 @@ def alike_odds(
 
     Parameters
     ----------
-    model : TwoViewModel
+    told : TwoViewPosterior
+        Of the same points. What is alike matters only if it has about as much evidence.
     centres : Centres
         Poses of the same points.
-    parts : list of (Relative, weights, Matchings)
-        As in `rootmatch.model.two_view_posterior.TwoViewPosterior`.
-    log_evidence : float
-        Of the same points: what is alike matters only if it has about as much.
+    pairs : two (P,) arrays
+        Points, in order, and detections that may be matches.
     seed : int
 
     Returns
@@ -81,19 +78,20 @@ def alike_odds(
     repeated : float
         0 if the scene does not look like itself.
     """
+    model = told.model
     rng = np.random.default_rng([seed, 18])
-    pairs = possible_pairs(model)
     counted, about = np.ones((1, model.shape[1])), _wider(centres)
     (first, widths), count = about, max(min(SAMPLES, MOST_RATIOS // max(len(pairs[0]), 1)), FEWEST)
     found = np.array([-math.inf])
     for k in range(ROUNDS):
+        checkpoint()
         wider, widths = about
         poses, centre = drawn_poses(model, wider, count, rng)
         width = widths[centre]
         log, some = log_drawn_poses(model, wider, poses)
         log_drawn = log_sum(np.where(widths[some][:, None] == width, log, -np.inf))
         if k == 1:
-            counted = np.concatenate([counted, _matched_and_other(model, parts, pairs)])
+            counted = np.concatenate([counted, _matched_and_other(told, pairs)])
         value = model.log_prior(poses) - math.log(len(WIDTHS)) - log_drawn
         value = value + _log_odds(_ratios(model, poses, width, pairs), counted)
         most = value.max(axis=1, keepdims=True)
@@ -101,7 +99,7 @@ def alike_odds(
             break
         weights = np.exp(value - most)
         found = most[:, 0] + np.log(weights.mean(axis=1))
-        if found[0] + math.log(ALIKE) < max(log_evidence, 0.0) - MARGIN:
+        if found[0] + math.log(ALIKE) < max(told.log_evidence, 0.0) - MARGIN:
             break
         # the largest are cut, as few samples tell little of their weight
         weights = np.minimum(weights, math.sqrt(count) * weights.mean(axis=1, keepdims=True))
@@ -117,15 +115,6 @@ def alike_odds(
     return math.log(ALIKE) + float(found[0]), float(np.logaddexp(0.0, math.log(REPEATED) + repeated))
 
 
-def possible_pairs(model: TwoViewModel) -> Pairs:
-    """Points, in order, and detections (P,) of the pairs that may be matches."""
-    if model.log_weights is None:
-        n, n_target = model.shape
-        return np.repeat(np.arange(n), n_target), np.tile(np.arange(n_target), n)
-    every = np.flatnonzero(np.isfinite(model.log_weights))
-    return every // model.shape[1], every % model.shape[1]
-
-
 def _wider(centres: Centres) -> tuple[Centres, Floats]:
     """The centres for each of the widths, and the width of each."""
     rows = np.tile(np.arange(len(centres.shares)), len(WIDTHS))
@@ -136,18 +125,15 @@ def _wider(centres: Centres) -> tuple[Centres, Floats]:
     return Centres(fits._replace(covariance=covariance), centres.shares[rows] / len(WIDTHS), rows), widths
 
 
-def _matched_and_other(model: TwoViewModel, parts: list[tuple[Relative, Floats, Matchings]], pairs: Pairs) -> Floats:
+def _matched_and_other(told: TwoViewPosterior, pairs: Pairs) -> Floats:
     """How much each detection (2, n') is matched, and matched or another one that is not where a lost point is."""
-    marginals = np.zeros(model.shape)
-    for _, weights, sums in parts:
-        np.add.at(marginals, (sums.rows, sums.columns), weights @ sums.marginals)
-    matched, lost = (np.minimum(marginals.sum(axis=axis), 1.0) for axis in (0, 1))
-    lost = 1.0 - lost
+    model, parts = told.model, told.parts
+    matched, found = (np.minimum(told.marginals.sum(axis=axis), 1.0) for axis in (0, 1))
     shares = np.array([weights.sum() for _, weights, _ in parts])
     best = np.argsort(-shares, kind="stable")[: max(MOST_RATIOS // (len(WIDTHS) * max(len(pairs[0]), 1)), 1)]
     poses = Relative.joined([parts[k][0].take(parts[k][1].argmax()[None]) for k in best])
     widths, every = np.repeat(WIDTHS, len(best)), np.tile(np.arange(len(best)), len(WIDTHS))
-    ratios = _ratios(model, poses.take(every), widths, pairs, lost).reshape(len(WIDTHS), len(best), -1)
+    ratios = _ratios(model, poses.take(every), widths, pairs, 1.0 - found).reshape(len(WIDTHS), len(best), -1)
     there = (shares[best] @ ratios / shares[best].sum()).max(axis=0)
     return np.stack([matched, matched + (1.0 - matched) / (1.0 + there)])
 
