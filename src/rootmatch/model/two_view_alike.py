@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 ALIKE = 1e-3
 """Odds that images show scenes that are alike, over those that they have nothing in common. As of a copy of a body,
 which nobody named: a stated value, not measured."""
-REPEATED = 0.1
-"""Odds that the scene of both images is like itself elsewhere, over those that it is not. A stated value."""
+REPEATED = 1.0
+"""Odds that a scene is like itself elsewhere, over those that it is not. A round value."""
 WIDTHS = np.array([4.0, 8.0, 16.0, 32.0, 64.0])
 """Deviations w over those of the noise, one as probable as the other: from what noise cannot be to a part of an image.
 Round values."""
