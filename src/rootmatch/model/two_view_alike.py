@@ -35,17 +35,19 @@ REPEATED = 1.0
 WIDTHS = np.array([4.0, 8.0, 16.0, 32.0, 64.0])
 """Deviations w over those of the noise, one as probable as the other: from what noise cannot be to a part of an image.
 Round values."""
-SAMPLES = 192
+SAMPLES = 160
 """Samples of a round, at most. A round value."""
 FEWEST = 16
 """Samples of a round of images with so many points that there are less than so many. A round value."""
 MOST_RATIOS = 1_000_000
 """Pairs of points times samples. A round value; it bounds time."""
+IMPROBABLE = -4.0
+"""Log evidence of the same points below which they are improbable, whatever else there is: .02. A round value."""
 ROUNDS = 3
 """Rounds, each with samples about some of the one before. A round value."""
-MARGIN = 14.0
-"""Logarithm by which what the first round finds may be below what matters, and still be looked at: four change a
-probability by a fiftieth, and ten the samples may miss. A round value."""
+MARGIN = 9.0
+"""By how much the logarithm that the first round finds may be below what matters and still be looked at: four change a
+probability by a fiftieth, and five is what the samples may miss. A round value; it bounds time."""
 KERNELS = 32
 """Samples of a round about which those of the next are drawn. A round value."""
 NODES = 8
@@ -77,8 +79,12 @@ def alike_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, seed: int
         Over the prior of nothing in common.
     repeated : float
         0 if the scene does not look like itself.
+
+    Both are those of nothing in common where the same points are `IMPROBABLE`.
     """
     model = told.model
+    if told.log_evidence < IMPROBABLE:
+        return -math.inf, 0.0
     rng = np.random.default_rng([seed, 18])
     counted, about = np.ones((1, model.shape[1])), _wider(centres)
     (first, widths), count = about, max(min(SAMPLES, MOST_RATIOS // max(len(pairs[0]), 1)), FEWEST)
