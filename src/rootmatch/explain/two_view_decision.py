@@ -102,7 +102,7 @@ def rivals_of(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed
     rest = np.where(elsewhere == first, -1, elsewhere)
     # the search compares poses fitted to the points, and without the volume of all others even one of four by accident
     # looks as if it were there
-    copy = posterior(replace(model, log_weights=weights), rest, seed).log_evidence + math.log(COPY)
+    copy = posterior(replace(model, log_weights=weights), rest, seed, alike=False).log_evidence + math.log(COPY)
     if copy < LEAST:
         return elsewhere[:0], np.zeros(0)
     lost = log_chance_of_losses(model, np.array([first, *elsewhere]))

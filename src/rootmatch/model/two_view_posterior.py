@@ -13,7 +13,7 @@ order, and no assignment is preferred because it was proposed. What no proposal 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,6 +26,7 @@ from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.shown_in_part import few_detected
+from rootmatch.model.two_view_alike import alike_odds
 from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
@@ -73,17 +74,22 @@ class TwoViewPosterior:
         alone, by the images.
     parts : list of (Relative, weights, Matchings)
         K samples about each pose, their weights (K,), which sum to one over all parts, and their sums over assignments.
+    likeness : two floats
+        Logarithms of the odds that the scenes are alike and not the same, and of what a scene like itself adds to the
+        odds of the same points: as of `rootmatch.model.two_view_alike.alike_odds`.
     """
 
     model: TwoViewModel
     log_evidence: float
     parts: list[tuple[Relative, Floats, Matchings]]
+    likeness: tuple[float, float] = -math.inf, 0.0
 
     @property
     def present(self) -> float:
         """Probability that the images show the same points, in a pose near those proposed."""
-        found = self.log_evidence + math.log(PRESENT * (1.0 - MISSED))
-        rest = math.log(1.0 - PRESENT * (1.0 - MISSED))
+        found = self.log_evidence + self.likeness[1] + math.log(PRESENT * (1.0 - MISSED))
+        alike = self.likeness[0] + math.log(1.0 - PRESENT)
+        rest = float(np.logaddexp(math.log(1.0 - PRESENT * (1.0 - MISSED)), alike))
         return (1.0 - WRONG_MODEL) / (1.0 + math.exp(min(rest - found, 700.0)))
 
     @cached_property
@@ -105,7 +111,8 @@ class TwoViewPosterior:
         """Probability (n,) that each point has no match."""
         odds, few = self._shown_in_part
         missed = MISSED * max(1.0 - odds, 0.0)  # of what shows enough
-        without = (1.0 - PRESENT + PRESENT * odds * few) / (1.0 - PRESENT + PRESENT * (odds + missed))
+        unlike = (1.0 - PRESENT) * (1.0 + math.exp(min(self.likeness[0], 700.0)))
+        without = (unlike + PRESENT * odds * few) / (unlike + PRESENT * (odds + missed))
         absent = (1.0 - WRONG_MODEL - self.present) * without
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
 
@@ -187,14 +194,14 @@ class TwoViewPosterior:
         return float((e * e).sum(axis=1).min()), max(len(own) - lost, 0)
 
 
-def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0) -> TwoViewPosterior:
-    """The posterior about the poses of proposed assignments (K, n)."""
+def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0, alike: bool = True) -> TwoViewPosterior:
+    """The posterior about the poses of proposed assignments (K, n); ``alike``: whether scenes may be alike."""
     rng = np.random.default_rng([seed, 17])
     assignments = assignments[(assignments >= 0).sum(axis=1) >= model.size - 1]
     if not len(assignments):
         return TwoViewPosterior(model, -math.inf, [])
     checkpoint(SECONDS_PER_PAIR * model.shape[0] * model.shape[1])
-    rows, columns = _possible(model)
+    rows, columns = possible = _possible(model)
     centres = centres_of(model, fitted(model, distinct(assignments)[:NAMED]))
     checkpoint()
     drawn = drawn_about(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
@@ -245,7 +252,8 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0) -> TwoV
         return TwoViewPosterior(model, -math.inf, [])
     total = float(np.logaddexp.reduce(np.concatenate(values)))
     parts = [(poses, np.exp(some - total), sums) for some, (poses, sums) in zip(values, every, strict=True)]
-    return TwoViewPosterior(model, total - math.log(SAMPLES), parts)
+    told = TwoViewPosterior(model, total - math.log(SAMPLES), parts)
+    return replace(told, likeness=alike_odds(told, fits, possible, seed)) if alike else told
 
 
 def _possible(model: TwoViewModel) -> tuple[Integers, Integers]:

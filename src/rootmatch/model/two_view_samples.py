@@ -118,10 +118,8 @@ def about_samples(model: TwoViewModel, centres: Centres, drawn: Samples, weights
 
 def drawn_about(model: TwoViewModel, centres: Centres, count: int, rng: np.random.Generator) -> Samples:
     """Samples about the centres, as many as their shares."""
-    fits, centre = centres.fits, np.repeat(np.arange(len(centres.shares)), centres.counts(count))
-    roots = WIDER * np.linalg.cholesky(fits.covariance)
-    normal = rng.standard_normal((count, model.size)) / np.sqrt(rng.chisquare(FREEDOM, count) / FREEDOM)[:, None]
-    poses = model.moved(fits.poses.take(centre), (roots[centre] @ normal[..., None])[..., 0])
+    fits = centres.fits
+    poses, centre = drawn_poses(model, centres, count, rng)
     of_rate, of_clutter, (shape, scale) = _others(model, fits)
     variance = scale[centre] / rng.gamma(shape[centre])
     rate = np.full(count, model.detection_rate)
@@ -130,21 +128,21 @@ def drawn_about(model: TwoViewModel, centres: Centres, count: int, rng: np.rando
     return Samples(poses, variance, rate, rng.gamma(of_clutter[centre]), centre)
 
 
+def drawn_poses(
+    model: TwoViewModel, centres: Centres, count: int, rng: np.random.Generator
+) -> tuple[Relative, Integers]:
+    """Poses about the centres, as many as their shares, and the centre (count,) of each."""
+    fits, centre = centres.fits, np.repeat(np.arange(len(centres.shares)), centres.counts(count))
+    roots = WIDER * np.linalg.cholesky(fits.covariance)
+    normal = rng.standard_normal((count, model.size)) / np.sqrt(rng.chisquare(FREEDOM, count) / FREEDOM)[:, None]
+    return model.moved(fits.poses.take(centre), (roots[centre] @ normal[..., None])[..., 0]), centre
+
+
 def log_drawn(model: TwoViewModel, centres: Centres, drawn: Samples) -> Floats:
     """Logarithm (K,) of the density of samples, by the whole mixture."""
     from scipy.special import betaln, gammaln  # slow to import
 
-    counts = centres.counts(len(drawn.rate))
-    some = np.flatnonzero(counts)
-    fits, group, size = centres.fits.take(some), centres.group[some], model.size
-    steps, log_area = model.steps_to(fits.poses, drawn.poses)
-    roots = WIDER * np.linalg.cholesky(fits.covariance)
-    white = np.linalg.inv(roots) @ steps.swapaxes(-1, -2)
-    constant = (
-        math.lgamma(0.5 * (FREEDOM + size)) - math.lgamma(0.5 * FREEDOM) - 0.5 * size * math.log(FREEDOM * math.pi)
-    )
-    log = log_area - 0.5 * (FREEDOM + size) * np.log1p((white * white).sum(axis=1) / FREEDOM)
-    share = np.log(counts[some] / counts.sum()) - np.log(np.einsum("caa->ca", roots)).sum(axis=1) + constant
+    log, some = log_drawn_poses(model, centres, drawn.poses)
     # s², δ and Λ are drawn alike about all centres of one fit, and their densities are exponential families
     (a, b), k, (shape, scale) = _others(model, centres.fits)
     factors = np.stack([-(shape + 1.0), -scale, k - 1.0])
@@ -154,9 +152,30 @@ def log_drawn(model: TwoViewModel, centres: Centres, drawn: Samples) -> Floats:
         factors = np.concatenate([factors, [a - 1.0, b - 1.0]])
         of_drawn = np.concatenate([of_drawn, [np.log(drawn.rate), np.log1p(-drawn.rate)]])
         norm -= betaln(a, b)
-    log += (factors.T @ of_drawn + norm[:, None])[group] + share[:, None]
+    log += (factors.T @ of_drawn + norm[:, None])[centres.group[some]]
+    return np.asarray(log_sum(log) - drawn.clutter)
+
+
+def log_drawn_poses(model: TwoViewModel, centres: Centres, poses: Relative) -> tuple[Floats, Integers]:
+    """Logarithm (C, K) of the density of poses about each centre that has any, its share included; those centres."""
+    counts = centres.counts(len(poses.turn))
+    some = np.flatnonzero(counts)
+    fits, size = centres.fits.take(some), model.size
+    steps, log_area = model.steps_to(fits.poses, poses)
+    roots = WIDER * np.linalg.cholesky(fits.covariance)
+    white = np.linalg.inv(roots) @ steps.swapaxes(-1, -2)
+    constant = (
+        math.lgamma(0.5 * (FREEDOM + size)) - math.lgamma(0.5 * FREEDOM) - 0.5 * size * math.log(FREEDOM * math.pi)
+    )
+    log = log_area - 0.5 * (FREEDOM + size) * np.log1p((white * white).sum(axis=1) / FREEDOM)
+    share = np.log(counts[some] / counts.sum()) - np.log(np.einsum("caa->ca", roots)).sum(axis=1) + constant
+    return log + share[:, None], some
+
+
+def log_sum(log: Floats) -> Floats:
+    """Logarithm (…,) of the sum of values with logarithms (C, …)."""
     most = log.max(axis=0)
-    return np.asarray(most + np.log(np.exp(log - most).sum(axis=0)) - drawn.clutter)
+    return np.asarray(most + np.log(np.exp(log - most).sum(axis=0)))
 
 
 def log_prior(model: TwoViewModel, drawn: Samples) -> Floats:
