@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from numba.np.ufunc import parallel
 from typer.testing import CliRunner
 
 from rootmatch.cli import app
@@ -137,6 +138,7 @@ def forked(work: Callable[[], int], logs: Path) -> Command:
     code = 70
     try:
         os.setsid()
+        parallel._set_init_process_lock()  # the other one may be held by a child that was killed
         sys.modules["__main__"] = types.ModuleType("__main__")  # workers need not import that of the tests
         code = work()
     finally:

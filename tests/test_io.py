@@ -238,7 +238,7 @@ def test_camera_files(tmp_path: Path) -> None:
     path.write_text(
         json.dumps({"K": [[900, 0, 5], [0, 901, 6], [0, 0, 1]], "width": 640, "height": 480, "k1": 0.0, "rms": 0.2})
     )
-    assert parse_camera(str(path), "--camera").camera == Camera(900.0, 901.0, 5.0, 6.0)
+    assert parse_camera(str(path), "--camera").camera == Camera(900.0, 901.0, 5.0, 6.0, size=(640, 480))
     assert parse_camera("900, 901,5,6", "--camera").camera == Camera(900.0, 901.0, 5.0, 6.0)
 
 
