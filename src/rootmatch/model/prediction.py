@@ -108,26 +108,32 @@ def proposals_about(
     pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded
     most = options.most_pairs * max(len(model.images), 1)
     known: dict[bytes, Settled] = {}
-    start, torn = None, None
+    start, torn = None, list[tuple[_Looked, Floats]]()
     for _ in range(NARROWER):
         looked = _looked(model, pose, covariance, options, rounds=options.rounds, most=most)
         if not (count := np.count_nonzero(looked.candidates)):
             break
         if count <= most:
-            torn = looked, covariance
-            start = settle(model, pose, covariance, options=options, known=known, looked=looked)
+            try:
+                start = settle(model, pose, covariance, options=options, known=known, looked=looked)
+            except OutOfTime:
+                if not torn:
+                    raise
+                break
+            torn.append((looked, covariance))
             several = count > SEVERAL * np.count_nonzero(looked.candidates.any(axis=1))
             if not several or (start is not None and start.is_convincing(options)):
                 break
         covariance = 0.25 * covariance
-    if torn is None:
+    if not torn:
         return None
     if start is None or not start.is_convincing(options):
-        (looked, covariance), first = torn, torn[0].at.one(0)
         with suppress(OutOfTime):  # what is known by then is handed on
-            for step, narrowed in _narrowed(model, looked, covariance, options):
-                moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
-                settle(model, moved, narrowed, options=options, known=known)
+            for looked, covariance in torn[:: max(len(torn) - 1, 1)]:  # the widest and the narrowest
+                first = looked.at.one(0)
+                for step, narrowed in _narrowed(model, looked, covariance, options):
+                    moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
+                    settle(model, moved, narrowed, options=options, known=known)
     ranked = sorted(known.values(), key=lambda one: -one.log_odds)
     ranked = [one for one in ranked if math.isfinite(one.log_odds)]
     if not ranked:
