@@ -14,7 +14,9 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.model.detection_model import USUAL_RATE
 from rootmatch.model.evidence import evidence
+from rootmatch.tracking.followed_pose import FollowedPose, of_places, tempered
 from rootmatch.tracking.foreign_lights import LIT, TOGETHER, ForeignLights, by_others
+from rootmatch.tracking.motion_filter import MotionFilter
 
 CAMERA = rm.Camera(700.0, 700.0, 640.0, 480.0)
 RATE = 60.0
@@ -112,3 +114,25 @@ def test_a_match_is_no_more_probable_than_when_it_was_met() -> None:
     lights.take(nothing, np.full(7, 0.999), lit, 5.0 / RATE)
     assert lights.most(found, lit, 6.0 / RATE)[2] < 0.75, "what was beside the body is still there"
     assert lights.most(found, lit, 20.0)[2] == 1.0
+
+
+def test_a_hypothesis_gains_nothing_by_being_split() -> None:
+    """What counts for less than it says counts so for both parts together."""
+    whole = tempered(np.log([0.5, 0.5]), np.array([0, 1]), 0.5)
+    split = tempered(np.log([0.5, 0.3, 0.2]), np.array([0, 1, 1]), 0.5)
+    assert split[0] == pytest.approx(whole[0])
+    assert np.logaddexp(*split[1:]) == pytest.approx(whole[1])
+    assert split[1] - split[2] == pytest.approx(0.5 * math.log(1.5))
+
+
+def test_which_points_are_shown_is_no_reason_for_a_place() -> None:
+    pose = MotionFilter(np.eye(3), rm.Pose(np.eye(3), (0.0, 0.0, 1.0), np.eye(6)), 0.0)
+    every = [(0, 0.0, -2.0), (1, -1.0, -1.0), (1, 0.5, -3.0)]
+    poses = [FollowedPose(pose, weight, shown, place=place) for place, weight, shown in every]
+    told = of_places(poses)
+    for place in (0, 1):
+        before = np.logaddexp.reduce([one.total for one in poses if one.place == place])
+        after = np.logaddexp.reduce([one.log_weight for one in told if one.place == place])
+        assert after == pytest.approx(before)
+    assert told[2].log_weight - told[1].log_weight == pytest.approx(1.5)
+    assert of_places(poses[1:]) == poses[1:]

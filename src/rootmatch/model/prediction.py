@@ -122,7 +122,7 @@ def proposals_about(
                 break
             torn.append((looked, covariance))
             several = count > SEVERAL * np.count_nonzero(looked.candidates.any(axis=1))
-            if not several or (start is not None and start.is_convincing(options)):
+            if not several or (start is not None and start.log_odds > 0.0):
                 break
         covariance = 0.25 * covariance
     if not torn:

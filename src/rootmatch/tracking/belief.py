@@ -47,7 +47,7 @@ from rootmatch.tracking.followed_places import (
     odds_alone,
     share_unseen,
 )
-from rootmatch.tracking.followed_pose import FollowedPose, Step, moved_alike
+from rootmatch.tracking.followed_pose import FollowedPose, Step, moved_alike, of_places, tempered
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.two_states import log_chance
@@ -239,7 +239,7 @@ class Belief:
         others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
-        weight = log_share[origin] + often * (each - log_share[origin] - shown) + more
+        weight = log_share[origin] + tempered(each - log_share[origin] - shown, origin, often) + more
         new = elsewhere & (place != place[first])
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         if new.any() and origin[first] >= 0:
@@ -273,7 +273,7 @@ class Belief:
         absent = self._log_absent(time, any(step.origin >= 0 for step in go_on))
         every = [self._after(step, found, modes, time, absent) for step in likely]
         every = moved_alike(every, [step.mode for step in likely], model, modes)
-        known, self.poses = bool(self.poses), [one for one in every if one.log_other < GIVEN_UP]
+        known, self.poses = bool(self.poses), of_places([one for one in every if one.log_other < GIVEN_UP])
         self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)
         share = np.exp([step.total - after[0].total for step in after])
         kept = np.array([step in likely for step in after], np.bool_)

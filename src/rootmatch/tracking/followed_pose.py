@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.parallel_poses import between
@@ -61,6 +64,45 @@ class Step(NamedTuple):
     def total(self) -> float:
         """See `FollowedPose.total`."""
         return self.log_weight + self.shown
+
+
+def tempered(evidence: Floats, origin: Integers, often: float) -> Floats:
+    """Logarithms (M,) of evidence of modes that counts for less; what several of one hypothesis have, counts once.
+
+    Otherwise a hypothesis that a frame splits into two gains by that.
+
+    Parameters
+    ----------
+    evidence : (M,) array
+    origin : (M,) int array
+        The hypothesis of each; −1 for a new one, which each is.
+    often : float
+        Weight of a frame's evidence.
+    """
+    out = often * evidence
+    for one in np.unique(origin[origin >= 0]):
+        own = origin == one
+        if np.count_nonzero(own) > 1:
+            whole, split = (np.logaddexp.reduce(part[own]) for part in (evidence, out))
+            out[own] += often * whole - split
+    return out
+
+
+def of_places(poses: list[FollowedPose]) -> list[FollowedPose]:
+    """Hypotheses of which those of a place weigh together what it has with the last frame.
+
+    Which points a frame shows tells of the poses of a place, for that frame, and is no reason for the place itself.
+    """
+    if len({one.place for one in poses}) < 2:
+        return poses
+    out = []
+    for one in poses:
+        own = [other for other in poses if other.place == one.place]
+        whole, weight = (
+            np.logaddexp.reduce([getattr(other, name) for other in own]) for name in ("total", "log_weight")
+        )
+        out.append(replace(one, log_weight=one.log_weight + float(whole - weight)))
+    return out
 
 
 def moved_alike(
