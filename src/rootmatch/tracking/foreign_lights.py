@@ -139,7 +139,9 @@ def by_others(found: Finding, doubtful: Integers, lit: Floats) -> Floats:
     weight = evidence(model, assignments, at, prior).log_odds
     each = [_log_chance(found, right, doubtful, one) for one in (lit, np.full(len(lit), LIT))]
     weight += np.logaddexp(each[0] + math.log1p(-TOGETHER), each[1] + math.log(TOGETHER))
-    weight = np.exp(weight - weight.max())
+    if not math.isfinite(most := float(weight.max())):
+        return np.zeros(len(doubtful))
+    weight = np.exp(weight - most)
     return np.asarray(weight @ right / weight.sum())
 
 
