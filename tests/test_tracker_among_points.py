@@ -53,15 +53,26 @@ def test_a_camera_that_turns_below_a_ceiling_is_followed() -> None:
 def test_what_turns_below_a_ceiling_is_the_camera() -> None:
     """An unknown turn moves the lamps about the camera; a headset turns about itself."""
     lamps = ceiling(np.random.default_rng(0))
-    for points, place in ((lamps, np.array([3.0, 2.5, -2.4])), (0.1 * lamps, np.array([0.3, 0.2, -2.4]))):
+    below, before, headset = np.array([3.0, 2.5, -2.4]), np.array([0.3, 0.2, -2.4]), 0.1 * lamps
+    for points, place, centre in ((lamps, below, below), (headset, before, headset.mean(axis=0))):
         filter_ = MotionFilter(points, rm.Pose(np.eye(3), -place, 1e-6 * np.eye(6)), 0.0, OPTIONS.motion)
         predicted = filter_.predicted(0.1)
-        centre = points.mean(axis=0) if len(points) and points.max() < 1.0 else place
         arm = np.cross(np.eye(3), centre)  # of the origin, per rotation about each axis
         about = np.eye(6)
         about[3:, :3] = -arm
         covariance = about @ predicted.covariance @ about.T
         assert np.allclose(covariance[:3, 3:], 0.0, atol=1e-3 * np.sqrt(covariance[0, 0] * covariance[3, 3]))
+
+
+def test_a_filter_of_another_body_is_of_its_size() -> None:
+    """A camera that is among the points of one body is in front of another, smaller one."""
+    lamps, place = ceiling(np.random.default_rng(0)), np.array([3.0, 2.5, -2.4])
+    of_lamps = MotionFilter(lamps, rm.Pose(np.eye(3), -place, 1e-6 * np.eye(6)), 0.0, OPTIONS.motion)
+    headset = 0.1 * lamps
+    other = of_lamps.of_body(np.eye(3), np.zeros(3), headset)
+    pose = other.predicted(0.1)
+    other.update(rm.Pose(pose.R, pose.t, 1e-6 * np.eye(6)), 0.1)
+    np.testing.assert_allclose(other.centre, headset.mean(axis=0))
 
 
 def test_a_filter_goes_with_the_camera() -> None:

@@ -126,6 +126,11 @@ class Finding:
             return least_trusted(part.status for part in self.parts.values())
         return self.facts.status
 
+    @property
+    def is_cut(self) -> bool:
+        """Whether the search of a tracker's frame spent the evaluations that it may take."""
+        return self.task.budget is not None and self.evaluated >= self.task.budget
+
     def with_facts(self, **facts: Any) -> Self:
         """A copy with some facts changed, from which another status may follow."""
         return replace(self, facts=replace(self.facts, **facts))

@@ -148,7 +148,7 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             "no trustworthy match: max_seconds ended it before anything was found that is beyond chance; "
             f"give more time, or check {problem.to_check}"
         )
-    if _is_cut(finding):
+    if finding.is_cut:
         return (
             "no trustworthy match: `search_budget` ended the search of this frame before anything was found that is "
             f"beyond chance; raise it in `TrackingOptions`, or check {problem.to_check}"
@@ -161,11 +161,6 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             f"check {problem.to_check} and the noise, or {given}{seen}"
         )
     return advice_on(Status.UNTRUSTED, problem)
-
-
-def _is_cut(finding: Finding) -> bool:
-    """Whether the search of a tracker's frame spent the evaluations that it may take."""
-    return finding.task.budget is not None and finding.evaluated >= finding.task.budget
 
 
 def _is_there(finding: Finding) -> bool:
@@ -214,7 +209,7 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
                 "ambiguous: nothing better was found, but no search meets every pose that explains so few points; "
                 f"{_given([*to_give, 'more detections'])}"
             )
-        more = "raise `search_budget` in `TrackingOptions`" if _is_cut(finding) else "evaluate more hyper-edges"
+        more = "raise `search_budget` in `TrackingOptions`" if finding.is_cut else "evaluate more hyper-edges"
         return (
             f"ambiguous: nothing better was found, but the search ended before it could exclude {missed}; "
             f"{_given([*to_give, 'fewer stray detections'])}, or {more}"

@@ -129,7 +129,7 @@ def proposals_about(
         return None
     if start is None or not start.is_convincing(options):
         with suppress(OutOfTime):  # what is known by then is handed on
-            for looked, covariance in torn[:: max(len(torn) - 1, 1)]:  # the widest and the narrowest
+            for looked, covariance in (torn[0], *torn[1:][-1:]):  # the widest and the narrowest
                 first = looked.at.one(0)
                 for step, narrowed in _narrowed(model, looked, covariance, options):
                     moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]

@@ -117,14 +117,13 @@ class MotionFilter:
     """
 
     def __init__(self, source: Floats, pose: Pose, time: float, options: MotionOptions = DEFAULT_MOTION) -> None:
-        self.middle = self.centre = source.mean(axis=0)
-        self.extent = float(np.linalg.norm(source - self.middle, axis=1).max())
+        self.scale = pose.scale
+        self.middle, self.extent, self.radius = _extents(source, self.scale)
+        self.centre = self.middle
         if len(np.asarray(pose.covariance)) == 6 and self._is_among(-pose.R.T @ pose.t - self.middle):
             self.centre = -pose.R.T @ pose.t
         self.options, self.time, self.factor = options, time, 1.0
         self.R, self.t, covariance = self._centred(pose)
-        self.scale = pose.scale
-        self.radius = self.scale * body_radius(source)
         self.motion = np.zeros(12)
         size = self.rows = len(covariance)
         self.P = np.zeros((size + 12, size + 12))
@@ -154,8 +153,8 @@ class MotionFilter:
     def of_body(self, R: Floats, t: Floats, source: Floats) -> MotionFilter:
         """A filter with the same motion for another body of points (n, 3), which x' = R x + t takes to this one's."""
         other = self.copy()
-        other.centre, other.radius = source.mean(axis=0), self.scale * body_radius(source)
-        other.middle = other.centre
+        other.middle, other.extent, other.radius = _extents(source, self.scale)
+        other.centre = other.middle
         other.R = self.R @ R
         other.t = self.t + self.scale * self.R @ (R @ other.centre + t - self.centre)
         if self.shared is not None:  # its points have errors of their own
@@ -301,3 +300,9 @@ class MotionFilter:
         """The pose of the body's own frame."""
         t, covariance = about_point(R, t, covariance, -self.centre, self.scale)
         return Pose.unchecked(R.copy(), t, 0.5 * (covariance + covariance.T), self.scale)
+
+
+def _extents(source: Floats, scale: float) -> tuple[Floats, float, float]:
+    """Centre of a body's points (n, 3), how far the farthest is from it, and their radius in the target's unit."""
+    middle = source.mean(axis=0)
+    return middle, float(np.linalg.norm(source - middle, axis=1).max()), scale * body_radius(source)

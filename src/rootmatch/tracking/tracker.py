@@ -308,7 +308,7 @@ max_evaluations
             for label, part in self._parts(found).items()
         }
         every_one = all(part.status is Status.MATCHED for part in parts.values())
-        self._length.take(every_one, cut=found.evaluated >= (budget or math.inf))
+        self._length.take(every_one, cut=found.is_cut)
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
