@@ -2,7 +2,8 @@
 
 Runs the tests of the CUDA backend on the GPU, checks whole tensors against the CPU's, and measures
 hyper-edges/s of every kernel in float64, and screened in float32 where there is a kernel, the share of the GPU's peak,
-all hyper-edges of 30 against 30 points in both, and the contraction. DIR/cuda.json has the figures, DIR/cuda.md the
+all hyper-edges of 30 against 30 points in both, from how many hyper-edges on it is quicker than the CPU, and the
+contraction. DIR/cuda.json has the figures, DIR/cuda.md the
 tables for docs/notebook/performance.md.
 
 ``--quick`` uses the smallest sizes: with ``NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1`` the command itself can be tried
@@ -22,6 +23,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 from numba import cuda as numba_cuda
 
@@ -44,6 +46,8 @@ LEAST = {"p3p": (5, 1), "up2p": (5, 1), "3p1": (5, 1)}
 PRECISIONS = {"float64": cuda, "float32": cuda_float32}
 SINGLES_A_CLOCK = {(6, 0): 64, (7, 0): 64, (7, 2): 64, (7, 5): 64, (8, 0): 64}
 """Fused multiply-adds in float32 per multiprocessor and clock, by compute capability; 128 on the others."""
+PANELS = 8
+"""Random panels of slabs whose operations are counted."""
 REACH = {"normalised": 5e9, "exhaustive": 5.0}
 """Goals: P3P hyper-edges/s, and seconds for 30 against 30."""
 
@@ -146,7 +150,7 @@ def operations(rows: list[dict[str, Any]]) -> None:
     from rootmatch.research.speed.operation_count import operations as counted
 
     cases = [(row["problem"], row["kind"], row["shape"][0], row["shape"][1] - row["shape"][0]) for row in rows]
-    for row, count in zip(rows, counted(cases), strict=True):
+    for row, count in zip(rows, counted(cases, PANELS), strict=True):
         row["operations"] = count
 
 
@@ -161,6 +165,49 @@ def exhaustive(kind: str, precision: str, points: int) -> dict[str, Any]:
         "kind": kind, "precision": precision, "points": points, "hyperedges": evaluated, "kept": tensor.size,
         "seconds": time.perf_counter() - started,
     }  # fmt: skip
+
+
+def break_even(points: int, repeats: int) -> dict[str, Any]:
+    """All hyper-edges of P3P of as many source and target points: GPU and CPU, both warm."""
+    work, weigh = enumeration("p3p", "joint", points, 0)
+    spent = {}
+    for name, backend in (("card", cuda), ("processor", cpu)):
+
+        def tensor(backend: Any = backend) -> Any:
+            return exhaustive_tensor(work.tables, work.kind, weigh, work.shape, work.order, backend=backend)
+
+        tensor()
+        spent[name] = seconds(tensor, repeats)
+    count = exhaustive_count(*work.shape, work.order)
+    return {"points": points, "hyperedges": count, **spent, "threads": numba.get_num_threads()}
+
+
+STARTED = """
+import time
+import numpy, rootmatch
+from rootmatch.backends import selection
+from rootmatch.backends.strongest import Enumeration
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.samplers.exhaustive import exhaustive_tensor
+from rootmatch.simulation import p3p_scene
+scene = p3p_scene(n=6, noise=1.0, seed=0)
+tables = scene.problem.prepare(scene.source, scene.target, 1.0)
+weigh = affinity("joint")
+started = time.perf_counter()
+backend = selection.chosen("cuda", 1e12)
+exhaustive_tensor(tables, weigh.residual.kernel_kind(1), weigh, (6, 6), 4, backend=backend)
+print(time.perf_counter() - started)
+"""
+
+
+def start() -> float:
+    """Seconds that a process needs from the choice of the GPU to its first tensor, by compiled kernels on disk."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), *sys.path])}
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", STARTED], env=environment, check=True, capture_output=True, text=True
+        )
+    return float(done.stdout)
 
 
 def contraction(edges: int, n: int, order: int, repeats: int) -> dict[str, Any]:
@@ -202,6 +249,13 @@ def markdown(found: dict[str, Any]) -> str:
         f"| {row['points']} × {row['points']} | `{row['kind']}` | {row['precision']} | {row['hyperedges']:.3g} | "
         f"{row['kept']:,} | {row['seconds']:.2f} |"
         for row in found["exhaustive"]
+    ]
+    lines += ["", f"A process starts the card in {found['start']:.1f} s.", ""]
+    lines += ["| all hyper-edges of P3P `joint` | card | processor | ratio |", "|---|---|---|---|"]
+    lines += [
+        f"| {row['points']} × {row['points']}, {row['hyperedges']:.2g} | {row['card']:.3f} s | "
+        f"{row['processor']:.3f} s, {row['threads']} threads | {row['processor'] / row['card']:.1f} |"
+        for row in found["break_even"]
     ]
     lines += ["", "| contraction | order | card | processor | ratio |", "|---|---|---|---|---|"]
     lines += [
@@ -281,6 +335,8 @@ def main() -> None:
             number = exhaustive_count(points, points, 4)
             said(f"all {number:.3g} hyper-edges of {points} × {points}, {kind}, {precision}")
             found["exhaustive"].append(exhaustive(kind, precision, points))
+    found["start"] = start()
+    found["break_even"] = [break_even(points, repeats) for points in ((5, 6) if quick else (12, 16, 20, 24))]
     counts = ((100, 4, 3),) if quick else ((1_000_000, 20, 3), (5_000_000, 30, 4))
     found["contraction"] = [contraction(edges, n, order, repeats) for edges, n, order in counts]
     compared = (

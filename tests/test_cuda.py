@@ -84,14 +84,18 @@ class TestKernels:
         case = CASES[name]
         work = Enumeration.of(case_tables(case), case.kind(case.pairs), case.shape, case.order, case.mask())
         here = cpu.strongest(work, *case.ranks(work), case.gate, case.limit)
-        np.testing.assert_array_equal(there[f"{name} codes"], here.codes)
-        others = [
-            cpu.strongest(
-                replace(work, tables=moved_by_rounding(work.tables, seed)), *case.ranks(work), case.gate, case.limit
-            ).residuals
-            for seed in range(8)
-        ]
-        check_equal(there[f"{name} residuals"], here.residuals, others)
+        codes, at, of = np.intersect1d(there[f"{name} codes"], here.codes, return_indices=True)
+        # of equal residuals at the limit, rounding chooses
+        assert len(there[f"{name} codes"]) == len(here.codes)
+        assert np.all(np.diff(there[f"{name} codes"]) > 0)
+        assert np.all(np.delete(here.residuals, of) >= (1.0 - SHARP) * here.residuals.max())
+        assert len(codes) > 0.9 * len(here.codes)
+        others = []
+        for seed in range(8):
+            moved = replace(work, tables=moved_by_rounding(work.tables, seed))
+            found = cpu.strongest(moved, *case.ranks(work), case.gate, 10**6)
+            others.append(found.residuals[np.searchsorted(found.codes, codes)])
+        check_equal(there[f"{name} residuals"][at], here.residuals[of], others)
         assert there[f"{name} evaluated"] == here.evaluated
         assert len(here.codes) >= 10
 
@@ -183,7 +187,24 @@ class TestChoice:
         )
         said = run("-c", code, CUDA_VISIBLE_DEVICES="", NUMBA_ENABLE_CUDASIM="0")
         assert "finds no GPU" in said
+        assert "()" not in said
         assert said.count("\n") == 1
+
+    @needs_numba_cuda
+    def test_numba_cuda_that_does_not_work_with_this_numpy(self) -> None:
+        code = (
+            "import sys\n"
+            "import rootmatch as rm\n"
+            "from rootmatch.jit.cuda import make_known\n"
+            "sys.modules['numba.cuda.cudaimpl'] = None\n"
+            "try:\n"
+            "    make_known()\n"
+            "except rm.InputError as error:\n"
+            "    print(error)\n"
+        )
+        said = run("-c", code, NUMBA_ENABLE_CUDASIM="0")
+        assert "another version of numba-cuda or NumPy" in said
+        assert f"NumPy {np.__version__}" in said
 
     @needs_numba_cuda
     def test_a_simulated_card_is_never_preferred(self) -> None:
@@ -231,3 +252,11 @@ def test_strongest_do_not_depend_on_the_order_they_come_in(limit: int, parts: in
     codes, values = kept.settle()
     np.testing.assert_array_equal(codes, best)
     np.testing.assert_array_equal(values, residuals[best])
+
+
+@needs_numba_cuda
+def test_the_benchmark_runs_on_a_simulated_card(tmp_path: Path) -> None:
+    sizes = ("--quick", "--no-tests", "--kinds", "joint", "--output", str(tmp_path))
+    script = FOLDER.parent / "benchmarks" / "gpu.py"
+    run("-W", "ignore", str(script), *sizes, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
+    assert "| p3p | `joint` | float64 | 5 × 6 |" in (tmp_path / "cuda.md").read_text(encoding="utf-8")

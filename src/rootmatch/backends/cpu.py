@@ -43,7 +43,7 @@ PIECE = 1024
 DECODED = 1 << 20
 """Hyper-edges that are decoded between two looks for signals: some hundredths of a second."""
 FIRST_BLOCK = 50_000
-"""Hyper-edges of the first block where there is a deadline: a millisecond or two."""
+"""Hyper-edges of the first block: a millisecond or two."""
 PARTS = 4
 """Ranges of chunks for each thread: where much is found, or forbidden, takes another time."""
 WORTH_A_THREAD = 16384

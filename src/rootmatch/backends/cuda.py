@@ -39,7 +39,7 @@ BLOCKS = 8
 LAUNCH = 1 << 28
 """Hyper-edges per launch: a twentieth of a second, between two checks for progress and Ctrl-C."""
 FIRST_LAUNCH = 1 << 20
-"""Hyper-edges of the first launch where there is a deadline: well below a millisecond."""
+"""Hyper-edges of the first launch: well below a millisecond."""
 LISTED = 1 << 22
 """Given hyper-edges per launch, 32 bytes each."""
 LONGEST = 8

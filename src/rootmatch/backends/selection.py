@@ -27,10 +27,12 @@ def device_backend() -> Backend:
 
     if not cuda.is_available():
         reason = cuda.cuda_error()
-        found = "no NVIDIA card or driver" if reason is None else str(reason).splitlines()[0]
+        found = "no NVIDIA card or driver" if reason is None else str(reason).strip().partition("\n")[0]
         raise InputError(f'backend: "cuda" given, but numba-cuda finds no GPU it can use ({found}); use "cpu"')
     from rootmatch.backends import cuda as backend
+    from rootmatch.jit.cuda import make_known
 
+    make_known()
     return backend
 
 

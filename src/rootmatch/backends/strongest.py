@@ -80,10 +80,6 @@ class Enumeration:
         return max(1, enumeration.exhaustive_count(*self.shape, self.order) // max(self.ranks, 1))
 
 
-PIECE = 1 << 18
-"""Hyper-edges that are moved together to their new places."""
-
-
 class Strongest:
     """Keeps the ``limit`` hyper-edges of least residual out of a stream, and the gate below which more can enter.
 
@@ -101,19 +97,19 @@ class Strongest:
     def add(self, codes: NDArray[np.int64], residuals: NDArray[np.float64]) -> None:
         """Add hyper-edges, one part of the stream."""
         most = self.limit + max(self.limit // 8, 1)
-        while len(codes):
-            taken = min(len(codes), most - self.held)
-            if self.held + taken > len(self.codes):
+        first = 0
+        while first < len(codes):
+            last = first + most - self.held
+            below = residuals[first:last] <= self.gate
+            held = self.held + int(np.count_nonzero(below))
+            if held > len(self.codes):
                 # by half again and again, so that what is held is seldom moved
-                self._resize(min(most, max(self.held + taken, len(self.codes) + len(self.codes) // 2)))
-            self.codes[self.held : self.held + taken] = codes[:taken]
-            self.residuals[self.held : self.held + taken] = residuals[:taken]
-            self.held += taken
-            codes, residuals = codes[taken:], residuals[taken:]
-            if self.held == most:
+                self._resize(min(most, max(held, len(self.codes) + len(self.codes) // 2)))
+            self.codes[self.held : held] = codes[first:last][below]
+            self.residuals[self.held : held] = residuals[first:last][below]
+            self.held, first = held, last
+            if held == most:
                 self._choose()
-                below = residuals <= self.gate
-                codes, residuals = codes[below], residuals[below]
 
     def _resize(self, room: int) -> None:
         self.codes.resize(room, refcheck=False)
@@ -128,13 +124,10 @@ class Strongest:
         keep = residuals < worst
         ties = np.flatnonzero(residuals == worst)
         keep[ties[np.argsort(self.codes[ties])[: self.limit - np.count_nonzero(keep)]]] = True
-        place = 0
-        for first in range(0, self.held, PIECE):
-            some = first + np.flatnonzero(keep[first : first + PIECE])
-            self.codes[place : place + len(some)] = self.codes[some]
-            self.residuals[place : place + len(some)] = self.residuals[some]
-            place += len(some)
-        self.held = place
+        # the last of those that stay move to the places of the first that go
+        free, moved = np.flatnonzero(~keep[: self.limit]), self.limit + np.flatnonzero(keep[self.limit :])
+        self.codes[free], self.residuals[free] = self.codes[moved], self.residuals[moved]
+        self.held = self.limit
         self.gate = min(self.gate, float(worst))
 
     def settle(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -154,7 +147,9 @@ Sweep = Callable[[int, int, Strongest], int]
 def strongest_of(sweep_of: Callable[[Enumeration], Sweep], block: int, first_block: int) -> Callable[..., Found]:
     """`Backend.strongest` by sweeps of an enumeration.
 
-    ``block`` hyper-edges are swept between two looks at the time; where there is a deadline, ``first_block`` at first.
+    ``first_block`` hyper-edges are swept at first and twice as many each time, up to ``block``, between two looks at
+    the time. Each sweep lowers the gate of the next, so that of a large block few pass: to copy and to choose among
+    them takes longer than the sweep.
     """
 
     def strongest(
@@ -167,16 +162,16 @@ def strongest_of(sweep_of: Callable[[Enumeration], Sweep], block: int, first_blo
         deadline: Deadline = NEVER,
     ) -> Found:
         sweep, kept = sweep_of(work), Strongest(limit, gate)
-        step = max(1, block // work.per_slab)
+        most, step = (max(1, size // work.per_slab) for size in (block, first_block))
         total, rank = 0, first
-        pace = Pace(deadline, max(1, first_block // work.per_slab))
+        pace = Pace(deadline, step)
         while rank < last and (slabs := pace.block(step)):
             end = min(rank + slabs, last)
             try:
                 total += sweep(rank, end, kept)
             except OutOfTime:
                 break
-            rank = end
+            rank, step = end, min(2 * step, most)
             if progress is not None:
                 progress(rank - first, last - first)
         return Found(*kept.settle(), total)

@@ -25,11 +25,14 @@ _known: set[Any] = set()
 def make_known() -> None:
     """Tell numba-cuda which kernel serves which types.
 
-    Raises `InputError` where numba-cuda cannot be told: a kernel has to be chosen by type, so nothing runs on the card.
+    Raises `InputError` where numba-cuda cannot be told: a kernel has to be chosen by type, so nothing runs on the card;
+    and where it cannot compile at all.
     """
     if SIMULATED:
         return
     try:
+        # the first kernel imports it; that of numba-cuda 0.30 asks for a function that NumPy 2.5 no longer has
+        from numba.cuda import cudaimpl  # noqa: F401
         from numba.cuda.extending import overload
 
         if not _known:
@@ -41,7 +44,8 @@ def make_known() -> None:
     except MISSING as error:
         raise InputError(
             f'backend: "cuda" needs overloads of numba-cuda, which this version lacks with Numba {numba.__version__} '
-            f'({type(error).__name__}: {error}); install another version of numba-cuda, or use "cpu"'
+            f"and NumPy {np.__version__} ({type(error).__name__}: {error}); install another version of numba-cuda or "
+            'NumPy, or use "cpu"'
         ) from error
 
 
