@@ -76,6 +76,9 @@ class MotionSearch:
         box = np.ptp(clouds.target, axis=0)
         box = np.maximum(box * (self.n_target + 1) / (self.n_target - 1), 2.0 * np.sqrt(2.0 * np.pi * variance))
         self.log_density = math.log(self.n_target) - float(np.log(box).sum())
+        least = clouds.target_variance.min() + (0.0 if clouds.scaled else clouds.source_variance.min())
+        self.most = max(-0.5 * self.dimension * math.log(2.0 * math.pi * least) - self.log_density, 1e-9)
+        """Log-likelihood ratio of a match that is exactly in its place."""
         self.hypotheses: list[MotionHypothesis] = []
         self.evaluated = self.judged = self.tried = 0
 
@@ -92,11 +95,27 @@ class MotionSearch:
     @property
     def missed(self) -> float:
         """Probability that a motion which explains as many points as the best one was never met."""
-        matched = int((self.hypotheses[0].assignment >= 0).sum()) if self.hypotheses else 0
+        return self._missed(self._matched)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether a motion beyond chance that explains as many points as the best one can hardly have been missed."""
+        return self._missed(max(self._matched, 3 + math.ceil(self.level / self.most))) < MISSED
+
+    @property
+    def _matched(self) -> int:
+        """Number of points that the best motion explains."""
+        return int((self.hypotheses[0].assignment >= 0).sum()) if self.hypotheses else 0
+
+    def _missed(self, matched: int) -> float:
+        """Probability that a motion which explains so many points was never met."""
         return math.prod(part.missed(matched) for part in self.parts)
 
     def run(self, budget: int = 500_000_000) -> None:
-        """Try triples until a motion as good as the best one can hardly have been missed, or the budget is spent."""
+        """Try triples until a motion as good as the best one can hardly have been missed, or the budget is spent.
+
+        Where none is beyond chance, one with as many matches as that takes must not have been missed either.
+        """
         # those of the smaller set first: more of them lie in what both sets show
         sides = (0, 1) if self.n <= self.n_target else (1, 0)
         count = LEAST
@@ -105,7 +124,7 @@ class MotionSearch:
                 self._try(side, self.parts[side].triples(count))
                 if any(part.exhausted for part in self.parts):
                     return
-                if self.task.motions == 1 and self.conclusive and self.missed < MISSED:
+                if self.task.motions == 1 and self.is_over:
                     return
             count = min(2 * count, BLOCK)
             if self.task.progress is not None:
@@ -160,7 +179,9 @@ class MotionSearch:
         """Whether the motion of a triple may be none of those that are kept, and of account beside them."""
         least = 0.0
         if self.task.motions == 1 and self.conclusive:
-            least = WORTH * np.count_nonzero(self.hypotheses[0].assignment >= 0)
+            least = WORTH * self._matched
+        if len(self.hypotheses) == KEPT:  # with so many it could at best be kept
+            least = max(least, 3.0 + self.hypotheses[-1].evidence / self.most)
         return explained >= least and not any((one.assignment[triple] == images).all() for one in self.hypotheses)
 
     def _refine(self, motions: Motions) -> None:
