@@ -99,6 +99,8 @@ class PointSetModel:
         Probability that the targets show the source, before they are seen.
     repeated : Clutter, optional
         Clutter with a repetition in it, see `rootmatch.model.repetition`.
+    log_unnamed : float
+        Logarithm by which that is less probable where nothing of the source is among the targets, which names it.
     """
 
     clouds: PointClouds
@@ -109,7 +111,13 @@ class PointSetModel:
     prior: MotionPrior | None = None
     present: float = PRESENT
     repeated: Clutter | None = None
+    log_unnamed: float = 0.0
     _kept: dict[bytes, Judged] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def log_absent(self) -> float:
+        """Logarithm of the odds of clutter alone, before targets are seen."""
+        return math.log(1.0 / self.present - 1.0) - self.log_unnamed
 
     @property
     def log_volume(self) -> float:

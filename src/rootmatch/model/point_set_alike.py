@@ -1,0 +1,144 @@
+"""Two point sets that are alike, and not the same: what stands by one law in both, as trees of streets and racks do.
+
+Two streets whose trees stand every ten metres have many trees near each other at some motion: nearer than by chance,
+but w from their places, where w is larger than the noise. Some of these are within the noise, and at the best of all
+motions many. Against clutter that is evidence for the same points; against an alike scene it is not. So sets may also
+be alike: all points deviate by w more, in one of `repetition.WIDTHS` widths. That is no answer, as a mirror image is
+none. Points that have a target near their place, and not in it, tell the one from the other: the same points have none.
+
+Where the source shows the same points, what is beside them may be alike to others of its points, a period away. So the
+odds of a labelling grow by the odds of its matches and all other targets, as an alike scene, over those of its matches
+alone. A target near the place of a point that has no match is none of these others, as a place holds one point.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.deadline import checkpoint
+from rootmatch.model.modes import uses_of
+from rootmatch.model.point_set_model import Judged, PointSetModel
+from rootmatch.model.repetition import RIVALS, SHARED, WIDTHS, motions_among, spacing_of
+from rootmatch.samplers.point_sets.congruent import grown
+
+ALIKE = 1e-3
+"""Odds that sets are alike over those that they have nothing in common, if the source is not like itself; if it is, one
+is as probable as the other. As of two views: stated, not measured."""
+BEYOND = 2.0
+"""Least width, in σ of a match: a deviation that noise explains makes nothing alike. A round value."""
+NEAR = 2.5
+"""Widths within which a target is near the place of a point. A round value."""
+ROUNDS = 3
+"""Rounds in which a labelling is fitted and takes what is near its motion. A round value."""
+MARGIN = 6.0
+"""By how much an alike scene has to be less probable than the same points, at best, to be left out: it changes their
+probability by a four-hundredth. A round value; it bounds time."""
+FEWEST = 3
+"""Matches that determine a motion."""
+
+
+class Likeness(NamedTuple):
+    """What an alike scene makes of hypotheses."""
+
+    log_odds: float
+    """Logarithm of prior times evidence of an alike scene against clutter alone."""
+    motions: Integers
+    """(G, n) labellings of motions."""
+    log_more: Floats
+    """(G,) logarithm of the factor on the odds of the labellings about each."""
+
+    def log_factors(self, assignments: Integers) -> Floats:
+        """Logarithm (K,) of the factor on the odds of each assignment (K, n)."""
+        factors, matched = np.zeros(len(assignments)), (assignments >= 0).sum(axis=1)
+        for one, more in zip(self.motions[::-1], self.log_more[::-1], strict=True):  # the best one last
+            fewer = np.minimum(matched, int((one >= 0).sum()))
+            factors[((assignments == one) & (one >= 0)).sum(axis=1) >= SHARED * fewer] = more
+        return factors
+
+
+def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
+    """Evidence that the sets are alike, from judged labellings, and what it adds to theirs.
+
+    Nothing, where an alike scene is improbable beside the best of them.
+    """
+    model = replace(model, prior=None)  # nothing is known of the motion of something else
+    clouds, found = model.clouds, proposals.take(motions_among(proposals, least=-np.inf))
+    nothing = Likeness(-math.inf, found.fit.assignments[:0], np.empty(0))
+    if not len(found.log_odds):
+        return nothing
+    squared = float(found.fit.scale[0]) ** 2
+    noise = float(clouds.target_variance.max() + squared * clouds.source_variance.max())
+    widths = 0.25 * spacing_of(model.clutter) * 0.5 ** np.arange(WIDTHS)
+    widths = widths[(widths > BEYOND * math.sqrt(noise)) & _may_count(model, found, widths, noise)]
+    if not len(widths):
+        return nothing
+    rivals = found.take(np.flatnonzero(found.log_odds > 0.0))
+    judged = [_alike(model, found, rivals, width / math.sqrt(squared)) for width in widths]
+    every, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
+    # with what prior odds the source is like itself: what else is like it tells
+    itself = 1.0 / (1.0 + math.exp(min(-math.log(ALIKE) - float(elsewhere) + math.log(WIDTHS), 700.0)))
+    gained = np.maximum(more - own, 0.0)
+    return Likeness(
+        math.log(ALIKE + itself) + float(every) - math.log(WIDTHS),
+        rivals.fit.assignments,
+        np.logaddexp(math.log1p(-itself) if itself < 1.0 else -np.inf, math.log(itself) + gained),
+    )
+
+
+def _may_count(model: PointSetModel, found: Judged, widths: Floats, noise: float) -> Bools:
+    """For which widths (W,) an alike scene may count beside the best labelling, if all other points are in it too."""
+    size, matched = model.clouds.target.shape[1], int((found.fit.assignments[0] >= 0).sum())
+    wider = (noise + widths**2) / noise
+    others = min(len(model.clouds.source), len(model.clouds.target)) - matched
+    each = size * np.log(spacing_of(model.clutter) / np.sqrt(2.0 * math.pi * noise * wider))
+    freedom, chi2 = float(found.fit.dof[0]), float(found.fit.chi2[0])
+    most = 0.5 * chi2 * (1.0 - 1.0 / wider) - 0.5 * freedom * np.log(wider) + others * np.maximum(each, 0.0)
+    return np.asarray(most + min(float(found.log_odds[0]), 0.0) > -MARGIN)
+
+
+def _alike(model: PointSetModel, found: Judged, rivals: Judged, width: float) -> tuple[float, float, Floats, Floats]:
+    """Log-odds at one width, in units of the source: of all labellings, and of the best elsewhere than the first.
+
+    And (G,), about the motions of rivals: of what is matched and all that may be alike to other points, and of what is
+    matched alone.
+    """
+    checkpoint()
+    clouds = model.clouds
+    wide = replace(
+        model, repeated=model.clutter, clouds=clouds._replace(source_variance=clouds.source_variance + width**2)
+    )
+    labels = found.fit.assignments
+    for _ in range(ROUNDS):
+        labels = grown(wide.clouds, labels, model.mirror, model.allowed)
+    judged = wide.judged(labels)
+    best = judged.take(np.argsort(-judged.log_odds, kind="stable")[: 2 * RIVALS])
+    labels, first = best.fit.assignments, found.fit.assignments[0]
+    fewer = np.minimum((labels >= 0).sum(axis=1), int((first >= 0).sum()))
+    apart = ((labels == first) & (first >= 0)).sum(axis=1) < SHARED * fewer
+    matched = uses_of(rivals.fit.assignments, len(clouds.target))
+    labels = np.concatenate([labels, rivals.fit.assignments])  # which have all that is matched
+    more, own = (_with_some(wide, labels, which) for which in (matched | ~_near(rivals, width), matched))
+    return float(np.logaddexp.reduce(best.log_odds)), float(best.log_odds[apart].max(initial=-np.inf)), more, own
+
+
+def _near(rivals: Judged, width: float) -> Bools:
+    """Which targets (G, n') are near the place of a point that has no match."""
+    target, fit = rivals.fit.clouds.target, rivals.fit
+    squared = ((fit.places[0][:, :, None] - target) ** 2).sum(axis=3)
+    near = squared < (NEAR * width * fit.scale[:, None, None]) ** 2
+    return np.asarray((near & (fit.assignments < 0)[:, :, None]).any(axis=1))
+
+
+def _with_some(model: PointSetModel, labels: Integers, which: Bools) -> Floats:
+    """Log-odds (G,) of all labellings (K, n) with some targets (G, n') only; −∞ where that leaves no motion."""
+    parts = np.where((labels >= 0) & which[:, np.maximum(labels, 0)], labels, -1)
+    enough = (parts >= 0).sum(axis=2) >= FEWEST
+    odds = np.full(enough.shape, -np.inf)
+    if enough.any():
+        odds[enough] = model.judged(parts[enough]).log_odds
+    return np.asarray(np.logaddexp.reduce(odds, axis=1))
