@@ -24,6 +24,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.repetition import RIVALS, SHARED, WIDTHS, motions_among, spacing_of
+from rootmatch.problems.points import squared_distances_to
 from rootmatch.samplers.point_sets.congruent import grown
 
 ALIKE = 1e-3
@@ -33,6 +34,8 @@ BEYOND = 2.0
 """Least width, in σ of a match: a deviation that noise explains makes nothing alike. A round value."""
 NEAR = 2.5
 """Widths within which a target is near the place of a point. A round value."""
+REACH = 4.0
+"""Widths within which a point may join an alike motion that is fitted to it. A round value."""
 ROUNDS = 3
 """Rounds in which a labelling is fitted and takes what is near its motion. A round value."""
 MARGIN = 6.0
@@ -64,41 +67,48 @@ class Likeness(NamedTuple):
 def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     """Evidence that the sets are alike, from judged labellings, and what it adds to theirs.
 
-    Nothing, where an alike scene is improbable beside the best of them.
+    Nothing, where an alike scene is improbable beside the best of them, or that is no better than clutter.
     """
     model = replace(model, prior=None)  # nothing is known of the motion of something else
-    clouds, found = model.clouds, proposals.take(motions_among(proposals, least=-np.inf))
-    nothing = Likeness(-math.inf, found.fit.assignments[:0], np.empty(0))
-    if not len(found.log_odds):
+    clouds, nothing = model.clouds, Likeness(-math.inf, proposals.fit.assignments[:0], np.empty(0))
+    if not proposals.log_odds.max(initial=-np.inf) > 0.0:
         return nothing
+    found = proposals.take(motions_among(proposals, least=-np.inf))
     squared = float(found.fit.scale[0]) ** 2
     noise = float(clouds.target_variance.max() + squared * clouds.source_variance.max())
     widths = 0.25 * spacing_of(model.clutter) * 0.5 ** np.arange(WIDTHS)
-    widths = widths[(widths > BEYOND * math.sqrt(noise)) & _may_count(model, found, widths, noise)]
+    widths = widths[widths > BEYOND * math.sqrt(noise)]
+    if not len(widths):
+        return nothing
+    widths = widths[[_most(model, found, width, noise) > float(found.log_odds[0]) - MARGIN for width in widths]]
     if not len(widths):
         return nothing
     rivals = found.take(np.flatnonzero(found.log_odds > 0.0))
     judged = [_alike(model, found, rivals, width / math.sqrt(squared)) for width in widths]
     every, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
-    # with what prior odds the source is like itself: what else is like it tells
-    itself = 1.0 / (1.0 + math.exp(min(-math.log(ALIKE) - float(elsewhere) + math.log(WIDTHS), 700.0)))
+    # whether the source is like itself: what is alike elsewhere tells
+    itself = 1.0 / (1.0 + math.exp(min(math.log(len(widths) / ALIKE) - float(elsewhere), 700.0)))
     gained = np.maximum(more - own, 0.0)
     return Likeness(
-        math.log(ALIKE + itself) + float(every) - math.log(WIDTHS),
+        math.log(ALIKE + itself) + float(every) - math.log(len(widths)),
         rivals.fit.assignments,
-        np.logaddexp(math.log1p(-itself) if itself < 1.0 else -np.inf, math.log(itself) + gained),
+        np.logaddexp(0.0, math.log(max(itself, 1e-300)) + gained),
     )
 
 
-def _may_count(model: PointSetModel, found: Judged, widths: Floats, noise: float) -> Bools:
-    """For which widths (W,) an alike scene may count beside the best labelling, if all other points are in it too."""
-    size, matched = model.clouds.target.shape[1], int((found.fit.assignments[0] >= 0).sum())
-    wider = (noise + widths**2) / noise
-    others = min(len(model.clouds.source), len(model.clouds.target)) - matched
-    each = size * np.log(spacing_of(model.clutter) / np.sqrt(2.0 * math.pi * noise * wider))
-    freedom, chi2 = float(found.fit.dof[0]), float(found.fit.chi2[0])
-    most = 0.5 * chi2 * (1.0 - 1.0 / wider) - 0.5 * freedom * np.log(wider) + others * np.maximum(each, 0.0)
-    return np.asarray(most + min(float(found.log_odds[0]), 0.0) > -MARGIN)
+def _most(model: PointSetModel, found: Judged, width: float, noise: float) -> float:
+    """About the most log-odds of an alike scene of some width: of labellings with all that is near their motions."""
+    fit, size, wider = found.fit, model.clouds.target.shape[1], (noise + width**2) / noise
+    near = squared_distances_to(fit.places[0], fit.clouds.target) < (REACH * width) ** 2
+    near &= ~uses_of(fit.assignments, near.shape[2])[:, None]
+    near &= (fit.assignments < 0)[:, :, None]
+    others = np.minimum(near.any(axis=2).sum(axis=1), near.any(axis=1).sum(axis=1))
+    most = found.log_odds + 0.5 * fit.chi2 * (1.0 - 1.0 / wider) - 0.5 * fit.dof * math.log(wider)
+    each = model.log_volume - 0.5 * size * (math.log(2.0 * math.pi * noise * wider) + 1.0)
+    for k, (matched, more) in enumerate(zip((fit.assignments >= 0).sum(axis=1), others, strict=True)):
+        counts = model.log_counts[matched : matched + more + 1]
+        most[k] += float((np.arange(len(counts)) * each + counts - counts[0]).max())
+    return float(most.max())
 
 
 def _alike(model: PointSetModel, found: Judged, rivals: Judged, width: float) -> tuple[float, float, Floats, Floats]:
@@ -129,8 +139,7 @@ def _alike(model: PointSetModel, found: Judged, rivals: Judged, width: float) ->
 def _near(rivals: Judged, width: float) -> Bools:
     """Which targets (G, n') are near the place of a point that has no match."""
     target, fit = rivals.fit.clouds.target, rivals.fit
-    squared = ((fit.places[0][:, :, None] - target) ** 2).sum(axis=3)
-    near = squared < (NEAR * width * fit.scale[:, None, None]) ** 2
+    near = squared_distances_to(fit.places[0], target) < (NEAR * width * fit.scale[:, None, None]) ** 2
     return np.asarray((near & (fit.assignments < 0)[:, :, None]).any(axis=1))
 
 
