@@ -3,8 +3,9 @@
 Two streets whose trees stand every ten metres have many trees near each other at some motion: nearer than by chance,
 but w from their places, where w is larger than the noise. Some of these are within the noise, and at the best of all
 motions many. Against clutter that is evidence for the same points; against an alike scene it is not. So sets may also
-be alike: all points deviate by w more, in one of `repetition.WIDTHS` widths. That is no answer, as a mirror image is
-none. Points that have a target near their place, and not in it, tell the one from the other: the same points have none.
+be alike: all points deviate by w more, one of the widths of `rootmatch.model.repetition`. That is no answer, as a
+mirror image is none. Points that have a target near their place, and not in it, tell the one from the other: of the
+same points there are none.
 
 Where the source shows the same points, what is beside them may be alike to others of its points, a period away. So the
 odds of a labelling grow by the odds of its matches and all other targets, as an alike scene, over those of its matches
@@ -23,7 +24,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import Judged, PointSetModel
-from rootmatch.model.repetition import RIVALS, SHARED, WIDTHS, motions_among, spacing_of
+from rootmatch.model.repetition import RIVALS, SHARED, motions_among, widths_of
 from rootmatch.problems.points import squared_distances_to
 from rootmatch.samplers.point_sets.congruent import grown
 
@@ -76,12 +77,9 @@ def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     found = proposals.take(motions_among(proposals, least=-np.inf))
     squared = float(found.fit.scale[0]) ** 2
     noise = float(clouds.target_variance.max() + squared * clouds.source_variance.max())
-    widths = 0.25 * spacing_of(model.clutter) * 0.5 ** np.arange(WIDTHS)
-    widths = widths[widths > BEYOND * math.sqrt(noise)]
-    if not len(widths):
-        return nothing
-    widths = widths[[_most(model, found, width, noise) > float(found.log_odds[0]) - MARGIN for width in widths]]
-    if not len(widths):
+    least, level = BEYOND * math.sqrt(noise), float(found.log_odds[0]) - MARGIN
+    widths = [w for w in widths_of(model.clutter).tolist() if w > least and _most(model, found, w, noise) > level]
+    if not widths:
         return nothing
     rivals = found.take(np.flatnonzero(found.log_odds > 0.0))
     judged = [_alike(model, found, rivals, width / math.sqrt(squared)) for width in widths]
@@ -118,10 +116,7 @@ def _alike(model: PointSetModel, found: Judged, rivals: Judged, width: float) ->
     matched alone.
     """
     checkpoint()
-    clouds = model.clouds
-    wide = replace(
-        model, repeated=model.clutter, clouds=clouds._replace(source_variance=clouds.source_variance + width**2)
-    )
+    wide = replace(model, repeated=model.clutter, clouds=model.clouds.off_by(width))
     labels = found.fit.assignments
     for _ in range(ROUNDS):
         labels = grown(wide.clouds, labels, model.mirror, model.allowed)
@@ -130,7 +125,7 @@ def _alike(model: PointSetModel, found: Judged, rivals: Judged, width: float) ->
     labels, first = best.fit.assignments, found.fit.assignments[0]
     fewer = np.minimum((labels >= 0).sum(axis=1), int((first >= 0).sum()))
     apart = ((labels == first) & (first >= 0)).sum(axis=1) < SHARED * fewer
-    matched = uses_of(rivals.fit.assignments, len(clouds.target))
+    matched = uses_of(rivals.fit.assignments, len(model.clouds.target))
     labels = np.concatenate([labels, rivals.fit.assignments])  # which have all that is matched
     more, own = (_with_some(wide, labels, which) for which in (matched | ~_near(rivals, width), matched))
     return float(np.logaddexp.reduce(best.log_odds)), float(best.log_odds[apart].max(initial=-np.inf)), more, own

@@ -73,9 +73,10 @@ def motions_among(found: Judged, least: float = 0.0) -> Integers:
     return np.array(kept, np.int64)
 
 
-def spacing_of(clutter: Clutter) -> float:
-    """Edge of the part of the box that each target has."""
-    return float(clutter.uniform[0] * len(clutter.target)) ** (-1.0 / clutter.target.shape[1])
+def widths_of(clutter: Clutter) -> Floats:
+    """Widths (W,) of repetitions, in parts of the edge of what each target has of the box."""
+    spacing = float(clutter.uniform[0] * len(clutter.target)) ** (-1.0 / clutter.target.shape[1])
+    return np.asarray(0.25 * spacing * 0.5 ** np.arange(WIDTHS))
 
 
 def _motions_between(linear: Floats, shift: Floats, *, of_source: bool) -> tuple[Floats, Floats]:
@@ -111,7 +112,7 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     """
     clutter, clouds = model.clutter, model.clouds
     target, count, size = clutter.target, len(clutter.target), clutter.target.shape[1]
-    widths = 0.25 * spacing_of(clutter) * 0.5 ** np.arange(WIDTHS)
+    widths = widths_of(clutter)
     # along the axes of the box, as clutter has them
     middle, axes = model._space[2:]
     linear, shift = rivals.fit.scale[:, None, None] * rivals.fit.rotation, rivals.fit.shift
