@@ -234,8 +234,7 @@ def test_a_search_ends_once_nothing_beyond_chance_can_have_been_missed() -> None
     search.run()
     assert not search.conclusive
     assert search.tried < motion_search.TRIPLES / 4
-    least = 3 + int(search.level / search.most)  # matches, all of them exact
-    assert search._missed(least + 1) < motion_search.MISSED
+    assert search._missed(search.level) < motion_search.MISSED
 
 
 def test_what_a_search_found_is_judged_though_it_is_not_beyond_chance() -> None:

@@ -33,8 +33,9 @@ ALIKE = 1e-3
 is as probable as the other. As of two views: stated, not measured."""
 BEYOND = 2.0
 """Least width, in σ of a match: a deviation that noise explains makes nothing alike. A round value."""
-NEAR = 2.5
-"""Widths within which a target is near the place of a point. A round value."""
+NEAR = 4.0 / math.sqrt(2.0 * math.pi * math.e)
+"""Deviation, in the largest width times √k, up to which a target is nearer to a place than by chance: up to there
+N(d; 0, w² I) is above the density of targets for the w that makes it largest."""
 REACH = 4.0
 """Widths within which a point may join an alike motion that is fitted to it. A round value."""
 ROUNDS = 3
@@ -82,7 +83,9 @@ def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     if not widths:
         return nothing
     rivals = found.take(np.flatnonzero(found.log_odds > 0.0))
-    judged = [_alike(model, found, rivals, width / math.sqrt(squared)) for width in widths]
+    near = _near(rivals, NEAR * math.sqrt(clouds.target.shape[1]) * float(widths_of(model.clutter)[0]))
+    matched = uses_of(rivals.fit.assignments, len(clouds.target))
+    judged = [_alike(model, found, (matched | ~near, matched), rivals, w / math.sqrt(squared)) for w in widths]
     every, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
     # whether the source is like itself: what is alike elsewhere tells
     itself = 1.0 / (1.0 + math.exp(min(math.log(len(widths) / ALIKE) - float(elsewhere), 700.0)))
@@ -109,11 +112,12 @@ def _most(model: PointSetModel, found: Judged, width: float, noise: float) -> fl
     return float(most.max())
 
 
-def _alike(model: PointSetModel, found: Judged, rivals: Judged, width: float) -> tuple[float, float, Floats, Floats]:
+def _alike(
+    model: PointSetModel, found: Judged, parts: tuple[Bools, Bools], rivals: Judged, width: float
+) -> tuple[float, float, Floats, Floats]:
     """Log-odds at one width, in units of the source: of all labellings, and of the best elsewhere than the first.
 
-    And (G,), about the motions of rivals: of what is matched and all that may be alike to other points, and of what is
-    matched alone.
+    And (G,), about the motions of rivals: of each of some parts of the targets (G, n').
     """
     checkpoint()
     wide = replace(model, repeated=model.clutter, clouds=model.clouds.off_by(width))
@@ -125,16 +129,15 @@ def _alike(model: PointSetModel, found: Judged, rivals: Judged, width: float) ->
     labels, first = best.fit.assignments, found.fit.assignments[0]
     fewer = np.minimum((labels >= 0).sum(axis=1), int((first >= 0).sum()))
     apart = ((labels == first) & (first >= 0)).sum(axis=1) < SHARED * fewer
-    matched = uses_of(rivals.fit.assignments, len(model.clouds.target))
     labels = np.concatenate([labels, rivals.fit.assignments])  # which have all that is matched
-    more, own = (_with_some(wide, labels, which) for which in (matched | ~_near(rivals, width), matched))
+    more, own = (_with_some(wide, labels, which) for which in parts)
     return float(np.logaddexp.reduce(best.log_odds)), float(best.log_odds[apart].max(initial=-np.inf)), more, own
 
 
-def _near(rivals: Judged, width: float) -> Bools:
+def _near(rivals: Judged, distance: float) -> Bools:
     """Which targets (G, n') are near the place of a point that has no match."""
     target, fit = rivals.fit.clouds.target, rivals.fit
-    near = squared_distances_to(fit.places[0], target) < (NEAR * width * fit.scale[:, None, None]) ** 2
+    near = squared_distances_to(fit.places[0], target) < distance**2
     return np.asarray((near & (fit.assignments < 0)[:, :, None]).any(axis=1))
 
 
