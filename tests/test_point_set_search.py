@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.deadline import NEVER
+from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.points import distances
 from rootmatch.samplers.point_sets import motion_search, triangles
+from rootmatch.samplers.point_sets.congruent import congruent_labellings
 from rootmatch.samplers.point_sets.motion_search import MotionSearch
 from rootmatch.samplers.point_sets.motions import fitted_motions
 from rootmatch.samplers.point_sets.shown_parts import LOST, ORDERS, ShownParts
@@ -223,3 +225,39 @@ def test_markers_that_look_alike_turned_by_half_are_ambiguous() -> None:
 def test_points_that_settle_no_dimension_are_refused(source: object) -> None:
     with pytest.raises(rm.InputError, match="source"):
         rm.match(source, np.eye(3), rm.Rigid())  # type: ignore[arg-type]
+
+
+def test_a_search_ends_once_nothing_beyond_chance_can_have_been_missed() -> None:
+    rng = np.random.default_rng(1500)
+    source, target = rng.uniform(-100.0, 100.0, (2, 20, 3))
+    search = search_of(rm.Rigid(3), source, target, 1.0)
+    search.run()
+    assert not search.conclusive
+    assert search.tried < motion_search.TRIPLES / 4
+    assert search._missed(search.level) < motion_search.MISSED
+
+
+def test_what_a_search_found_is_judged_though_it_is_not_beyond_chance() -> None:
+    """No sweep takes its place: hyper-edges tell the model of two point sets nothing."""
+    rng = np.random.default_rng(1501)
+    source, target = rng.uniform(-100.0, 100.0, (2, 30, 3))
+    task = MatchingTask.of(rm.Rigid(3), source, target, noise=1.0)
+    sampled = sample(task)
+    assert not sampled.conclusive
+    assert sampled.assignments is not None
+    assert sampled.evaluated < task.sampling_task.sweep_cost / 4
+
+
+def test_motions_that_explain_their_own_triple_alone_are_of_no_account() -> None:
+    source, target, _ = fiducials(rm.Rigid(3), 2, 15, 12, 5, 0.01)
+    task = MatchingTask.of(rm.Rigid(3), source, target, noise=0.01).sampling_task
+    assert task.clouds is not None
+    found = congruent_labellings(task.clouds, mirror=False).proper
+    matched = (found >= 0).sum(axis=1)
+    assert (matched == 3).mean() < 0.1  # those that lost a point when their motion was fitted
+    assert matched.max() == 12
+    few, seen, _ = fiducials(rm.Rigid(3), 2, 6, 4, 3, 0.01)
+    task = MatchingTask.of(rm.Rigid(3), few, seen, noise=0.01).sampling_task
+    assert task.clouds is not None
+    matched = (congruent_labellings(task.clouds, mirror=False).proper >= 0).sum(axis=1)
+    assert (matched.min(), matched.max()) == (3, 4)

@@ -153,7 +153,7 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)
     fallback = automatic and options.motions == 1 and sampling.sweep_cost <= affordable
-    fallback = fallback and not searches_focal_lengths(sampling)
+    fallback = fallback and not searches_focal_lengths(sampling) and not _motions_decide(task)
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
     if fallback and _searched_first(task):
@@ -190,10 +190,19 @@ def _relative_poses_decide(task: MatchingTask) -> bool:
     The score of all hyper-edges names worse assignments: of 79 pairs of a robot on a floor with seven points and more
     in both images 45 were trusted then, and 74 with the search, none wrong (seeds from 1000).
     """
+    return _poses_decide(task) and task.sampling_task.views is not None
+
+
+def _motions_decide(task: MatchingTask) -> bool:
+    """Whether motions between two point sets are judged by their model, to which other hyper-edges tell nothing."""
+    return _poses_decide(task) and task.sampling_task.clouds is not None
+
+
+def _poses_decide(task: MatchingTask) -> bool:
+    """Whether poses judge the result, where a search can find them."""
     options = task.options
     default = options.solver is None and options.backend not in selection.ON_CARD
-    in_noise = task.affinity.residual.kind in NOISE_KINDS
-    return default and in_noise and options.motions == 1 and task.sampling_task.views is not None
+    return default and task.affinity.residual.kind in NOISE_KINDS and options.motions == 1
 
 
 def _for_workers(sampler: Any, backend: selection.Name) -> str:

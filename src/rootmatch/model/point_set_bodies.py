@@ -55,7 +55,7 @@ def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -
 
 def _hypotheses(model: PointSetModel, found: Weighed, count: int) -> tuple[Bools, Floats]:
     """Targets (K, n') and log-odds (K,) of a body's labellings, and of its best mirror image, which is no answer."""
-    used, odds = uses_of(found.assignments, count), math.log(model.present) - math.log1p(-model.present)
+    used, odds = uses_of(found.assignments, count), -model.log_absent
     if found.mirrored is None or not math.isfinite(found.log_mirrored):
         return used, found.log_mass + odds
     image = uses_of(found.mirrored[None], count)

@@ -99,6 +99,8 @@ class PointSetModel:
         Probability that the targets show the source, before they are seen.
     repeated : Clutter, optional
         Clutter with a repetition in it, see `rootmatch.model.repetition`.
+    log_unnamed : float
+        Logarithm by which that is less probable where nothing of the source is among the targets, which names it.
     """
 
     clouds: PointClouds
@@ -109,7 +111,13 @@ class PointSetModel:
     prior: MotionPrior | None = None
     present: float = PRESENT
     repeated: Clutter | None = None
+    log_unnamed: float = 0.0
     _kept: dict[bytes, Judged] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def log_absent(self) -> float:
+        """Logarithm of the odds of clutter alone, before targets are seen."""
+        return math.log(1.0 / self.present - 1.0) - self.log_unnamed
 
     @property
     def log_volume(self) -> float:
@@ -139,7 +147,7 @@ class PointSetModel:
         held = np.where((first := factors.argmax(axis=0)) < predicted, first, -1)
         known = np.zeros(len(total)) if self.prior is None else total
         matched = (assignments >= 0).sum(axis=1)
-        odds = self.log_density(fit) - self.log_volume + self._log_counts[matched] - self._log_clutter(fit)
+        odds = self.log_density(fit) - self.log_volume + self.log_counts[matched] - self._log_clutter(fit)
         return Judged(fit, np.asarray(odds + self._log_weights(assignments) + total), known, held)
 
     def judged_one(self, assignment: Integers) -> Judged:
@@ -261,7 +269,7 @@ class PointSetModel:
         one = fit if len(fit.scale) == 1 else fit.take(slice(k, k + 1))
         assignment = one.assignments[0]
         n, n_target = len(self.clouds.source), len(self.clouds.target)
-        counts, own = self._log_counts, assignment >= 0
+        counts, own = self.log_counts, assignment >= 0
         matched = int(own.sum())
         # an added match is the last of m + 1, an existing one the last of m
         more = counts[min(matched + 1, n, n_target)] - counts[min(matched, n - 1, n_target - 1)]
@@ -284,7 +292,7 @@ class PointSetModel:
         return np.asarray(gains)
 
     @cached_property
-    def _log_counts(self) -> Floats:
+    def log_counts(self) -> Floats:
         """Logarithm, by the number of matches, of two factors of the odds, with clutter about hidden points."""
         n, n_target = len(self.clouds.source), len(self.clouds.target)
         counts = _log_counts(n, n_target, self.detection_rate)

@@ -12,9 +12,10 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.labelling_sums import SHARED, LabellingSums, same_motion
 from rootmatch.model.modes import uses_of
+from rootmatch.model.point_set_alike import Likeness, likeness
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import COPY, WRONG_MODEL
-from rootmatch.model.weighed_labellings import weighed
+from rootmatch.model.weighed_labellings import Weighed, weighed
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +157,13 @@ def posterior(
     found = weighed(model, proposals, mirrored, judged=judged)
     if not len(found.assignments):
         return PointSetPosterior(found.assignments, found.log_mass)
-    absent = math.log(1.0 / model.present - 1.0)
-    top = max(float(found.log_mass[0]), absent)
-    weights = np.exp(found.log_mass - top) * _with_copies(model, found.assignments, found.log_odds)
-    other = math.exp(absent - top) + math.exp(min(found.log_mirrored - top, 700.0))
+    alike = likeness(model, model.judged(proposals) if judged is None else judged)
+    mass = found.log_mass + _log_beside(model, found, alike)
+    absent = model.log_absent
+    top = max(float(mass.max()), absent)
+    weights = np.exp(mass - top)
+    others = absent, found.log_mirrored, alike.log_odds + absent + model.log_unnamed
+    other = sum(math.exp(min(one - top, 700.0)) for one in others)
     return ordered(found.assignments, weights / (weights.sum() + other), found.sums)
 
 
@@ -169,17 +173,16 @@ def ordered(assignments: Integers, probabilities: Floats, sums: Sequence[Labelli
     return PointSetPosterior(assignments[order], probabilities[order], sums)
 
 
-def _with_copies(model: PointSetModel, assignments: Integers, odds: Floats) -> Floats:
-    """Factors (K,) by which a copy of the object elsewhere, which nobody named, changes the weights of hypotheses.
+def _log_beside(model: PointSetModel, found: Weighed, alike: Likeness) -> Floats:
+    """Logarithms (K,) of factors by which what is beside a labelling changes its weight: a copy, or what is alike.
 
-    Where two may be in the scene, either may be the one asked for. ``odds`` (K,): without what is known of the motion,
-    which tells nothing of a copy. The first hypothesis has the factor 1.
+    Where two may be in the scene, either may be the one asked for, and a copy elsewhere, which nobody named, is weighed
+    without what is known of the motion. It makes the first hypothesis no more probable.
     """
-    used = uses_of(assignments, len(model.clouds.target))
-    apart = ~(used @ used.T)
-    if not apart.any():
-        return np.ones(len(odds))
-    of_copy = np.where(apart, odds + math.log(COPY), -np.inf)
-    highest = np.maximum(of_copy.max(axis=1), 0.0)
-    factors = highest + np.log(np.exp(-highest) + np.exp(of_copy - highest[:, None]).sum(axis=1))
-    return np.asarray(np.exp(np.minimum(factors - factors[0], 700.0)))
+    used = uses_of(found.assignments, len(model.clouds.target))
+    of_copy = np.where(~(used @ used.T), found.log_odds + math.log(COPY), -np.inf)
+    copies = np.logaddexp(0.0, np.logaddexp.reduce(of_copy, axis=1))
+    more = alike.log_factors(found.assignments)
+    own = more > 0.0
+    copies[own] = np.logaddexp(copies[own], np.log(np.expm1(more[own])))
+    return np.asarray(copies - np.logaddexp(0.0, np.logaddexp.reduce(of_copy[0])))

@@ -46,13 +46,13 @@ def with_repetition(model: PointSetModel, proposals: Judged) -> tuple[PointSetMo
 
     What the best labelling leaves has to be more probable with them: the image of an object repeats as it does itself.
     """
-    rivals = _rivals(proposals)
+    rivals = motions_among(proposals)
     if len(rivals) < 2 or len(model.clouds.target) > MOST:
         return model, proposals
     found = _repeated(model, proposals.take(rivals))
     if found is None:
         return model, proposals
-    own = replace(model, repeated=found[0], present=1.0 / (1.0 + (1.0 / model.present - 1.0) * math.exp(-found[2])))
+    own = replace(model, repeated=found[0], log_unnamed=found[2])
     judged, every = own.judged(proposals.fit.assignments), np.ones((1, len(model.clouds.target)), np.bool_)
     of_clutter = [one.log_taken(every, np.zeros(every.shape))[0] for one in (model.clutter, found[0])]
     with_it, without = (float(one.log_odds.max()) for one in (judged, proposals))
@@ -60,12 +60,10 @@ def with_repetition(model: PointSetModel, proposals: Judged) -> tuple[PointSetMo
     return (own, judged) if counts else (model, proposals)
 
 
-def _rivals(found: Judged) -> Integers:
-    """Labellings of different motions that are better than clutter alone, the best first."""
+def motions_among(found: Judged, least: float = 0.0) -> Integers:
+    """Labellings of different motions with more than some log-odds, the best first: at most `RIVALS`."""
     assignments, kept = found.fit.assignments, list[int]()
-    if len(assignments) == 1:
-        return np.empty(0, np.int64)
-    better = np.flatnonzero(found.log_odds > 0.0)
+    better = np.flatnonzero(found.log_odds > least)
     left = better[np.argsort(-found.log_odds[better], kind="stable")]
     while len(left) and len(kept) < RIVALS:
         one, others = assignments[left[0]], assignments[left]
@@ -73,6 +71,12 @@ def _rivals(found: Judged) -> Integers:
         fewer = np.minimum((others >= 0).sum(axis=1), int((one >= 0).sum()))
         left = left[((others == one) & (one >= 0)).sum(axis=1) < SHARED * fewer]
     return np.array(kept, np.int64)
+
+
+def widths_of(clutter: Clutter) -> Floats:
+    """Widths (W,) of repetitions, in parts of the edge of what each target has of the box."""
+    spacing = float(clutter.uniform[0] * len(clutter.target)) ** (-1.0 / clutter.target.shape[1])
+    return np.asarray(0.25 * spacing * 0.5 ** np.arange(WIDTHS))
 
 
 def _motions_between(linear: Floats, shift: Floats, *, of_source: bool) -> tuple[Floats, Floats]:
@@ -108,8 +112,7 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     """
     clutter, clouds = model.clutter, model.clouds
     target, count, size = clutter.target, len(clutter.target), clutter.target.shape[1]
-    spacing = float(clutter.uniform[0] * count) ** (-1.0 / size)
-    widths = 0.25 * spacing * 0.5 ** np.arange(WIDTHS)
+    widths = widths_of(clutter)
     # along the axes of the box, as clutter has them
     middle, axes = model._space[2:]
     linear, shift = rivals.fit.scale[:, None, None] * rivals.fit.rotation, rivals.fit.shift

@@ -134,7 +134,7 @@ def weighed(
     mass = np.log(np.maximum(equal, 1e-300)) + known + most
     image = _mirrored(model, mirrored, assignments, found.log_odds)
     sums = []
-    in_question = np.logaddexp.reduce(mass) > max(image[1], math.log(1.0 / model.present - 1.0)) - WORTH
+    in_question = np.logaddexp.reduce(mass) > max(image[1], model.log_absent) - WORTH
     if in_question and len(odds) >= KEPT and np.sort(odds)[-KEPT] > most - NEGLIGIBLE:
         sums = _summed(model, assignments, found.log_odds)
         left = np.ones(len(assignments), np.bool_)  # what is about two motions counts for the better one

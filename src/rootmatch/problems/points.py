@@ -137,6 +137,14 @@ class PointClouds(NamedTuple):
         """The same with the mean noise of the axes, as searches take it."""
         return self._replace(source_covariance=None, target_covariance=None)
 
+    def off_by(self, width: float) -> PointClouds:
+        """The same with source points that deviate by so much more, along each axis."""
+        known = self.source_covariance
+        return self._replace(
+            source_variance=self.source_variance + width**2,
+            source_covariance=None if known is None else known + width**2 * np.eye(self.source.shape[1]),
+        )
+
     def covariances(self, linear: Floats) -> tuple[Floats, Floats]:
         """Covariances (…, n, k, k) of source points, as motions (…, k, k), scale · R, turn them, and of targets.
 

@@ -15,7 +15,7 @@ from rootmatch.deadline import in_force
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.points import PointClouds, distances
 from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
-from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
+from rootmatch.samplers.point_sets.motions import Motions, fitted_motions, joined_motions
 
 GATE = 4.5
 """Deviation in σ up to which distances within a triple agree. A round value: a labelling is lost only if all of its
@@ -75,13 +75,12 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | Non
     clouds = clouds.with_means
     source, target = _alike(clouds, allowed)
     cut = len(source) == MOST_MOTIONS
-    proper = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, mirror)]
-    found = grown(clouds, _distinct(proper, 3), mirror, allowed)
+    found = grown(clouds, _labelled_by(clouds, _motions(clouds, source, target, mirror), allowed), mirror, allowed)
     most = int((found >= 0).sum(axis=1).max(initial=2))
     if mirror or most >= min(len(clouds.source), len(clouds.target)):
         return Labellings(found, found[:0], len(source), cut)
-    mirrored = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, True)[-1:]]
-    return Labellings(found, grown(clouds, _distinct(mirrored, most + 1), True, allowed), 2 * len(source), cut)
+    mirrored = _labelled_by(clouds, _motions(clouds, source, target, True)[-1:], allowed, most + 1)
+    return Labellings(found, grown(clouds, mirrored, True, allowed), 2 * len(source), cut)
 
 
 def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | None) -> Integers:
@@ -207,9 +206,27 @@ def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bo
     return motions
 
 
-def _labelled_by(clouds: PointClouds, motions: Motions, allowed: Bools | None) -> Integers:
-    """Labellings (H, n) by motions of triples, of the first of them where a deadline passes."""
-    return _in_parts(clouds, len(motions.scale), lambda some: motions.take(some).squares(clouds), WIDE, allowed)
+def _labelled_by(
+    clouds: PointClouds, kinds: list[Motions], allowed: Bools | None, least: int | None = None
+) -> Integers:
+    """Distinct labellings (H, n) by motions of triples, of the first of them where a deadline passes.
+
+    ``least``: fewest matches; three by default, but where a motion explains more than twice as many points, those that
+    explain no more than the triple that names them are of no account.
+    """
+    motions = joined_motions(kinds)
+    step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
+    explained = np.zeros(len(motions.scale), np.int64)
+    for first in range(0, len(explained), step):
+        if first and in_force().passed():
+            break
+        part = slice(first, first + step)
+        explained[part] = motions.take(part).explained(clouds, WIDE, allowed)
+    if least is None:
+        least = 3 + int(explained.max(initial=0) > 6)
+    motions = motions.take(np.flatnonzero(explained >= least))
+    labelled = _in_parts(clouds, len(motions.scale), lambda some: motions.take(some).squares(clouds), WIDE, allowed)
+    return _distinct([labelled], least)
 
 
 def _in_parts(

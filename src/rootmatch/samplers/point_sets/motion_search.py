@@ -30,7 +30,7 @@ TRIPLES, LEAST, BLOCK = 6_000, 12, 64
 """Most triples that are tried, and least, however clear the best motion is, and how many at once later on: three of ten
 matched points in a hundred are among so many with 99.5 %."""
 MISSED = 0.005
-"""Probability at which a motion that explains as many points as the best one may have been missed."""
+"""Probability at which a motion that explains as much as the best one may have been missed."""
 WIDE_GATE = 8.0
 """Deviation in σ within which a point counts for the motion of a triple, whose own error it covers too."""
 REFINED = 4
@@ -76,6 +76,9 @@ class MotionSearch:
         box = np.ptp(clouds.target, axis=0)
         box = np.maximum(box * (self.n_target + 1) / (self.n_target - 1), 2.0 * np.sqrt(2.0 * np.pi * variance))
         self.log_density = math.log(self.n_target) - float(np.log(box).sum())
+        least = clouds.target_variance.min() + (0.0 if clouds.scaled else clouds.source_variance.min())
+        self.most = max(-0.5 * self.dimension * math.log(2.0 * math.pi * least) - self.log_density, 1e-9)
+        """Log-likelihood ratio of a match that is exactly in its place."""
         self.hypotheses: list[MotionHypothesis] = []
         self.evaluated = self.judged = self.tried = 0
 
@@ -91,12 +94,25 @@ class MotionSearch:
 
     @property
     def missed(self) -> float:
-        """Probability that a motion which explains as many points as the best one was never met."""
-        matched = int((self.hypotheses[0].assignment >= 0).sum()) if self.hypotheses else 0
+        """Probability that a motion which explains as much as the best one was never met."""
+        return self._missed(self.hypotheses[0].evidence) if self.hypotheses else 1.0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether a motion beyond chance with as much evidence as the best one can hardly have been missed."""
+        best = self.hypotheses[0].evidence if self.hypotheses else 0.0
+        return self._missed(max(best, self.level)) < MISSED
+
+    def _missed(self, evidence: float) -> float:
+        """Probability that a motion with so much evidence, by matches that noise puts off their places, was not met."""
+        matched = 3 + math.ceil(evidence / max(self.most - 0.5 * self.dimension, 1e-9))
         return math.prod(part.missed(matched) for part in self.parts)
 
     def run(self, budget: int = 500_000_000) -> None:
-        """Try triples until a motion as good as the best one can hardly have been missed, or the budget is spent."""
+        """Try triples until a motion as good as the best one can hardly have been missed, or the budget is spent.
+
+        Where none is beyond chance, one with as much evidence as that takes must not have been missed either.
+        """
         # those of the smaller set first: more of them lie in what both sets show
         sides = (0, 1) if self.n <= self.n_target else (1, 0)
         count = LEAST
@@ -105,7 +121,7 @@ class MotionSearch:
                 self._try(side, self.parts[side].triples(count))
                 if any(part.exhausted for part in self.parts):
                     return
-                if self.task.motions == 1 and self.conclusive and self.missed < MISSED:
+                if self.task.motions == 1 and self.is_over:
                     return
             count = min(2 * count, BLOCK)
             if self.task.progress is not None:
@@ -161,6 +177,8 @@ class MotionSearch:
         least = 0.0
         if self.task.motions == 1 and self.conclusive:
             least = WORTH * np.count_nonzero(self.hypotheses[0].assignment >= 0)
+        if len(self.hypotheses) == KEPT:  # with so many it could at best be kept
+            least = max(least, 3.0 + self.hypotheses[-1].evidence / self.most)
         return explained >= least and not any((one.assignment[triple] == images).all() for one in self.hypotheses)
 
     def _refine(self, motions: Motions) -> None:

@@ -22,7 +22,7 @@ class Motions(NamedTuple):
     scale: Floats
     """(H,)."""
 
-    def take(self, which: NDArray[np.integer]) -> Motions:
+    def take(self, which: NDArray[np.integer] | slice) -> Motions:
         """A subset of these motions."""
         return Motions(self.linear[which], self.shift[which], self.scale[which])
 

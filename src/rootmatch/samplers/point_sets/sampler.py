@@ -22,9 +22,10 @@ def point_set_tensor(task: SamplingTask, clouds: PointClouds, options: GuidedOpt
         search.run(options.budget)
     sampled = sampled_among(
         task, search.clusters, options, search.rng, search.evaluated,
+        later=task.later and task.motions == 1 and not task.deadline.is_set,
         chance_samples=CHANCE_SAMPLES,
         conclusive=search.conclusive,
         assignments=search.assignments() if task.motions == 1 else None,
         missed=search.missed,
     )  # fmt: skip
-    return sampled._replace(chance_weight=sampled.chance, evaluated=sampled.evaluated + CHANCE_SAMPLES)
+    return sampled._replace(evaluated=sampled.evaluated + CHANCE_SAMPLES)

@@ -1,0 +1,151 @@
+"""Two point sets that are alike, and not the same: what stands by one law in both, as trees of streets and racks do.
+
+Two streets whose trees stand every ten metres have many trees near each other at some motion: nearer than by chance,
+but w from their places, where w is larger than the noise. Some of these are within the noise, and at the best of all
+motions many. Against clutter that is evidence for the same points; against an alike scene it is not. So sets may also
+be alike: all points deviate by w more, one of the widths of `rootmatch.model.repetition`. That is no answer, as a
+mirror image is none. Points that have a target near their place, and not in it, tell the one from the other: of the
+same points there are none.
+
+Where the source shows the same points, what is beside them may be alike to others of its points, a period away. So the
+odds of a labelling grow by the odds of its matches and all other targets, as an alike scene, over those of its matches
+alone. A target near the place of a point that has no match is none of these others, as a place holds one point.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.deadline import checkpoint
+from rootmatch.model.modes import uses_of
+from rootmatch.model.point_set_model import Judged, PointSetModel
+from rootmatch.model.repetition import RIVALS, SHARED, motions_among, widths_of
+from rootmatch.problems.points import squared_distances_to
+from rootmatch.samplers.point_sets.congruent import grown
+
+ALIKE = 1e-3
+"""Odds that sets are alike over those that they have nothing in common, if the source is not like itself; if it is, one
+is as probable as the other. As of two views: stated, not measured."""
+BEYOND = 2.0
+"""Least width, in σ of a match: a deviation that noise explains makes nothing alike. A round value."""
+NEAR = 4.0 / math.sqrt(2.0 * math.pi * math.e)
+"""Deviation, in the largest width times √k, up to which a target is nearer to a place than by chance: up to there
+N(d; 0, w² I) is above the density of targets for the w that makes it largest."""
+REACH = 4.0
+"""Widths within which a point may join an alike motion that is fitted to it. A round value."""
+ROUNDS = 3
+"""Rounds in which a labelling is fitted and takes what is near its motion. A round value."""
+MARGIN = 6.0
+"""By how much an alike scene has to be less probable than the same points, at best, to be left out: it changes their
+probability by a four-hundredth. A round value; it bounds time."""
+FEWEST = 3
+"""Matches that determine a motion."""
+
+
+class Likeness(NamedTuple):
+    """What an alike scene makes of hypotheses."""
+
+    log_odds: float
+    """Logarithm of prior times evidence of an alike scene against clutter alone."""
+    motions: Integers
+    """(G, n) labellings of motions."""
+    log_more: Floats
+    """(G,) logarithm of the factor on the odds of the labellings about each."""
+
+    def log_factors(self, assignments: Integers) -> Floats:
+        """Logarithm (K,) of the factor on the odds of each assignment (K, n)."""
+        factors, matched = np.zeros(len(assignments)), (assignments >= 0).sum(axis=1)
+        for one, more in zip(self.motions[::-1], self.log_more[::-1], strict=True):  # the best one last
+            fewer = np.minimum(matched, int((one >= 0).sum()))
+            factors[((assignments == one) & (one >= 0)).sum(axis=1) >= SHARED * fewer] = more
+        return factors
+
+
+def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
+    """Evidence that the sets are alike, from judged labellings, and what it adds to theirs.
+
+    Nothing, where an alike scene is improbable beside the best of them, or that is no better than clutter.
+    """
+    model = replace(model, prior=None)  # nothing is known of the motion of something else
+    clouds, nothing = model.clouds, Likeness(-math.inf, proposals.fit.assignments[:0], np.empty(0))
+    if not proposals.log_odds.max(initial=-np.inf) > 0.0:
+        return nothing
+    found = proposals.take(motions_among(proposals, least=-np.inf))
+    squared = float(found.fit.scale[0]) ** 2
+    noise = float(clouds.target_variance.max() + squared * clouds.source_variance.max())
+    least, level = BEYOND * math.sqrt(noise), float(found.log_odds[0]) - MARGIN
+    widths = [w for w in widths_of(model.clutter).tolist() if w > least and _most(model, found, w, noise) > level]
+    if not widths:
+        return nothing
+    rivals = found.take(np.flatnonzero(found.log_odds > 0.0))
+    near = _near(rivals, NEAR * math.sqrt(clouds.target.shape[1]) * float(widths_of(model.clutter)[0]))
+    matched = uses_of(rivals.fit.assignments, len(clouds.target))
+    judged = [_alike(model, found, (matched | ~near, matched), rivals, w / math.sqrt(squared)) for w in widths]
+    every, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
+    # whether the source is like itself: what is alike elsewhere tells
+    itself = 1.0 / (1.0 + math.exp(min(math.log(len(widths) / ALIKE) - float(elsewhere), 700.0)))
+    gained = np.maximum(more - own, 0.0)
+    return Likeness(
+        math.log(ALIKE + itself) + float(every) - math.log(len(widths)),
+        rivals.fit.assignments,
+        np.logaddexp(0.0, math.log(max(itself, 1e-300)) + gained),
+    )
+
+
+def _most(model: PointSetModel, found: Judged, width: float, noise: float) -> float:
+    """About the most log-odds of an alike scene of some width: of labellings with all that is near their motions."""
+    fit, size, wider = found.fit, model.clouds.target.shape[1], (noise + width**2) / noise
+    near = squared_distances_to(fit.places[0], fit.clouds.target) < (REACH * width) ** 2
+    near &= ~uses_of(fit.assignments, near.shape[2])[:, None]
+    near &= (fit.assignments < 0)[:, :, None]
+    others = np.minimum(near.any(axis=2).sum(axis=1), near.any(axis=1).sum(axis=1))
+    most = found.log_odds + 0.5 * fit.chi2 * (1.0 - 1.0 / wider) - 0.5 * fit.dof * math.log(wider)
+    each = model.log_volume - 0.5 * size * (math.log(2.0 * math.pi * noise * wider) + 1.0)
+    for k, (matched, more) in enumerate(zip((fit.assignments >= 0).sum(axis=1), others, strict=True)):
+        counts = model.log_counts[matched : matched + more + 1]
+        most[k] += float((np.arange(len(counts)) * each + counts - counts[0]).max())
+    return float(most.max())
+
+
+def _alike(
+    model: PointSetModel, found: Judged, parts: tuple[Bools, Bools], rivals: Judged, width: float
+) -> tuple[float, float, Floats, Floats]:
+    """Log-odds at one width, in units of the source: of all labellings, and of the best elsewhere than the first.
+
+    And (G,), about the motions of rivals: of each of some parts of the targets (G, n').
+    """
+    checkpoint()
+    wide = replace(model, repeated=model.clutter, clouds=model.clouds.off_by(width))
+    labels = found.fit.assignments
+    for _ in range(ROUNDS):
+        labels = grown(wide.clouds, labels, model.mirror, model.allowed)
+    judged = wide.judged(labels)
+    best = judged.take(np.argsort(-judged.log_odds, kind="stable")[: 2 * RIVALS])
+    labels, first = best.fit.assignments, found.fit.assignments[0]
+    fewer = np.minimum((labels >= 0).sum(axis=1), int((first >= 0).sum()))
+    apart = ((labels == first) & (first >= 0)).sum(axis=1) < SHARED * fewer
+    labels = np.concatenate([labels, rivals.fit.assignments])  # which have all that is matched
+    more, own = (_with_some(wide, labels, which) for which in parts)
+    return float(np.logaddexp.reduce(best.log_odds)), float(best.log_odds[apart].max(initial=-np.inf)), more, own
+
+
+def _near(rivals: Judged, distance: float) -> Bools:
+    """Which targets (G, n') are near the place of a point that has no match."""
+    target, fit = rivals.fit.clouds.target, rivals.fit
+    near = squared_distances_to(fit.places[0], target) < distance**2
+    return np.asarray((near & (fit.assignments < 0)[:, :, None]).any(axis=1))
+
+
+def _with_some(model: PointSetModel, labels: Integers, which: Bools) -> Floats:
+    """Log-odds (G,) of all labellings (K, n) with some targets (G, n') only; −∞ where that leaves no motion."""
+    parts = np.where((labels >= 0) & which[:, np.maximum(labels, 0)], labels, -1)
+    enough = (parts >= 0).sum(axis=2) >= FEWEST
+    odds = np.full(enough.shape, -np.inf)
+    if enough.any():
+        odds[enough] = model.judged(parts[enough]).log_odds
+    return np.asarray(np.logaddexp.reduce(odds, axis=1))
