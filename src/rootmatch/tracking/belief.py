@@ -253,8 +253,7 @@ class Belief:
             if of < 0:
                 many = search_meets(found.task, model, modes.assignments[k], points=0)
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
-                # the best one may be a prediction that does not fit: what a search met beside it is followed
-                shows = found.status is not Status.UNTRUSTED or (k > 0 and is_shown)
+                shows = found.status is not Status.UNTRUSTED or is_shown
                 chance = float((many or told_of) and shows)
             else:
                 chance = math.exp(each[k] - np.logaddexp(each[k], nothing + log_share[of]))
