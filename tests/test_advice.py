@@ -134,7 +134,7 @@ def test_residuals_of_what_is_not_there_do_not_say_that_the_noise_is_larger() ->
     assert misfit.log_odds_if_larger(-6.4) == pytest.approx(-2.8, abs=0.1)
     source, target = scene(1, 12, 12, 3)
     found = rm.match(
-        source, target + np.random.default_rng(1).normal(0.0, 1.2, target.shape), rm.P3P(CAMERA), noise=NOISE
+        source, target + np.random.default_rng(1).normal(0.0, 2.4, target.shape), rm.P3P(CAMERA), noise=NOISE
     )
     assert found.status is rm.Status.UNTRUSTED
     assert "times as large as given, or else the pose is wrong; give noise=" in found.advice

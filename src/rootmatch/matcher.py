@@ -181,6 +181,8 @@ max_hyperedges, max_evaluations
         present: Mapping[Label | None, float] | None = None,
         searching: bool | Choice = True,
         more_images: bool = False,
+        source_noise: float | None = None,
+        log_inexact: tuple[float, ...] = (),
     ) -> Finding:
         """The finding of a frame.
 
@@ -202,6 +204,10 @@ max_hyperedges, max_evaluations
             says what to look for.
         more_images : bool
             Whether the time of this frame may be spent on what searches in later ones need.
+        source_noise : float, optional
+            Where none was stated.
+        log_inexact : tuple of float
+            See `MatchingTask.log_inexact`.
         """
         options = options or self.options
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
@@ -209,7 +215,7 @@ max_hyperedges, max_evaluations
         reason = self._fault(detections, 1 if alone else self.problem.order)
         if reason is not None:
             return self._nothing(detections, reason)
-        told: dict[str, Any] = {"more_images": more_images}
+        told: dict[str, Any] = {"more_images": more_images, "log_inexact": log_inexact}
         if rivals is not None:
             others = {label: poses for label, poses in rivals.items() if label is not None}
             told |= {"rivals": rivals.get(None, NONE), "rivals_of": others, "prior_freedom": FREEDOM}
@@ -226,7 +232,7 @@ max_hyperedges, max_evaluations
             candidates=candidates,
             bodies=self.labels,
             prior=prior,
-            source_noise=self.source_noise,
+            source_noise=self.source_noise if source_noise is None else source_noise,
             options=options,
             deadline=deadline,
             **told,

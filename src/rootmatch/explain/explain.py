@@ -17,6 +17,7 @@ from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import Choice, match_bodies_in_image
 from rootmatch.explain.image_decision import assessed as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
+from rootmatch.explain.inexact_points import allowing_for_errors
 from rootmatch.explain.judged_motions import judged_motions
 from rootmatch.explain.known_pose import match_known
 from rootmatch.explain.multi_motion import pack_motions
@@ -139,6 +140,7 @@ def _one_motion(task: MatchingTask, judging: bool) -> Finding:
         solution = solved(solver, affordable(sampled.tensor, deadline), task.options.seed, deadline)
     if by_image:
         found = judged_by_image(task, sampled, solution, judging=judging)
+        found = allowing_for_errors(found, task, missed=sampled.missed)
     elif views is not None:
         found = judged_by_views(task, views, sampled, solution)
     else:

@@ -67,6 +67,8 @@ class Finding:
         Degrees of freedom of the residuals that tell it.
     mode : int
         Which mode of ``posterior`` it tells.
+    point_error : float
+        Standard deviation of the points' coordinates which it takes, though none was stated.
     sequence_factor : float
         Factor on the stated σ that the frames before suggest, with which this one was matched; 1 for a single image.
     reason : str, optional
@@ -108,6 +110,7 @@ class Finding:
     noise_dof: int = 0
     mode: int = 0
     sequence_factor: float = 1.0
+    point_error: float = 0.0
     reason: str | None = None
     prior_holds: bool | None = None
     pose: Pose | None = None

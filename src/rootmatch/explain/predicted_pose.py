@@ -15,6 +15,7 @@ from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import NAMED, PREDICTION, Candidate, is_enough, proposals_by_prediction
+from rootmatch.explain.inexact_points import allowing_for_errors
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
 
@@ -45,7 +46,7 @@ def match_predicted(
         body = body.proposed([], predicted)
         told = body.alone()
         if choice is not None or not searchable or is_enough(body.model, told, task.minimal):
-            found = told_by(found, told, body)
+            found = allowing_for_errors(told_by(found, told, body), task)
             found = replace(found, reason=None) if found.prior_holds else found
             if found.prior_holds and (choice is None or not searchable):
                 return found
@@ -68,5 +69,7 @@ def match_predicted(
     with suppress(OutOfTime):
         named = searched.named if choice is None else searched.named[:NAMED]
         body = body.proposed(named or searched.every, predicted)
-        return told_by(replace(searched, task=task), body.alone(), body, missed=searched.facts.missed)
+        missed = searched.facts.missed
+        found = told_by(replace(searched, task=task), body.alone(), body, missed=missed)
+        return allowing_for_errors(found, task, missed=missed)
     return searched

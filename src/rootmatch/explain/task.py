@@ -57,7 +57,7 @@ class MatchingTask:
     noise : float, array or pair
         Standard deviation as it was given, or as it was estimated.
     estimates_noise, noise_is_estimated : bool
-        Whether the noise is to be estimated (that of ``points`` is then meaningless), and whether it has been.
+        Whether the noise is to be estimated, that of ``points`` is meaningless then; and whether it has been.
     allowed : (n, n') bool, optional
         Correspondences that are possible.
     weights : (n, n') float64, optional
@@ -76,6 +76,8 @@ class MatchingTask:
         Probability that the body, or each of several, is among targets in space; that of the model if not given.
     weighs_parts : bool
         Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised.
+    log_inexact : tuple of float
+        Log-odds by earlier frames that points are off by each of `rootmatch.explain.inexact_points.ERRORS`.
     known, known_of : PosePrior, optional, and dict
         Partial knowledge of the pose, and of those of several bodies, by label.
     budget : int, optional
@@ -108,6 +110,7 @@ class MatchingTask:
     present: float | None = None
     present_of: dict[Label, float] = field(default_factory=dict)
     weighs_parts: bool = True
+    log_inexact: tuple[float, ...] = ()
     known: PosePrior | None = None
     known_of: dict[Label, PosePrior] = field(default_factory=dict)
     budget: int | None = None
@@ -292,11 +295,9 @@ class MatchingTask:
         kind = self.affinity.residual.kernel_kind(self.problem.pair_count)
         Capability.RESIDUAL.require(type(kind) in kinds_of(self.tables), self.problem.name)
         return SamplingTask(
-            problem=self.problem.name,
-            tables=self.tables,
+            problem=self.problem.name, tables=self.tables,
             kind=kind, affinity=self.affinity,
-            shape=self.shape, order=self.problem.order,
-            seed=self.options.seed, motions=self.options.motions,
+            shape=self.shape, order=self.problem.order, seed=self.options.seed, motions=self.options.motions,
             candidates=None if self.allowed is None else self.allowed[self.permutation],
             progress=self.options.progress,
             view_cosine=self.ordered_points.view_cosine,

@@ -14,6 +14,8 @@ of that."""
 NOISE_FREEDOM = 20.0
 """Number of residuals that the stated σ is worth as evidence of its own scale, whose square is inverse gamma: it is
 known to a sixth. A round value."""
+INEXACT = 0.05
+"""Probability that the points of a body are off though no noise of them was stated. A stated value."""
 WRONG_MODEL = 1e-3
 """Probability that the model does not hold at all (another body, a wrong calibration): no result is more certain than
 that. A stated floor, not measured."""

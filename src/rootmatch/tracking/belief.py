@@ -47,7 +47,7 @@ from rootmatch.tracking.followed_places import (
     odds_alone,
     share_unseen,
 )
-from rootmatch.tracking.followed_pose import FollowedPose, Step, moved_alike, of_places, tempered
+from rootmatch.tracking.followed_pose import FollowedPose, Step, beside_misfits, moved_alike, of_places, tempered
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.two_states import log_chance
@@ -253,8 +253,7 @@ class Belief:
             if of < 0:
                 many = search_meets(found.task, model, modes.assignments[k], points=0)
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
-                # the best one may be a prediction that does not fit: what a search met beside it is followed
-                shows = found.status is not Status.UNTRUSTED or (k > 0 and is_shown)
+                shows = found.status is not Status.UNTRUSTED or is_shown
                 chance = float((many or told_of) and shows)
             else:
                 chance = math.exp(each[k] - np.logaddexp(each[k], nothing + log_share[of]))
@@ -273,8 +272,10 @@ class Belief:
         absent = self._log_absent(time, any(step.origin >= 0 for step in go_on))
         every = [self._after(step, found, modes, time, absent) for step in likely]
         every = moved_alike(every, [step.mode for step in likely], model, modes)
-        known, self.poses = bool(self.poses), of_places([one for one in every if one.log_other < GIVEN_UP])
         self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)
+        stands = origin[0] >= 0 or not is_shown or any(step.mode == 0 for step in go_on)
+        every = beside_misfits(every, None if stands else (int(place[0]), float(weight[0] + shown[0])))
+        known, self.poses = bool(self.poses), of_places([one for one in every if one.log_other < GIVEN_UP])
         share = np.exp([step.total - after[0].total for step in after])
         kept = np.array([step in likely for step in after], np.bool_)
         left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())

@@ -13,7 +13,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.parallel_poses import between
-from rootmatch.tracking.mistaken_identity import FLOOR
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP
 from rootmatch.tracking.motion_filter import MotionFilter
 
 
@@ -102,6 +102,31 @@ def of_places(poses: list[FollowedPose]) -> list[FollowedPose]:
             np.logaddexp.reduce([getattr(other, name) for other in own]) for name in ("total", "log_weight")
         )
         out.append(replace(one, log_weight=one.log_weight + float(whole - weight)))
+    return out
+
+
+def beside_misfits(poses: Sequence[FollowedPose], left: tuple[int, float] | None) -> list[FollowedPose]:
+    """Hypotheses of which those of a place share the odds that it is of something else.
+
+    What is in a place, and does not fit the body in the most probable of its poses, is something else. Then so it is in
+    the others, however well they fit: these were improbable beside the first one, and are not what is left without it.
+
+    Parameters
+    ----------
+    poses : sequence of FollowedPose
+    left : (int, float), optional
+        Place and logarithm of the weight of a pose that does not fit and is not followed at all.
+    """
+    out, misfits = list(poses), [] if left is None else [left]
+    misfits += [(one.place, one.total) for one in poses if one.log_other >= GIVEN_UP]
+    for place in {place for place, _ in misfits}:
+        own = [k for k, one in enumerate(poses) if one.place == place and one.log_other < GIVEN_UP]
+        if not own:
+            continue
+        odds = np.logaddexp.reduce([weight for where, weight in misfits if where == place])
+        odds -= np.logaddexp.reduce([poses[k].total for k in own])
+        for k in own:
+            out[k] = replace(out[k], log_other=float(np.logaddexp(out[k].log_other, odds)))
     return out
 
 

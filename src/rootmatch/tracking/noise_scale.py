@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Hashable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -111,6 +111,8 @@ class Residuals:
         matched = (found.assignment >= 0) & (found.assignment == mode.assignments[0])
         if (count := int(matched.sum())) < FEW:
             return None
+        if found.point_error:  # in units of the noise alone
+            model = replace(model, source_covariance=None)
         at = model.linearised(mode.rotation, mode.position)
         offset, jacobian = (one[0, matched] for one in deviations(model, mode.assignments, at))
         rows = jacobian.reshape(2 * count, -1)
@@ -136,11 +138,18 @@ class NoiseScale:
     log_new: float = LOG_CHANGED
     """Log-odds that it has (a test of Page, 1954)."""
     last: dict[Hashable, Residuals | None] = field(default_factory=dict)
+    stays: float | None = None
+    """Log-odds that residuals, which are those of points that are off, stay; of the last frame."""
 
     @property
     def factor(self) -> float:
         """Of σ."""
         return max(self.residuals.factor, self.changes.factor)
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether the last residuals suggest another noise, and the next ones will tell."""
+        return self.log_new > LOG_CHANGED
 
     def take(self, found: Finding, factor: float) -> None:
         """Take in the residuals of a frame's finding, which was made with σ times a factor.
@@ -153,6 +162,8 @@ class NoiseScale:
         facts, dof, ratio = found.facts, found.noise_dof, found.noise_factor
         sure = facts.sure_of_the_rest and facts.present is not None and facts.present >= facts.min_probability
         most = MOST if found.task.rig is None else MOST_OF_RIG
+        if found.point_error:  # one frame does not tell which of both it is
+            return
         if not sure or not dof or ratio is None or not ratio * factor <= most:
             return
         self.residuals.take(dof * (ratio * factor) ** 2, dof)
@@ -187,7 +198,9 @@ class NoiseScale:
 
     def take_changes(self, label: Hashable, found: Finding, factor: float) -> None:
         """Take in how much the residuals of a body differ from those of the frame before."""
+        self.stays = None
         quiet = found.status is Status.MATCHED and (found.noise_factor or 0.0) * factor < QUIET
+        quiet &= not found.point_error
         if quiet and self.is_stated:  # as usual: nothing to compare
             self.new, self.log_new, self.last[label] = Scale.vague(), LOG_CHANGED, None
             return
@@ -200,6 +213,10 @@ class NoiseScale:
             return
         each = _of_noise(now.of[both]), _of_noise(before.of[both])
         changed = _of_noise(now.of[both] - before.of[both]) / 2.0
+        if found.point_error:
+            size = max(min(each), 1.0)
+            freedom = 2 * now.dof / 2.0 * count / max(int(now.matched.sum()), 1)
+            self.stays = 0.5 * freedom * (math.log(size) - changed * (1.0 - 1.0 / size))
         self.fresh = FADES * self.fresh + changed
         self.every = FADES * self.every + 0.5 * sum(each)
         squared = min(changed, *each) if changed > 2.0 * min(each) else changed  # one of them is of something else

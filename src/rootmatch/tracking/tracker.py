@@ -34,6 +34,7 @@ from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, like
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
+from rootmatch.tracking.inexact_points import InexactPoints
 from rootmatch.tracking.noise_scale import NoiseScale
 from rootmatch.tracking.search_schedule import SearchLength, is_of_a_row, next_part
 
@@ -186,7 +187,7 @@ max_evaluations
     def reset(self) -> None:
         """Forget all poses: the next frame is searched."""
         self.time: float | None = None
-        self._frame, self._noise, self._length = 0, NoiseScale(), SearchLength()
+        self._frame, self._noise, self._inexact, self._length = 0, NoiseScale(), InexactPoints(), SearchLength()
         for body in self._bodies.values():
             body.forget()
 
@@ -283,6 +284,7 @@ max_evaluations
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
                 rivals=rivals, present=present, searching=searching, more_images=True,
+                source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
             )  # fmt: skip
 
         searched: set[Label | None] = set(self._bodies)
@@ -312,7 +314,7 @@ max_evaluations
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
-            lost &= is_of_a_row(self._frame, self.tracking.search_every)
+            lost &= is_of_a_row(self._frame, self.tracking.search_every) or self._noise.is_doubted
             asked: Container[Label | None] = (None,) if lost else poses
             if any(body.served == self._frame for body in self._bodies.values()):
                 asked = ()  # a frame that was searched takes long enough
@@ -322,6 +324,7 @@ max_evaluations
             self._noise.take(part, factor)
             if changed:
                 self._bodies[label].acquit()
+        self._inexact.take(parts.get(None), self._noise.stays)
         name_places(self._identical, self._bodies, parts, when)
         if self._frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)

@@ -1,0 +1,111 @@
+"""Points of a body that are off though nobody said so, as those of a drawing that is not quite what was built.
+
+What does not fit the body as given may be the body with points that are off by a small part of its size, or something
+else of nearly its shape. The first is the model with a noise of the points, of one of a few sizes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rootmatch.arrays import Floats
+from rootmatch.explain.decide import Status
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.mode_search import modes_of
+from rootmatch.model.modes import no_modes
+from rootmatch.model.priors import INEXACT, WRONG_MODEL
+from rootmatch.problems.pose_fit.reference_point import body_radius
+
+ERRORS = (3e-3, 1e-2)
+"""Standard deviations of a coordinate of the points, over the body's root mean square radius. Round values."""
+EACH = math.log(INEXACT / len(ERRORS)) - math.log1p(-INEXACT)
+"""Log-odds of each, of those of points as they were given."""
+
+
+def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0.0) -> Finding:
+    """A finding of one body before one camera, or that with points which are off, where these explain more.
+
+    Parameters
+    ----------
+    found : Finding
+        By `told_by`.
+    task : MatchingTask
+    missed : float
+        As of `told_by`.
+    """
+    model, misfit = found.model, _misfit(found)
+    exact = task.points.source_covariance is None and not task.noise_is_estimated
+    if model is None or misfit is None or misfit.sigma <= 1.0 or not exact or len(model.images) > 1:
+        return found
+    before = EACH + np.array(task.log_inexact or (0.0,) * len(ERRORS))
+    if float(before.max()) + misfit.log_odds_if_larger(0.0) < 0.0:  # of errors of any size
+        return found
+    gains = before + gains_of_errors(found)
+    which = int(np.argmax(gains))
+    if gains[which] < 0.0:
+        return found
+    error = ERRORS[which] * body_radius(task.points.source)
+    body = _with_errors(found, task, error)
+    again = told_by(replace(found, task=body.task), body.alone(), body, missed=missed)
+    if again.status is Status.UNTRUSTED:
+        return found
+    own = _chance(found, again, float(before[which]))
+    present = None if again.facts.present is None else own * again.facts.present
+    return replace(again.with_facts(present=present).less_certain(own), point_error=error)
+
+
+def gains_of_errors(found: Finding) -> Floats:
+    """Log-odds (E,) by the residuals of a finding that points are off by each of `ERRORS`, to first order."""
+    model, told, misfit = found.model, found.posterior, _misfit(found)
+    if model is None or told is None or misfit is None:
+        return np.zeros(len(ERRORS))
+    mode = told.modes.take(slice(found.mode, found.mode + 1))
+    used, squared, freedom = mode.assignments[0] >= 0, misfit.dof * misfit.sigma**2, misfit.dof
+    at = model.linearised(mode.rotation, mode.position)
+    each = 0.5 * (at.by_position[0, used] ** 2).sum(axis=(1, 2)) / model.sigma[mode.assignments[0, used]] ** 2
+    ratio = 1.0 + (np.array(ERRORS) * body_radius(model.points)) ** 2 * float(each.mean())
+    given = model.noise_freedom
+    less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
+    return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
+
+
+def _misfit(found: Finding) -> Misfit | None:
+    """The misfit of a finding that a model of the image tells; None if a pose leaves no residuals."""
+    if found.posterior is None or found.noise_factor is None or not found.noise_dof:
+        return None
+    return Misfit.of(found.noise_dof * found.noise_factor**2, found.noise_dof)
+
+
+def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
+    """The body with points that are off, in the poses that were found for it as given, and about predicted ones."""
+    assert found.model is not None
+    assert found.posterior is not None
+    covariance = np.tile(sigma**2 * np.eye(3), (task.shape[0], 1, 1))
+    task = replace(task, points=task.problem.with_source_noise(task.points, sigma))
+    body = Candidate(task, replace(found.model, source_covariance=covariance), no_modes(task.rows))
+    predicted = proposals_by_prediction(body.model)
+    if predicted is not None:
+        body = replace(body, modes=modes_of(body.model, predicted, damaged=False))
+    return body.reconsidered(found.posterior.modes)
+
+
+def _chance(found: Finding, again: Finding, log_inexact: float) -> float:
+    """Probability of the body with points that are off, against other poses of it as given and something else.
+
+    ``log_inexact``: log-odds of such errors.
+    """
+    misfit = _misfit(found)
+    assert misfit is not None
+    assert found.posterior is not None
+    modes = found.posterior.modes
+    elsewhere = ((modes.assignments >= 0) & (modes.assignments != again.assignment)).any(axis=1)
+    other = (found.log_odds or 0.0) + math.log(WRONG_MODEL * misfit.for_something_else())
+    against = float(np.logaddexp.reduce([*modes.log_mass[elsewhere].tolist(), other]))
+    return 1.0 / (1.0 + math.exp(min(against - (again.log_odds or 0.0) - log_inexact, 700.0)))
