@@ -2,6 +2,7 @@
 
 From some side, a pose and the same pose after such a motion give nearly the same image; after a reflection, the same
 pose with reversed depth does. A search that is cut short may find only one of them; the symmetries propose the other.
+What repeats itself, as stairs do, is displaced along itself: the motion need not turn anything.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from rootmatch.algebra.rotation import frames_of_triangles
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
@@ -20,11 +22,14 @@ from rootmatch.samplers.point_sets.motions import fitted_motions
 TOLERANCE = 0.01
 """Distance between a point's image and another point, over the body's radius, up to which they are the same. A round
 value: the radius of a headset is 10 cm, and the halves of the one in benchmarks/tracking.py differ by 0.22 mm."""
+DISTINCT = 0.25
+"""The same over the distance of neighbours, if that is less: of what is long they are near. A round value."""
 LEAST, SHARE = 6, 0.25
 """Number of points that have to be mapped, and share of all: with fewer, hardly any side shows only mapped points.
 Round values."""
-ANGLE = 0.2
-"""Least angle, in radians, of a motion that is not the identity. A round value."""
+ANGLE, APART = 0.2, 4.0
+"""Angle, in radians, and distance of where the middle of the body goes, in tolerances, up to which two motions are one.
+Round values."""
 FACING = 0.8
 """Least cosine between the normals of a mapped point and of the point at its place. A round value."""
 WIDE, HIGH = 0.5, 0.25
@@ -37,7 +42,7 @@ eighths e⁻¹³, and a quarter, the least that counts, e⁻⁴, or e⁻⁸ wher
 MOST_LAID, MOST_MOTIONS = 1024, 256
 """Most pairs of triples, and most of their motions whose mapped points are counted: a body that has more has many
 symmetries, of which those that map most remain."""
-MOST = 4
+MOST = 8
 """Most motions that are kept. A round value."""
 ROUGH = 2.0
 """Factor on the distance before a motion is fitted to more than a triple. A round value."""
@@ -45,12 +50,11 @@ REFINED = 4
 """Number of motions fitted for each one returned, because the number of mapped points may change."""
 ROUNDS = 3
 """Largest number of fits of a motion, each to the points that the previous one maps."""
-STEPS = 16
-"""Steps of the tolerance in which distances are compared: the largest that there can be of 200 points, √(2 n) /
-`TOLERANCE` tolerances, is 32,000 of them, and a word of 16 bits holds 32,767."""
+STEPS, LEAST_NEAR = 16, 5e-4
+"""Steps of the tolerance in which distances are compared, and the least tolerance over the extent of a body: distances
+are up to 2,000 tolerances then, 32,000 steps, and a word of 16 bits holds 32,767."""
 MOST_POINTS = 200
-"""Number of points beyond which no symmetries are sought: √(2 n) / `TOLERANCE` tolerances then leave the words of
-`STEPS`."""
+"""Number of points beyond which no symmetries are sought. A round value."""
 WORD = 64
 """Bits of the words that record third points."""
 
@@ -68,6 +72,12 @@ class NearSymmetry(NamedTuple):
     def mapped(self) -> int:
         """Number of points that have an image."""
         return int(np.count_nonzero(self.image >= 0))
+
+    @property
+    def moves(self) -> bool:
+        """Whether many points that have an image have another one as that: a motion next to none does not."""
+        own = np.flatnonzero(self.image >= 0)
+        return 4 * int(np.count_nonzero(self.image[own] != own)) > len(own)
 
 
 def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
@@ -116,18 +126,31 @@ class _Body(NamedTuple):
     sign: float
     """1 for motions, −1 for reflections."""
 
-    @property
-    def near(self) -> float:
-        """Distance up to which points are the same."""
-        return TOLERANCE * body_radius(self.source)
+    near: float
+    """Distance up to which points are the same."""
+
+    @classmethod
+    def of(cls, source: Floats, normals: Floats | None, sign: float) -> _Body:
+        """A body of points (n, 3) with outward normals (n, 3) of any length."""
+        unit = None
+        if normals is not None:
+            length = np.linalg.norm(normals, axis=1, keepdims=True)
+            unit = normals / np.where(length > 0.0, length, 1.0)
+        # where a body's points are near each other, they are told apart, as far as the words of `STEPS` can
+        apart = float(np.median(KDTree(source).query(source, 2)[0][:, 1]))
+        near = min(TOLERANCE * body_radius(source), DISTINCT * apart)
+        return cls(source, unit, sign, max(near, LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))))
+
+    def alike(self, first: NearSymmetry, second: NearSymmetry) -> Bools:
+        """Whether motions, of which the first may be many, are nearly the same."""
+        middle = self.source.mean(axis=0)
+        apart = middle @ (first.rotation - second.rotation).swapaxes(-2, -1) + first.shift - second.shift
+        same = (first.rotation * second.rotation).sum(axis=(-2, -1)) > 1.0 + 2.0 * math.cos(ANGLE)
+        return np.asarray(same & (np.linalg.norm(apart, axis=-1) < APART * self.near))
 
 
 def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymmetry]:
-    unit, least = None, max(LEAST, math.ceil(SHARE * len(source)))
-    if normals is not None:
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        unit = normals / np.where(length > 0.0, length, 1.0)
-    body = _Body(source, unit, sign)
+    body, least = _Body.of(source, normals, sign), max(LEAST, math.ceil(SHARE * len(source)))
     rotations, shifts = _laid_onto_others(body)
     counts = _counts(body, rotations, shifts)
     found: list[NearSymmetry] = []
@@ -137,9 +160,10 @@ def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymm
         k = int(counts.argmax())
         one = _refined(body, rotations[k], shifts[k])
         for other in (one, _refined(body, one.rotation.T, -one.rotation.T @ one.shift)):
-            if other.mapped >= least and not any(_alike(other.rotation, known.rotation) for known in found):
+            if other.mapped >= least and other.moves and not any(body.alike(other, known) for known in found):
                 found.append(other)
-        counts = np.where(_alike(rotations, rotations[k]), 0, counts)
+        counts = np.where(body.alike(NearSymmetry(rotations, shifts, one.image), one), 0, counts)
+        counts[k] = 0
     found.sort(key=lambda one: -one.mapped)
     return found[:MOST]
 
@@ -166,14 +190,13 @@ def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
     first, second = first[moved], second[moved]
     frames = frames_of_triangles(source[first]), frames_of_triangles(source[second])
     rotations = frames[1] * (1.0, 1.0, body.sign) @ frames[0].swapaxes(1, 2)
-    own = np.trace(rotations, axis1=1, axis2=2) <= 1.0 + 2.0 * math.cos(ANGLE)
     if unit is not None:
         turned = np.einsum("hij,hmj->hmi", rotations, unit[first])
         cosine = body.sign * (turned * unit[second]).sum(axis=2)
         known = unit[first].any(axis=2) & unit[second].any(axis=2)
-        own &= ((cosine >= FACING) | ~known).all(axis=1)
-    kept = np.flatnonzero(own)[:MOST_MOTIONS]
-    rotations, first, second = rotations[kept], first[kept], second[kept]
+        facing = ((cosine >= FACING) | ~known).all(axis=1)
+        rotations, first, second = rotations[facing], first[facing], second[facing]
+    rotations, first, second = rotations[:MOST_MOTIONS], first[:MOST_MOTIONS], second[:MOST_MOTIONS]
     shifts = source[second].mean(axis=1) - np.einsum("hij,hj->hi", rotations, source[first].mean(axis=1))
     return rotations, shifts
 
@@ -259,8 +282,3 @@ def _unknown(unit: Floats) -> Bools:
     """Pairs (n, n) of points of which one has no normal."""
     known = unit.any(axis=1)
     return np.asarray(~np.logical_and.outer(known, known))
-
-
-def _alike(first: Floats, second: Floats) -> Bools:
-    """Whether rotations (..., 3, 3) are nearly the same."""
-    return np.asarray((first * second).sum(axis=(-2, -1)) > 1.0 + 2.0 * math.cos(ANGLE))
