@@ -140,7 +140,7 @@ class Candidate:
         while len(modes.log_odds) and modes.assignments[0].tobytes() != first:
             first = modes.assignments[0].tobytes()
             twins = self.twins(modes) if searched else twins_about_predictions(self.task, self.model, modes)
-            modes = modes_of(self.model, twins, modes) if len(twins.assignments) else modes
+            modes = modes_of(self.model, twins, modes, twins=True) if len(twins.assignments) else modes
         return modes
 
     def reconsidered(self, modes: Modes) -> Candidate:

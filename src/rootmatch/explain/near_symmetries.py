@@ -7,6 +7,7 @@ What repeats itself, as stairs do, is displaced along itself: the motion need no
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -39,14 +40,15 @@ TRIPLES, DRAWN = 256, 4096
 """Most triples that are, and how many are drawn for that. A motion is found by any triple that it maps: a share s³ of
 them where it maps a share s of many points. So one that maps half of them is missed with a probability of e⁻³², three
 eighths e⁻¹³, and a quarter, the least that counts, e⁻⁴, or e⁻⁸ where its inverse is another, which is asked for too."""
-MOST_LAID, MOST_MOTIONS = 1024, 256
-"""Most pairs of triples, and most of their motions whose mapped points are counted: a body that has more has many
-symmetries, of which those that map most remain."""
-MOST = 8
-"""Most motions that are kept. A round value."""
+MOST_LAID, COUNTED = 1024, 10_000_000
+"""Most pairs of triples whose motions' mapped points are counted, and most pairs of points that are compared for that.
+A body that has more has many symmetries, of which those that map most remain."""
+MOST = 12
+"""Most motions that are kept: a row that is symmetric about three axes has eleven besides itself that map all of it or
+all but an end. A round value."""
 ROUGH = 2.0
 """Factor on the distance before a motion is fitted to more than a triple. A round value."""
-REFINED = 4
+REFINED = 8
 """Number of motions fitted for each one returned, because the number of mapped points may change."""
 ROUNDS = 3
 """Largest number of fits of a motion, each to the points that the previous one maps."""
@@ -151,7 +153,8 @@ class _Body(NamedTuple):
 
 def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymmetry]:
     body, least = _Body.of(source, normals, sign), max(LEAST, math.ceil(SHARE * len(source)))
-    rotations, shifts = _laid_onto_others(body)
+    laid = [_laid_onto_others(body, triples) for triples in _triples(body.source)]
+    rotations, shifts = (np.concatenate(one) for one in zip(*laid, strict=True))
     counts = _counts(body, rotations, shifts)
     found: list[NearSymmetry] = []
     for _ in range(REFINED * MOST):
@@ -168,10 +171,10 @@ def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymm
     return found[:MOST]
 
 
-def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
-    """Motions (M, 3, 3) and (M, 3) of random triples onto others of the same sides, without the identity."""
+def _laid_onto_others(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
+    """Motions (M, 3, 3) and (M, 3) of triples (T, 3) onto others of the same sides, without the identity."""
     source, unit, near = body.source, body.unit, body.near
-    a, b, c = _triples(source)
+    a, b, c = triples.T
     n = len(source)
     distance = np.linalg.norm(source[:, None] - source, axis=2)
     steps = (distance * (STEPS / near)).astype(np.int16)
@@ -185,8 +188,8 @@ def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
     triple, k, j = triple[some][row], k[some][row], j[some][row]
     first, second = (np.column_stack(one) for one in ((a[triple], b[triple], c[triple]), (k, j, m)))
     moved = np.flatnonzero((first != second).any(axis=1))
-    if len(moved) > MOST_LAID:
-        moved = np.sort(np.random.default_rng(1).choice(moved, MOST_LAID, replace=False))
+    if len(moved) > (most := min(MOST_LAID, COUNTED // n**2)):
+        moved = np.sort(np.random.default_rng(1).choice(moved, most, replace=False))
     first, second = first[moved], second[moved]
     frames = frames_of_triangles(source[first]), frames_of_triangles(source[second])
     rotations = frames[1] * (1.0, 1.0, body.sign) @ frames[0].swapaxes(1, 2)
@@ -196,26 +199,34 @@ def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
         known = unit[first].any(axis=2) & unit[second].any(axis=2)
         facing = ((cosine >= FACING) | ~known).all(axis=1)
         rotations, first, second = rotations[facing], first[facing], second[facing]
-    rotations, first, second = rotations[:MOST_MOTIONS], first[:MOST_MOTIONS], second[:MOST_MOTIONS]
     shifts = source[second].mean(axis=1) - np.einsum("hij,hj->hi", rotations, source[first].mean(axis=1))
     return rotations, shifts
 
 
-def _triples(source: Floats) -> tuple[Integers, Integers, Integers]:
-    """Random triples of points far apart and not in line, each once."""
+def _triples(source: Floats) -> tuple[Integers, Integers]:
+    """Random triples (T, 3) of points far apart and not in line, each once, and one about each point, for parts."""
     n, radius = len(source), body_radius(source)
     drawn = np.random.default_rng(0).integers(0, n, (DRAWN, 3))
     drawn = drawn[(drawn[:, 0] < drawn[:, 1]) & (drawn[:, 1] < drawn[:, 2])]
     _, unique = np.unique(drawn @ (n * n, n, 1), return_index=True)
     drawn = drawn[np.sort(unique)]
-    a, b, c = source[drawn].swapaxes(0, 1)
-    sides = np.array([np.linalg.norm(one, axis=1) for one in (b - a, c - a, c - b)])
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    sides, area = _sizes(source, drawn)
     spread = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1:]
     across = min(math.sqrt(2.0 * float(spread @ spread) / n), radius)  # the radius itself of a round body
     fair = (sides.min(axis=0) > WIDE * radius) & (area > HIGH * across * sides.max(axis=0))
-    first, second, third = drawn[fair][:TRIPLES].T
-    return first, second, third
+    _, beside = KDTree(source).query(source, LEAST)
+    local = np.sort(beside[:, list(itertools.combinations(range(LEAST), 3))], axis=2)
+    widest = _sizes(source, local.reshape(-1, 3))[1].reshape(n, -1).argmax(axis=1)
+    local = np.unique(local[np.arange(n), widest], axis=0)
+    local = local[_sizes(source, local)[1] > 0.0]
+    return drawn[fair][:TRIPLES], local
+
+
+def _sizes(source: Floats, triples: Integers) -> tuple[Floats, Floats]:
+    """Sides (3, T) of triples (T, 3) and twice their areas (T,)."""
+    a, b, c = source[triples].swapaxes(0, 1)
+    sides = np.array([np.linalg.norm(one, axis=1) for one in (b - a, c - a, c - b)])
+    return sides, np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
 def _same(steps: NDArray[np.int16], sides: NDArray[np.int16]) -> Bools:
