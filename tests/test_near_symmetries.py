@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from rootmatch.explain.near_symmetries import (
     ANGLE,
+    APART,
+    DISTINCT,
     FACING,
     MOST,
     MOST_POINTS,
@@ -28,7 +30,7 @@ def images(source: Floats, normals: Floats | None, R: Floats, t: Floats) -> dict
     off = cdist(source @ R.T + t, source)
     found = {}
     for i, row in enumerate(off):
-        near = [j for j in np.argsort(row) if row[j] < TOLERANCE * np.sqrt(source.var(axis=0).sum())]
+        near = [j for j in np.argsort(row) if row[j] < tolerance(source)]
         if normals is not None:
             near = [j for j in near if np.linalg.det(R) * (R @ normals[i]) @ normals[j] >= FACING]
         if near:
@@ -36,13 +38,20 @@ def images(source: Floats, normals: Floats | None, R: Floats, t: Floats) -> dict
     return found
 
 
+def tolerance(source: Floats) -> float:
+    """Distance up to which points are the same."""
+    neighbour = np.sort(cdist(source, source), axis=1)[:, 1]
+    return float(min(TOLERANCE * np.sqrt(source.var(axis=0).sum()), DISTINCT * np.median(neighbour)))
+
+
 def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool = False) -> list[tuple[int, Floats]]:
     """Mapped points and rotation, or reflection, of every near symmetry, those that map most first."""
     hand = np.diag([1.0, 1.0, -1.0 if mirrored else 1.0])
     n, distance = len(source), cdist(source, source)
-    near = TOLERANCE * np.sqrt(source.var(axis=0).sum())
+    near, middle = tolerance(source), source.mean(axis=0)
     onto = np.array(list(itertools.permutations(range(n), 3)))
     found: list[tuple[int, Floats]] = []
+    places: list[Floats] = []
     for base in itertools.combinations(range(n), 3):
         pairs = ((0, 1), (0, 2), (1, 2))
         off = [abs(distance[onto[:, k], onto[:, m]] - distance[base[k], base[m]]) for k, m in pairs]
@@ -56,11 +65,16 @@ def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool
                 pairs_of = images(source, normals, R, second - R @ first)
                 if len(pairs_of) < 6:
                     break
-            same = any(Rotation.from_matrix(R @ other.T).magnitude() < ANGLE for _, other in found)
-            moved = any(i != j for i, j in pairs_of.items())  # what is flat is its own reflection
-            other = moved if mirrored else Rotation.from_matrix(R).magnitude() > ANGLE
-            if len(pairs_of) >= max(6, n / 4) and other and not same:
+            place = R @ (middle - first) + second
+            same = any(
+                Rotation.from_matrix(R @ other.T).magnitude() < ANGLE and np.linalg.norm(place - there) < APART * near
+                for (_, other), there in zip(found, places, strict=True)
+            )
+            # next to no motion is none, and what is flat is its own reflection
+            moved = 4 * sum(i != j for i, j in pairs_of.items()) > len(pairs_of)
+            if len(pairs_of) >= max(6, n / 4) and moved and not same:
                 found.append((len(pairs_of), R))
+                places.append(place)
     return sorted(found, key=lambda one: -one[0])
 
 
@@ -112,8 +126,8 @@ def test_those_of_all_triples_are_found(name: str, mirrored: bool) -> None:
         own = np.flatnonzero(one.image >= 0)
         assert images(source, None, one.rotation, one.shift) == dict(zip(own, one.image[own], strict=True))
         assert np.linalg.det(one.rotation) == pytest.approx(-1.0 if mirrored else 1.0)
-    turned = {"half turn": [8], "moved": [8], "nearly": [8], "hexagon": [6] * 4, "brick": [8] * 4}
-    reflected = {"mirror": [8], "mirror, moved": [8], "hexagon": [6] * 4, "brick": [8] * 4}
+    turned = {"half turn": [8], "moved": [8], "nearly": [8], "hexagon": [6] * MOST, "brick": [8] * 7}
+    reflected = {"mirror": [8], "mirror, moved": [8], "hexagon": [6] * MOST, "brick": [8] * 8}
     assert [one.mapped for one in found] == (reflected if mirrored else turned).get(name, [])
 
 
@@ -152,6 +166,36 @@ def test_a_quarter_of_many_points_suffices() -> None:
     angles = [Rotation.from_matrix(one.rotation).as_rotvec()[2] for one in found]
     assert sorted(angles) == pytest.approx([-0.5 * np.pi, 0.5 * np.pi])
     assert len(near_symmetries(source, None, 1)) == 1
+
+
+def steps_of(source: Floats, each: int) -> list[tuple[int, float]]:
+    """Mapped points, and by how many steps of so many points, of the symmetries that displace all by the same."""
+    found = []
+    for one in symmetries_of(source, None):
+        own = np.flatnonzero(one.image >= 0)
+        if np.ptp(one.image[own] - own) == 0:
+            found.append((one.mapped, (one.image[own] - own)[0] / each))
+    return found
+
+
+STEP = np.random.default_rng(12).uniform(0.0, 1.0, (3, 3)) * [0.5, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.05, 0.4])
+def test_what_repeats_itself_is_displaced_along_itself(turn: float) -> None:
+    """Stairs, straight, hardly bent and winding: by one step up and down, by two, and so on."""
+    along = [Rotation.from_rotvec([0.0, 0.0, k * turn]).as_matrix() for k in range(8)]
+    places = np.column_stack([np.zeros(8), np.full(8, 5.0), 0.3 * np.arange(8)])  # about an axis beside it
+    if turn == 0.0:
+        places[:, 0] = 0.6 * np.arange(8)
+    source = np.concatenate([(STEP + place) @ R.T for place, R in zip(places, along, strict=True)])
+    assert {(21, 1), (21, -1), (18, 2), (18, -2)} <= set(steps_of(source, 3))
+
+
+def test_a_thin_body_has_neighbours_that_are_told_apart() -> None:
+    tower = np.array([[0.0, -5.0, 20.0], [0.0, 4.0, 21.0], [0.0, -7.0, 26.0], [0.0, 3.0, 31.0]])
+    source = np.concatenate([tower + np.array([300.0 * k, 0.0, 0.0]) for k in range(8)])
+    assert {(28, 1), (28, -1)} <= set(steps_of(source, 4))
 
 
 def test_what_is_never_symmetric_and_that_each_body_is_asked_once() -> None:

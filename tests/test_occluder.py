@@ -12,7 +12,16 @@ from scipy.special import logsumexp
 
 import rootmatch as rm
 from rootmatch.model.compiled.evidence import log_of_rates
-from rootmatch.model.compiled.occluder import DIRECTIONS, EDGE, LOG_FREE, OCCLUDED, WINDOW, hide
+from rootmatch.model.compiled.occluder import (
+    DIRECTIONS,
+    DISTANCE,
+    EDGE,
+    LOG_FREE,
+    OCCLUDED,
+    SIZES,
+    WINDOW,
+    hide,
+)
 from rootmatch.model.detection_model import RATE_NODES, RATE_PRIOR, beta_quadrature
 
 Floats = NDArray[np.float64]
@@ -54,12 +63,32 @@ def over_circles(owned: NDArray[np.bool_], visible: Floats, pixels: Floats) -> f
     return float(logsumexp(each)) if each else -math.inf
 
 
-def kernel(owned: NDArray[np.bool_], visible: Floats, pixels: Floats, kind: int) -> tuple[float, Floats]:
-    """What the model takes for an edge or a window, and which points are in sight then."""
-    missing, in_sight, odds = np.where(owned, 0.0, visible), np.empty((2, len(owned))), np.empty(2)
-    hide(np.where(owned, 0, -1), pixels, missing, 1, np.empty(DIRECTIONS), in_sight, odds)
+def over_distances(owned: NDArray[np.bool_], visible: Floats, depth: Floats) -> float:
+    """The same beyond a distance, integrated over its logarithm, where that hides at least one visible point."""
+    each = []
+    for near, far in itertools.pairwise(np.sort(depth)):
+        hidden = depth >= far
+        if not (owned & hidden).any():
+            each.append(one_by_one(owned, np.where(hidden, 1e-300, visible)) + math.log(math.log(far / near) / SIZES))
+    return float(logsumexp(each)) if each else -math.inf
+
+
+def jacobians(depth: Floats) -> Floats:
+    """Jacobians (n, 2, 6) of points at these depths."""
+    out = np.zeros((len(depth), 2, 6))
+    out[:, 0, 3] = out[:, 1, 4] = 500.0 / depth
+    return out
+
+
+def kernel(
+    owned: NDArray[np.bool_], visible: Floats, pixels: Floats, kind: int, depth: Floats | None = None
+) -> tuple[float, Floats]:
+    """What the model takes for an edge, a window or a distance, and which points are in sight then."""
+    missing, in_sight, odds = np.where(owned, 0.0, visible), np.empty((3, len(owned))), np.empty(3)
+    jacobian = jacobians(np.ones(len(owned)) if depth is None else depth)
+    hide(np.where(owned, 0, -1), pixels, jacobian, missing, 1, np.empty(DIRECTIONS), in_sight, odds)
     seen, count = np.log(visible[owned]).sum(), int(owned.sum())
-    prior = math.log(0.5 * OCCLUDED) - LOG_FREE
+    prior = 0.0 if kind == DISTANCE else math.log(0.5 * OCCLUDED) - LOG_FREE
     return odds[kind] - prior + log_of_rates(seen, missing * in_sight[kind], count, *RATES), in_sight[kind]
 
 
@@ -83,6 +112,24 @@ def test_the_one_that_hides_most_stands_for_all(count: int, kind: int) -> None:
     assert max(gains) > 3.0
 
 
+@pytest.mark.parametrize("count", [8, 20, 60])
+def test_a_distance_stands_for_all_beyond_the_last_match(count: int) -> None:
+    errors, gains = list[float](), list[float]()
+    for seed in range(1000, 1030):
+        rng = np.random.default_rng([seed, count])
+        depth, visible = np.exp(rng.uniform(0.0, 3.0, count)), rng.uniform(0.5, 1.0, count)
+        owned = (depth < np.quantile(depth, rng.uniform(0.3, 0.7))) & (rng.random(count) < 0.9)
+        value, in_sight = kernel(owned, visible, rng.normal(size=(count, 2)), DISTANCE, depth)
+        if value > -math.inf:
+            np.testing.assert_array_equal(in_sight, ~owned & (depth < depth[owned].max()) | owned)
+            errors.append(value - over_distances(owned, visible, depth))
+            gains.append(value - one_by_one(owned, visible))
+    assert len(errors) >= 20
+    assert -6.0 < min(errors) <= max(errors) < 1e-9  # a term of the sum: where its gap is small, others are larger
+    assert np.median(errors) > -1.8
+    assert max(gains) > 3.0
+
+
 @pytest.mark.parametrize("kind", [EDGE, WINDOW])
 def test_what_is_hidden_lies_beyond_all_matches(kind: int) -> None:
     pixels = np.column_stack([10.0 * np.arange(8.0), np.zeros(8)])
@@ -101,8 +148,9 @@ def test_what_is_hidden_lies_beyond_all_matches(kind: int) -> None:
 def test_a_window_in_one_image_hides_nothing_in_another() -> None:
     line = np.column_stack([10.0 * np.arange(8.0), np.zeros(8)])
     used = np.array([one == "1" for one in "00011000" + "11000000"])  # about the middle, and at one end
-    in_sight, odds = np.empty((2, 16)), np.empty(2)
-    hide(np.where(used, 0, -1), np.tile(line, (2, 1)), np.where(used, 0.0, 1.0), 2, np.empty(8), in_sight, odds)
+    in_sight, odds, jacobian = np.empty((3, 16)), np.empty(3), jacobians(np.ones(16))
+    missing = np.where(used, 0.0, 1.0)
+    hide(np.where(used, 0, -1), np.tile(line, (2, 1)), jacobian, missing, 2, np.empty(8), in_sight, odds)
     np.testing.assert_array_equal(in_sight[WINDOW], [float(one) for one in "00011000" + "11111111"])
     np.testing.assert_array_equal(in_sight[EDGE], [float(one) for one in "11111000" + "11000000"])
     prior = math.log(0.5 * OCCLUDED) - LOG_FREE
@@ -126,6 +174,42 @@ def runway(off: float) -> tuple[Floats, Floats, NDArray[np.int64], rm.UP2P]:
     truth[own] = np.arange(len(own))
     problem = rm.UP2P(camera, vertical_camera=(0.0, -1.0, 0.0), vertical_world=(0.0, 0.0, 1.0))
     return lamps, image[own] + rng.normal(0.0, 0.4, (len(own), 2)), truth, problem
+
+
+def stairs(seed: int, limit: float) -> tuple[Floats, Floats, NDArray[np.int64], rm.P3P]:
+    """Twenty equal steps with three lamps each, seen lengthwise up to a distance: lamps, image, truth of detections."""
+    rng = np.random.default_rng(seed)
+    step = ((-1.0, -0.3), (1.0, -0.3), (-1.0, -1.2))
+    lamps = np.array([(y, h - 0.5 * k, 0.9 * k) for k in range(20) for y, h in step])
+    camera = rm.Camera(900.0, 900.0, 640.0, 480.0, size=(1280, 960))
+    place = lamps - (rng.uniform(-0.4, 0.4), -4.0, rng.uniform(2.0, 6.0))
+    ahead = place[:, 2] > 0.5
+    pixels = camera.project(np.where(ahead[:, None], place, 1.0))
+    shown = ahead & (pixels > 0.0).all(1) & (pixels < (1280, 960)).all(1) & (np.linalg.norm(place, axis=1) < limit)
+    own = rng.permutation(np.flatnonzero(shown & (rng.random(len(lamps)) < 0.85)))
+    noise = rng.normal(0.0, 0.4, (len(own), 2))
+    clutter = rng.uniform((0.0, 0.0), (1280.0, 960.0), (4, 2))
+    return lamps, np.vstack([pixels[own] + noise, clutter]), np.append(own, [-1] * 4), rm.P3P(camera)
+
+
+def test_equal_steps_are_told_apart_by_where_they_end() -> None:
+    """Some steps off, the far ones are lost: the search meets any shift, its twins the right one."""
+    right, trusted = 0, 0
+    for seed in range(1000, 1006):
+        lamps, image, truth, problem = stairs(seed, math.inf)
+        match = rm.match(lamps, image, problem, noise=0.4)
+        own = np.flatnonzero(match.assignment >= 0)
+        is_right = bool((truth[match.assignment[own]] == own).all())
+        assert is_right or not match
+        right, trusted = right + is_right, trusted + bool(match)
+    assert right >= 5
+    assert trusted >= 3
+
+
+def test_equal_steps_that_are_seen_up_to_a_distance_are_ambiguous() -> None:
+    for seed in range(1000, 1004):
+        lamps, image, _, problem = stairs(seed, 7.0)
+        assert rm.match(lamps, image, problem, noise=0.4).status is rm.Status.AMBIGUOUS
 
 
 def test_a_dark_end_does_not_move_a_runway() -> None:

@@ -135,14 +135,12 @@ class Candidate:
         return replace(self, modes=self._with_twins(modes))
 
     def _with_twins(self, modes: Modes, searched: bool = True) -> Modes:
-        """Modes and the twins of the best of them."""
+        """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off."""
         first = b""
         while len(modes.log_odds) and modes.assignments[0].tobytes() != first:
             first = modes.assignments[0].tobytes()
             twins = self.twins(modes) if searched else twins_about_predictions(self.task, self.model, modes)
-            modes = modes_of(self.model, twins, modes) if len(twins.assignments) else modes
-            if searched:
-                break  # twins of what was found, whichever is better
+            modes = modes_of(self.model, twins, modes, twins=True) if len(twins.assignments) else modes
         return modes
 
     def reconsidered(self, modes: Modes) -> Candidate:

@@ -2,15 +2,18 @@
 
 From some side, a pose and the same pose after such a motion give nearly the same image; after a reflection, the same
 pose with reversed depth does. A search that is cut short may find only one of them; the symmetries propose the other.
+What repeats itself, as stairs do, is displaced along itself: the motion need not turn anything.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from rootmatch.algebra.rotation import frames_of_triangles
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
@@ -20,11 +23,14 @@ from rootmatch.samplers.point_sets.motions import fitted_motions
 TOLERANCE = 0.01
 """Distance between a point's image and another point, over the body's radius, up to which they are the same. A round
 value: the radius of a headset is 10 cm, and the halves of the one in benchmarks/tracking.py differ by 0.22 mm."""
+DISTINCT = 0.25
+"""The same over the distance of neighbours, if that is less: of what is long they are near. A round value."""
 LEAST, SHARE = 6, 0.25
 """Number of points that have to be mapped, and share of all: with fewer, hardly any side shows only mapped points.
 Round values."""
-ANGLE = 0.2
-"""Least angle, in radians, of a motion that is not the identity. A round value."""
+ANGLE, APART = 0.2, 4.0
+"""Angle, in radians, and distance of where the middle of the body goes, in tolerances, up to which two motions are one.
+Round values."""
 FACING = 0.8
 """Least cosine between the normals of a mapped point and of the point at its place. A round value."""
 WIDE, HIGH = 0.5, 0.25
@@ -34,23 +40,23 @@ TRIPLES, DRAWN = 256, 4096
 """Most triples that are, and how many are drawn for that. A motion is found by any triple that it maps: a share s³ of
 them where it maps a share s of many points. So one that maps half of them is missed with a probability of e⁻³², three
 eighths e⁻¹³, and a quarter, the least that counts, e⁻⁴, or e⁻⁸ where its inverse is another, which is asked for too."""
-MOST_LAID, MOST_MOTIONS = 1024, 256
-"""Most pairs of triples, and most of their motions whose mapped points are counted: a body that has more has many
-symmetries, of which those that map most remain."""
-MOST = 4
-"""Most motions that are kept. A round value."""
+MOST_LAID, COUNTED = 1024, 10_000_000
+"""Most pairs of triples whose motions' mapped points are counted, and most pairs of points that are compared for that.
+A body that has more has many symmetries, of which those that map most remain."""
+MOST = 12
+"""Most motions that are kept: a row that is symmetric about three axes has eleven besides itself that map all of it or
+all but an end. A round value."""
 ROUGH = 2.0
 """Factor on the distance before a motion is fitted to more than a triple. A round value."""
-REFINED = 4
+REFINED = 8
 """Number of motions fitted for each one returned, because the number of mapped points may change."""
 ROUNDS = 3
 """Largest number of fits of a motion, each to the points that the previous one maps."""
-STEPS = 16
-"""Steps of the tolerance in which distances are compared: the largest that there can be of 200 points, √(2 n) /
-`TOLERANCE` tolerances, is 32,000 of them, and a word of 16 bits holds 32,767."""
+STEPS, LEAST_NEAR = 16, 5e-4
+"""Steps of the tolerance in which distances are compared, and the least tolerance over the extent of a body: distances
+are up to 2,000 tolerances then, 32,000 steps, and a word of 16 bits holds 32,767."""
 MOST_POINTS = 200
-"""Number of points beyond which no symmetries are sought: √(2 n) / `TOLERANCE` tolerances then leave the words of
-`STEPS`."""
+"""Number of points beyond which no symmetries are sought. A round value."""
 WORD = 64
 """Bits of the words that record third points."""
 
@@ -68,6 +74,12 @@ class NearSymmetry(NamedTuple):
     def mapped(self) -> int:
         """Number of points that have an image."""
         return int(np.count_nonzero(self.image >= 0))
+
+    @property
+    def moves(self) -> bool:
+        """Whether many points that have an image have another one as that: a motion next to none does not."""
+        own = np.flatnonzero(self.image >= 0)
+        return 4 * int(np.count_nonzero(self.image[own] != own)) > len(own)
 
 
 def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
@@ -116,19 +128,33 @@ class _Body(NamedTuple):
     sign: float
     """1 for motions, −1 for reflections."""
 
-    @property
-    def near(self) -> float:
-        """Distance up to which points are the same."""
-        return TOLERANCE * body_radius(self.source)
+    near: float
+    """Distance up to which points are the same."""
+
+    @classmethod
+    def of(cls, source: Floats, normals: Floats | None, sign: float) -> _Body:
+        """A body of points (n, 3) with outward normals (n, 3) of any length."""
+        unit = None
+        if normals is not None:
+            length = np.linalg.norm(normals, axis=1, keepdims=True)
+            unit = normals / np.where(length > 0.0, length, 1.0)
+        # where a body's points are near each other, they are told apart, as far as the words of `STEPS` can
+        apart = float(np.median(KDTree(source).query(source, 2)[0][:, 1]))
+        near = min(TOLERANCE * body_radius(source), DISTINCT * apart)
+        return cls(source, unit, sign, max(near, LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))))
+
+    def alike(self, first: NearSymmetry, second: NearSymmetry) -> Bools:
+        """Whether motions, of which the first may be many, are nearly the same."""
+        middle = self.source.mean(axis=0)
+        apart = middle @ (first.rotation - second.rotation).swapaxes(-2, -1) + first.shift - second.shift
+        same = (first.rotation * second.rotation).sum(axis=(-2, -1)) > 1.0 + 2.0 * math.cos(ANGLE)
+        return np.asarray(same & (np.linalg.norm(apart, axis=-1) < APART * self.near))
 
 
 def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymmetry]:
-    unit, least = None, max(LEAST, math.ceil(SHARE * len(source)))
-    if normals is not None:
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        unit = normals / np.where(length > 0.0, length, 1.0)
-    body = _Body(source, unit, sign)
-    rotations, shifts = _laid_onto_others(body)
+    body, least = _Body.of(source, normals, sign), max(LEAST, math.ceil(SHARE * len(source)))
+    laid = [_laid_onto_others(body, triples) for triples in _triples(body.source)]
+    rotations, shifts = (np.concatenate(one) for one in zip(*laid, strict=True))
     counts = _counts(body, rotations, shifts)
     found: list[NearSymmetry] = []
     for _ in range(REFINED * MOST):
@@ -137,17 +163,18 @@ def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymm
         k = int(counts.argmax())
         one = _refined(body, rotations[k], shifts[k])
         for other in (one, _refined(body, one.rotation.T, -one.rotation.T @ one.shift)):
-            if other.mapped >= least and not any(_alike(other.rotation, known.rotation) for known in found):
+            if other.mapped >= least and other.moves and not any(body.alike(other, known) for known in found):
                 found.append(other)
-        counts = np.where(_alike(rotations, rotations[k]), 0, counts)
+        counts = np.where(body.alike(NearSymmetry(rotations, shifts, one.image), one), 0, counts)
+        counts[k] = 0
     found.sort(key=lambda one: -one.mapped)
     return found[:MOST]
 
 
-def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
-    """Motions (M, 3, 3) and (M, 3) of random triples onto others of the same sides, without the identity."""
+def _laid_onto_others(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
+    """Motions (M, 3, 3) and (M, 3) of triples (T, 3) onto others of the same sides, without the identity."""
     source, unit, near = body.source, body.unit, body.near
-    a, b, c = _triples(source)
+    a, b, c = triples.T
     n = len(source)
     distance = np.linalg.norm(source[:, None] - source, axis=2)
     steps = (distance * (STEPS / near)).astype(np.int16)
@@ -161,38 +188,45 @@ def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
     triple, k, j = triple[some][row], k[some][row], j[some][row]
     first, second = (np.column_stack(one) for one in ((a[triple], b[triple], c[triple]), (k, j, m)))
     moved = np.flatnonzero((first != second).any(axis=1))
-    if len(moved) > MOST_LAID:
-        moved = np.sort(np.random.default_rng(1).choice(moved, MOST_LAID, replace=False))
+    if len(moved) > (most := min(MOST_LAID, COUNTED // n**2)):
+        moved = np.sort(np.random.default_rng(1).choice(moved, most, replace=False))
     first, second = first[moved], second[moved]
     frames = frames_of_triangles(source[first]), frames_of_triangles(source[second])
     rotations = frames[1] * (1.0, 1.0, body.sign) @ frames[0].swapaxes(1, 2)
-    own = np.trace(rotations, axis1=1, axis2=2) <= 1.0 + 2.0 * math.cos(ANGLE)
     if unit is not None:
         turned = np.einsum("hij,hmj->hmi", rotations, unit[first])
         cosine = body.sign * (turned * unit[second]).sum(axis=2)
         known = unit[first].any(axis=2) & unit[second].any(axis=2)
-        own &= ((cosine >= FACING) | ~known).all(axis=1)
-    kept = np.flatnonzero(own)[:MOST_MOTIONS]
-    rotations, first, second = rotations[kept], first[kept], second[kept]
+        facing = ((cosine >= FACING) | ~known).all(axis=1)
+        rotations, first, second = rotations[facing], first[facing], second[facing]
     shifts = source[second].mean(axis=1) - np.einsum("hij,hj->hi", rotations, source[first].mean(axis=1))
     return rotations, shifts
 
 
-def _triples(source: Floats) -> tuple[Integers, Integers, Integers]:
-    """Random triples of points far apart and not in line, each once."""
+def _triples(source: Floats) -> tuple[Integers, Integers]:
+    """Random triples (T, 3) of points far apart and not in line, each once, and one about each point, for parts."""
     n, radius = len(source), body_radius(source)
     drawn = np.random.default_rng(0).integers(0, n, (DRAWN, 3))
     drawn = drawn[(drawn[:, 0] < drawn[:, 1]) & (drawn[:, 1] < drawn[:, 2])]
     _, unique = np.unique(drawn @ (n * n, n, 1), return_index=True)
     drawn = drawn[np.sort(unique)]
-    a, b, c = source[drawn].swapaxes(0, 1)
-    sides = np.array([np.linalg.norm(one, axis=1) for one in (b - a, c - a, c - b)])
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    sides, area = _sizes(source, drawn)
     spread = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1:]
     across = min(math.sqrt(2.0 * float(spread @ spread) / n), radius)  # the radius itself of a round body
     fair = (sides.min(axis=0) > WIDE * radius) & (area > HIGH * across * sides.max(axis=0))
-    first, second, third = drawn[fair][:TRIPLES].T
-    return first, second, third
+    _, beside = KDTree(source).query(source, LEAST)
+    local = np.sort(beside[:, list(itertools.combinations(range(LEAST), 3))], axis=2)
+    widest = _sizes(source, local.reshape(-1, 3))[1].reshape(n, -1).argmax(axis=1)
+    local = np.unique(local[np.arange(n), widest], axis=0)
+    local = local[_sizes(source, local)[1] > 0.0]
+    return drawn[fair][:TRIPLES], local
+
+
+def _sizes(source: Floats, triples: Integers) -> tuple[Floats, Floats]:
+    """Sides (3, T) of triples (T, 3) and twice their areas (T,)."""
+    a, b, c = source[triples].swapaxes(0, 1)
+    sides = np.array([np.linalg.norm(one, axis=1) for one in (b - a, c - a, c - b)])
+    return sides, np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
 def _same(steps: NDArray[np.int16], sides: NDArray[np.int16]) -> Bools:
@@ -259,8 +293,3 @@ def _unknown(unit: Floats) -> Bools:
     """Pairs (n, n) of points of which one has no normal."""
     known = unit.any(axis=1)
     return np.asarray(~np.logical_and.outer(known, known))
-
-
-def _alike(first: Floats, second: Floats) -> Bools:
-    """Whether rotations (..., 3, 3) are nearly the same."""
-    return np.asarray((first * second).sum(axis=(-2, -1)) > 1.0 + 2.0 * math.cos(ANGLE))

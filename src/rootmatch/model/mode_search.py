@@ -32,8 +32,8 @@ NO_STEP = np.zeros(6)
 SECONDS_PER_DENSITY = 3e-10
 """To weigh and settle a proposal, for each detection and centre of a crowd (benchmarks/deadlines.py, task 785)."""
 GROWN, ROUNDS = 6, 6
-"""Number of modes that grow by their best changes and whose changes are summed, and largest number of changes by which
-one grows. Round values."""
+"""Number of modes, the best ones, that grow by their best changes and whose changes are summed, and largest number of
+changes by which one grows. Round values."""
 WEIGHED = 32
 """Number of changes of a mode that are weighed with the pose they lead to; the others count to first order. A round
 value."""
@@ -58,6 +58,7 @@ def modes_of(
     *,
     of_several: bool = False,
     damaged: bool = True,
+    twins: bool = False,
 ) -> Modes:
     """The distinct poses among some proposals, grown, with the sums over their changes.
 
@@ -89,14 +90,14 @@ def modes_of(
     order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
     for k in order[np.isfinite(found.log_odds[order])].tolist():
         log_odds = float(found.log_odds[k])
-        behind = bool(kept) and log_odds < min(kept[0].log_mass - 2.0 * NEGLIGIBLE, enough)
+        behind = bool(kept) and log_odds < min(kept[0].log_mass - (HOPELESS if twins else 2.0 * NEGLIGIBLE), enough)
         if kept and ((behind and log_odds < of_copy) or in_force().passed()):
             break
         if behind and not apart_from(assignments[[k]], kept[0].assignment)[0]:
             continue
         mode = _Mode.of(assignments[k], found, poses, k)
         if kept:
-            least = min(kept[0].log_mass - NEGLIGIBLE, enough)
+            least = min(kept[0].log_mass - (HOPELESS if twins else NEGLIGIBLE), enough)
         else:
             least = -math.inf if damaged else -HOPELESS
         kept = _with(kept, mode, model, (at, k), least=least)
@@ -112,7 +113,8 @@ def _with(
     """
     if _is_known(mode, kept):
         return kept
-    if len(kept) < GROWN and mode.log_odds > least:
+    better = sum(other.log_mass > mode.log_odds for other in kept)
+    if better < GROWN and mode.log_odds > least:
         at, k = place
         return _joined(kept, _grown(model, mode, at.one(k)))
     return _beside(kept, mode)

@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.occluder import DIRECTIONS, EDGE, LEAST_HIDDEN, LOG_FREE, WINDOW, hide
+from rootmatch.model.compiled.occluder import DIRECTIONS, DISTANCE, EDGE, LEAST_HIDDEN, LOG_FREE, WINDOW, hide
 from rootmatch.model.compiled.visibility import edge_of, see_one, shown_of, shown_of_blobs
 from rootmatch.model.visibility import EDGES
 
@@ -131,8 +131,8 @@ def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
 @part
 def scratch_for(n, images, n_target):  # type: ignore[no-untyped-def]
     """What `weigh_one` writes into, for so many points, images and detections."""
-    square, hidden = (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), (np.empty(2), np.empty(DIRECTIONS))
-    return square, np.empty((3, 6)), np.empty((5, n)), np.empty(images, np.int64), np.zeros(n_target, np.bool_), hidden
+    square, hidden = (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), (np.empty(3), np.empty(DIRECTIONS))
+    return square, np.empty((3, 6)), np.empty((6, n)), np.empty(images, np.int64), np.zeros(n_target, np.bool_), hidden
 
 
 @part
@@ -252,10 +252,10 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
                 lost += shown[i]
         value = log_of_rates(owned, missing, matches, nodes, log_nodes)
         if edge == 0:
-            odds[EDGE] = odds[WINDOW] = -math.inf
+            odds[:] = -math.inf
             if lost > LEAST_HIDDEN:
-                hide(assignments[k], pixels[pose], missing, images, reaches, in_sight, odds)
-        for kind in (EDGE, WINDOW):
+                hide(assignments[k], pixels[pose], jacobian[pose], missing, images, reaches, in_sight, odds)
+        for kind in (EDGE, WINDOW, DISTANCE):
             if odds[kind] > -math.inf:
                 for i in range(n):
                     left[i] = missing[i] * in_sight[kind, i]

@@ -1,8 +1,8 @@
-"""What is hidden as a whole, compiled: the part of an image beyond a straight edge, or all but a window.
+"""What is hidden as a whole, compiled: the part of an image beyond a straight edge, all but a window, what is small.
 
 Points are not missed one by one only. A hand, a frame or fog hides a part of an image, a detector or an unknown image
-size shows no more than a window of it. How many points lie beyond then says nothing of the detection rate, nor of the
-pose.
+size shows no more than a window of it, and what is too far away appears too small or too faint. How many points lie
+beyond then says nothing of the detection rate, nor of the pose.
 """
 
 from __future__ import annotations
@@ -18,12 +18,17 @@ OCCLUDED = 0.1
 DIRECTIONS = 8
 """Directions in which an edge may face, all equally probable: nearer ones hide much the same. A window has an edge in
 each."""
-EDGE, WINDOW = 0, 1
-"""What hides, equally probable."""
+EDGE, WINDOW, DISTANCE = 0, 1, 2
+"""What hides: the first two are equally probable."""
+SIZES = math.log(16.0)
+"""Logarithm of the range of apparent sizes in which the least that a detector sees may lie, all equally probable: what
+is seen at a sixteenth of the size has a 256th of the light, the least in an image of 8 bits. Of points that are about
+equally far away it hides all or none; of a street, it is within it as probably as not. A stated value, not
+measured."""
 LEAST_HIDDEN = 2.0
 """Missing visible points beyond which it is looked for: fewer are as well missed one by one. A round value."""
 LOG_ODDS = math.log(0.5 * OCCLUDED) - math.log1p(-OCCLUDED)
-"""Of one of the two against neither."""
+"""Of one of the first two against neither."""
 LOG_FREE = math.log1p(-OCCLUDED)
 
 
@@ -32,18 +37,45 @@ ACROSS, DOWN = np.array([math.cos(turn) for turn in TURNS]), np.array([math.sin(
 
 
 @part
-def hide(assignment, pixels, missing, images, reaches, in_sight, odds):  # type: ignore[no-untyped-def]
+def _size(jacobian):  # type: ignore[no-untyped-def]
+    """Square of the size at which the surroundings of a point appear, by its Jacobian (2, 6)."""
+    size = 0.0
+    for q in range(2):
+        for a in range(3, 6):
+            size += jacobian[q, a] * jacobian[q, a]
+    return size
+
+
+@part
+def _beyond(assignment, jacobian, missing, in_sight):  # type: ignore[no-untyped-def]
+    """Logarithm of the odds that what appears smaller than any match is too small, as `hide` has it for one kind."""
+    least, largest, beyond = math.inf, 0.0, 0.0
+    for i in range(assignment.shape[0]):
+        if assignment[i] >= 0:
+            least = min(least, _size(jacobian[i]))
+    for i in range(assignment.shape[0]):
+        if missing[i] > 0.0:
+            size = _size(jacobian[i])
+            if size < least:
+                in_sight[i], beyond, largest = 0.0, beyond + missing[i], max(largest, size)
+    return math.log(0.5 * math.log(least / largest) / SIZES) if beyond > LEAST_HIDDEN else -math.inf
+
+
+@part
+def hide(assignment, pixels, jacobian, missing, images, reaches, in_sight, odds):  # type: ignore[no-untyped-def]
     """The edges and the windows, one in each image, that leave all matches in sight and hide most of what is missing.
 
-    ``assignment`` (n,), ``pixels`` (n, 2) and ``missing`` (n,), the visibility of the points without a detection, of
-    so many ``images``, one after the other. ``reaches`` (8,): scratch.
+    And the distance beyond which all is missing. ``assignment`` (n,), ``pixels`` (n, 2), ``jacobian`` (n, 2, 6) and
+    ``missing`` (n,), the visibility of the points without a detection, of so many ``images``, one after the other.
+    ``reaches`` (8,): scratch.
 
-    ``odds`` (2,): logarithm of the odds of all edges and of all windows, −∞ if none is worth it; ``in_sight`` (2, n): 0
-    for the points that they hide, else 1.
+    ``odds`` (3,): logarithm of the odds of all edges, of all windows and of a distance, −∞ if none is worth it;
+    ``in_sight`` (3, n): 0 for the points that they hide, else 1.
     """
     each = pixels.shape[0] // images
     odds[EDGE] = odds[WINDOW] = -math.inf
     in_sight[:] = 1.0
+    odds[DISTANCE] = _beyond(assignment, jacobian, missing, in_sight[DISTANCE])
     for image in range(images):
         first, end = image * each, (image + 1) * each
         most, way, outside, points = LEAST_HIDDEN, -1, 0.0, 0.0
