@@ -136,7 +136,7 @@ def list_meeting(  # type: ignore[no-untyped-def]
         for r in range(lookups):
             every &= flat_cells[places[0, r]]
         passed[count] = k
-        count += every >= 0
+        count += 1 if every >= 0 else 0
     return count, real
 
 
