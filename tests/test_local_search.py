@@ -23,7 +23,13 @@ from rootmatch.samplers.guided.local_triples import run_local_tests
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import begin_with
 from rootmatch.samplers.guided.rivals import RIVAL_MISSED
-from rootmatch.samplers.guided.sequential_test import prepare_sets, run_sequential_tests
+from rootmatch.samplers.guided.screening import ALONG
+from rootmatch.samplers.guided.sequential_test import (
+    lookups_before_dropped,
+    prepare_sets,
+    run_sequential_tests,
+    sequential_test,
+)
 from rootmatch.samplers.guided.visibility import FAILURE
 from rootmatch.samplers.guided.visible_search import search_of
 
@@ -71,14 +77,18 @@ def search_of_points(source: Points, target: Points) -> LocalSearch:
     return search
 
 
-def test_local_tests_are_those_of_all_images_that_are_near() -> None:
+@pytest.mark.parametrize("visible", [0.6, 0.2])
+def test_local_tests_are_those_of_all_images_that_are_near(visible: float) -> None:
+    """Where few points are visible the others are looked up along the points, not along the images."""
     target, _ = seen_from_one_side(surface(50, 0), 1, clutter=0)
     search = search_of_points(surface(50, 0), target)
     level = search.levels[1]
     points = np.ascontiguousarray(search._triples(level)[:6])
     others = search._others_of(points)
     sets = prepare_sets(search.tables, points, others, np.zeros(len(points), np.int64))
-    near, test = np.ascontiguousarray(search.near[:, : level.images]), search._local_test(3)
+    near = np.ascontiguousarray(search.near[:, : level.images])
+    test = sequential_test(search.clutter, visible, 0, least=4, normals=False)
+    assert (lookups_before_dropped(test, others.shape[1], 3) >= ALONG) == (visible < 0.5)
     survivors, ratios, counts = run_local_tests(
         search.tables, search.grid, test, sets, near, search.allowed, keep=500, chunks=2
     )

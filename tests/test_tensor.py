@@ -153,19 +153,6 @@ def test_merging_the_shuffled_copy_of_a_tensor_gives_the_tensor(seed, order, cou
     np.testing.assert_array_equal(again.weights, tensor.weights)
 
 
-def test_restriction_to_a_mask():
-    tensor, rng = instance(3, 4, 5, 300, unary=True)
-    mask = rng.random((4, 5)) < 0.7
-    part = tensor.restricted(mask)
-    allowed = {int(a) for a in np.flatnonzero(mask)}
-    keep = [set(edge.tolist()) <= allowed for edge in tensor.indices]
-    assert 0 < sum(keep) < 300
-    np.testing.assert_array_equal(part.indices, tensor.indices[keep])
-    np.testing.assert_array_equal(part.unary, tensor.unary * mask)
-    with pytest.raises(InputError, match="mask"):
-        tensor.restricted(mask.T)
-
-
 @pytest.mark.parametrize(
     ("indices", "weights", "words"),
     [

@@ -13,6 +13,7 @@ from rootmatch.arrays import Floats
 from rootmatch.samplers.guided.hypotheses import Hypotheses, missed_as_met
 from rootmatch.samplers.guided.minimal_sets import sets_of_parts
 from rootmatch.samplers.guided.sequential_test import sequential_test
+from rootmatch.samplers.guided.stopping import fewest_told
 
 CAMERA = rm.Camera(1800.0, 1800.0, 640.0, 480.0)
 AT_THE_STARS = rm.PosePrior(position=((0, 0, 0), 1e-6))
@@ -42,6 +43,24 @@ def test_nothing_is_searched_where_chance_explains_as_much(prior: rm.PosePrior |
 def test_as_many_detections_of_fewer_points_are_searched() -> None:
     match = rm.match(*sky(1, 8, 4, 0), rm.P3P(CAMERA), noise=0.3)
     assert match.evaluated > 0
+
+
+def test_no_more_is_searched_than_a_pose_takes_that_can_be_told() -> None:
+    """Five of eight points in sixty detections are chance: a search meets every pose of six, and not all of five."""
+    source = np.random.default_rng(5).uniform(-0.1, 0.1, (8, 3))
+    target = np.random.default_rng(1001).uniform((0, 0), (1280, 960), (60, 2))
+    match = rm.match(source, target, rm.P3P(rm.Camera(1000.0, 1000.0, 640.0, 480.0)), noise=0.5)
+    assert match.status is rm.Status.UNTRUSTED
+    assert match.evaluated < 45_000_000
+
+
+def test_fewest_matches_that_tell_a_pose() -> None:
+    """Each match beyond three is worth e⁹ here, and 10⁷ sets are tried, of which one in 19 odds may be chance."""
+    density, variance = np.full(60, math.exp(-9.0) / (2.0 * math.pi)), np.ones(60)
+    assert fewest_told(density, variance, 3, 1.0) == 4
+    assert fewest_told(density, variance, 3, 1e6) == 5
+    assert fewest_told(density, variance, 3, 1e7) == 6
+    assert fewest_told(np.ones(60), variance, 3, 1e7) == 60
 
 
 def test_what_is_known_still_finds_few_stars() -> None:

@@ -138,19 +138,17 @@ class Finding:
         """A copy with some facts changed, from which another status may follow."""
         return replace(self, facts=replace(self.facts, **facts))
 
-    def doubted(self, probability: float) -> Self:
-        """A copy that is less probable; ambiguous if it is less so than what is trusted."""
-        facts = replace(self.facts, probability=probability)
-        if probability < facts.min_probability:
-            facts = replace(facts, contested=True, sure_of_the_rest=False)
-        return replace(self, facts=facts)
+    def doubted(self, probability: float, confidence: Floats) -> Self:
+        """A copy that is less probable, as are its matches (n,); ambiguous if it is less so than what is trusted."""
+        contested = {"contested": True, "sure_of_the_rest": False} if probability < self.facts.min_probability else {}
+        return replace(self, facts=replace(self.facts, probability=probability, **contested), confidence=confidence)
 
     def less_certain(self, factor: float) -> Self:
         """A copy that is less probable by a factor, as is each of its matches; ambiguous as of `doubted`."""
         if self.facts.probability is None or self.confidence is None:
             return self
         less = np.where(self.assignment >= 0, factor, 1.0) * self.confidence
-        return replace(self.doubted(factor * self.facts.probability), confidence=less)
+        return self.doubted(factor * self.facts.probability, less)
 
     @property
     def every_confidence(self) -> Floats | None:

@@ -208,15 +208,6 @@ class AffinityTensor:
         (np.add if how == "sum" else np.maximum).at(weights, group, self.weights)
         return AffinityTensor.unchecked(np.ascontiguousarray(rows[first]), weights, self.shape, self.unary)
 
-    def restricted(self, mask: ArrayLike) -> AffinityTensor:
-        """Tensor of the hyper-edges and unary weights of allowed correspondences only; mask: (n, n') booleans."""
-        allowed = np.asarray(mask, dtype=np.bool_)
-        if allowed.shape != self.shape:
-            raise InputError(f"mask: got shape {allowed.shape}; expected (n, n') = {self.shape}")
-        keep = allowed.ravel()[self.indices].all(axis=1)
-        unary = None if self.unary is None else np.where(allowed, self.unary, 0.0)
-        return AffinityTensor.unchecked(self.indices[keep], self.weights[keep], self.shape, unary)
-
     @classmethod
     def from_coo(
         cls,

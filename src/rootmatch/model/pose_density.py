@@ -248,7 +248,7 @@ class Doubted(Mixed):
     @cached_property
     def _places(self) -> tuple[Integers, Integers]:
         """Which prediction the first component is, −1 for none, by that of kernels, and each of the components."""
-        known = np.setdiff1d(np.arange(len(self.predictions)), self._gaussian)
+        known = [k for k, one in enumerate(self.predictions) if not isinstance(one, Gaussian)]
         others = np.full(1 + len(self.for_kernels[2][-1]), -1)
         others[1 : 1 + len(known)] = known
         return np.append(self._gaussian, -1), others
@@ -258,7 +258,8 @@ class Doubted(Mixed):
         """See `PoseDensity.for_kernels`."""
         log_doubt, every = math.log(self.doubt), list[Knowledge]()
         normal = [(one, share) for one, share in self._shared if isinstance(one, Gaussian)]
-        for one, share in [*self._shared, (self.without, log_doubt)]:
+        others = [(one, share) for one, share in self._shared if not isinstance(one, Gaussian)]
+        for one, share in [*others, (self.without, log_doubt)]:
             rotations, directions, places, peaks = one.for_kernels[2]
             if len(peaks):
                 every.append((rotations, directions, places, peaks + share))

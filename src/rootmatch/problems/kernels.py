@@ -58,7 +58,7 @@ class HypothesisKernels:
     """Kernels that the guided search needs of a problem, whose tables have ``rays`` (3, n') and ``variance`` (n',)."""
 
     coordinates: Kernel
-    """``(tables, sets, others)`` → (S, n − m, 7), (S, m, 4): of sets (S, m) and the other points (S, n − m) of each, in
+    """``(tables, sets, others)`` → (S, 7, n − m), (S, m, 4): of sets (S, m) and the other points (S, n − m) of each, in
     the frame of the set: the others' coordinates, which end with their normals and the cosines of their view angles,
     and those of the set's own points. Not jitted."""
     solve: Kernel

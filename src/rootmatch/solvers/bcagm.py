@@ -101,7 +101,6 @@ class _Ascent:
         self.key = [b""] * self.blocks
         # The best block so far, and its score.
         self.winner, self.score = np.full(n, -1, np.int64), 0.0
-        self.trace: list[float] = []
 
     def round(self) -> None:
         """Improve each block once; agree, or turn to the convex objective, when that leads nowhere."""
@@ -134,7 +133,6 @@ class _Ascent:
         score = self.own_score(b)
         if score > self.score:
             self.winner, self.score = assignment, score
-            self.trace.append(score)
 
     def own_score(self, b: int) -> float:
         """S of one block."""

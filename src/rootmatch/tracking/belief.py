@@ -330,17 +330,23 @@ class Belief:
         pose = averaged_pose(model, modes, step.mode)
         if step.origin < 0:
             log_other = FLOOR if self.given_up is None else log_other_in_sight(self.given_up, pose, time)
-            filter_ = MotionFilter(self.source, pose, time, self.motion)
-            last = FollowedPose(filter_, log_other=log_other, since=time, log_absent=absent)
+            moving = MotionFilter(self.source, pose, time, self.motion)
+            last = FollowedPose(moving, log_other=log_other, since=time, log_absent=absent)
         else:
             last = self.poses[step.origin]
-            last = replace(last, filter=last.filter.copy())
-            last.filter.update(pose, time, step.chance)
+            moving = last.filter.copy()
+            moving.update(pose, time, step.chance)
         if step.mode == found.mode and (factor := found.noise_factor) is not None:
             misfit = Misfit(factor**2, factor, found.noise_dof)
         else:
             misfit = misfit_of(model, modes, step.mode)
         log_other = after_frame(last.log_other, misfit, TEMPER, len(model.images) > 1)
         return replace(
-            last, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place, alone=step.alone
+            last,
+            filter=moving,
+            log_weight=step.log_weight,
+            shown=step.shown,
+            log_other=log_other,
+            place=step.place,
+            alone=step.alone,
         )

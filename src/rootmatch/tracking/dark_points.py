@@ -9,7 +9,6 @@ independent; several that come back together, as from behind a hand, are doubted
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -64,7 +63,7 @@ class DarkPoints:
             return found
         confidence = sure.copy()
         confidence[matched] = whole * told
-        return replace(found.doubted(chance * less), confidence=confidence)
+        return found.doubted(chance * less, confidence)
 
     def take(self, found: Finding, time: float) -> None:
         """Learn from a frame, if the body is more probably in it than not."""

@@ -41,8 +41,11 @@ def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
             ],
             axis=2,
         )
-        position = (points[others] - origin[:, None]) @ frame
-        rest = np.concatenate([position, normals[others] @ frame, cosines[others]], axis=2)
+        rest = np.zeros((len(sets), 7, others.shape[1]))
+        rest[:, :3] = ((points[others] - origin[:, None]) @ frame).swapaxes(1, 2)
+        if normals.any():
+            rest[:, 3:6] = (normals[others] @ frame).swapaxes(1, 2)
+        rest[:, 6] = t.normals[3][others]
         return rest, np.concatenate([normals[sets] @ frame, cosines[sets]], axis=2)
 
 

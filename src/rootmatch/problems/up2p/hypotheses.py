@@ -14,9 +14,9 @@ from rootmatch.problems.up2p.quadratic import faces
 def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
     """Differences of the other points to each pair's first, and the normals as they are."""
     rows = np.concatenate([t.points.T, t.normals.T], axis=1)  # with their cosines
-    every = rows[others]
-    every[..., :3] -= rows[sets[:, 0], None, :3]
-    return every, np.ascontiguousarray(rows[sets, 3:])
+    every = np.concatenate([t.points, t.normals])[:, others]
+    every[:3] -= t.points[:, sets[:, 0], None]
+    return np.ascontiguousarray(every.swapaxes(0, 1)), np.ascontiguousarray(rows[sets, 3:])
 
 
 @part

@@ -42,27 +42,30 @@ def cluster(evidence: Floats, best: Integers, candidates: Integers, most: int) -
     """
     most = min(most, len(best))
     leaders, size = np.empty(most, np.int64), np.empty(len(best), np.int64)
+    matched = np.empty(best.shape[1], np.int64)
     lists = np.empty((most, best.shape[1], CANDIDATES), np.int64)
-    made = _cluster(evidence, best, candidates, SHARED, WEAK, size, leaders, lists)
+    made = _cluster(evidence, best, candidates, SHARED, WEAK, size, matched, leaders, lists)
     return leaders[:made], lists[:made]
 
 
 @driver(nogil=True)
-def _cluster(evidence, best, candidates, least_shared, weak, size, leaders, lists):  # type: ignore[no-untyped-def]
-    """Fill in leaders and lists; how many there are. ``size`` (K,) is scratch."""
+def _cluster(evidence, best, candidates, least_shared, weak, size, matched, leaders, lists):  # type: ignore[no-untyped-def]
+    """Fill in leaders and lists; how many there are. ``size`` (K,) and ``matched`` (n,) are scratch."""
     n, places = best.shape[1], lists.shape[2]
     made = 0
     for q in range(best.shape[0]):
-        size[q] = 0
+        count = 0
         for d in range(n):
-            size[q] += best[q, d] >= 0
+            matched[count] = d
+            count += best[q, d] >= 0
+        size[q] = count
         home = -1
         for g in range(made):
             leader = leaders[g]
             shared = 0
-            for d in range(n):
-                shared += best[q, d] >= 0 and best[q, d] == best[leader, d]
-            fewer = size[q] if size[q] < size[leader] else size[leader]
+            for place in range(count):
+                shared += best[q, matched[place]] == best[leader, matched[place]]
+            fewer = count if count < size[leader] else size[leader]
             if shared >= least_shared * fewer:
                 home = g
                 break

@@ -42,17 +42,17 @@ def likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, st
             break
         miss = 0.0 if edge_on else test.miss
         for r in range(others.shape[0]):
-            a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
+            a, b, c = coordinates[0, r], coordinates[1, r], coordinates[2, r]
             x = ox + a * ex + b * fx + c * gx
             y = oy + a * ey + b * fy + c * gy
             z = oz + a * ez + b * fz + c * gz
             if test.normals:
-                a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
+                a, b, c = coordinates[3, r], coordinates[4, r], coordinates[5, r]
                 u, v, w = a * ex + b * fx + c * gx, a * ey + b * fy + c * gy, a * ez + b * fz + c * gz
                 along = u * x + v * y + w * z
                 distance2 = x * x + y * y + z * z
                 # beyond its view angle, or so nearly on the far side that it need not be seen
-                if along + coordinates[r, 6] * math.sqrt(distance2) > 0.0:
+                if along + coordinates[6, r] * math.sqrt(distance2) > 0.0:
                     continue
                 if (along * along < facing2 * (u * u + v * v + w * w) * distance2) != edge_on:
                     from_edge += 1

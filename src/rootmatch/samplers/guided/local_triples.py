@@ -134,7 +134,7 @@ def _screen(tables, grid, flat_cells, i, coordinates, lookups, filled, root, blo
         hit[1, k] = lookups == 0 and real
         found += real
     for r in range(lookups):
-        a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
+        a, b, c = coordinates[0, r], coordinates[1, r], coordinates[2, r]
         for k in range(filled):
             x = frames[0, k] + a * frames[3, k] + b * frames[6, k] + c * frames[9, k]
             y = frames[1, k] + a * frames[4, k] + b * frames[7, k] + c * frames[10, k]

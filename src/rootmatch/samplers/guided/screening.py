@@ -2,7 +2,8 @@
 
 Nearly all solutions are false, and the sequential test drops each when the first points that it looks up meet no
 detection. That is done here for every last image and root side by side, in a loop that vectorises; the rest, about one
-in ten, is tested one by one.
+in ten, is tested one by one. Among few detections a test looks up many points before it drops a solution: then these
+are looked up side by side, for one solution after the other.
 """
 
 from __future__ import annotations
@@ -14,20 +15,24 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.decorators import scalar
-from rootmatch.samplers.guided.detection_grid import field_of, position_of
+from rootmatch.samplers.guided.detection_grid import NOBODY, field_of, position_of
 from rootmatch.samplers.guided.dispatch import set_frame
 
 ROOTS = 4
 """Most solutions of a minimal set; where a problem has fewer, the others are not there."""
 
 
+ALONG = 8
+"""Points that are looked up from which they fill vectors: those of AVX-512."""
+
+
 class Work(NamedTuple):
     """Scratch of the screening."""
 
     cells: NDArray[np.int32]
-    """(2, columns)."""
+    """(2, C) for C columns or points that are looked up, whichever are more."""
     places: NDArray[np.uint32]
-    """(2, columns), the memory of `cells` read as places."""
+    """(2, C), the memory of `cells` read as places."""
     met: Bools
     """(columns,)."""
     passed: Integers
@@ -78,9 +83,9 @@ def predicted_cell(whole, field, frame, point):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def numbers(coordinates, row):  # type: ignore[no-untyped-def]
-    """Coordinates of a row as a tuple, for a loop that vectorises."""
-    return coordinates[row, 0], coordinates[row, 1], coordinates[row, 2]
+def position(coordinates, r):  # type: ignore[no-untyped-def]
+    """Position of a point in the set's frame as a tuple, for a loop that vectorises."""
+    return coordinates[0, r], coordinates[1, r], coordinates[2, r]
 
 
 @scalar
@@ -103,7 +108,7 @@ def list_met(flat_cells, places, met, earlier, passed):  # type: ignore[no-untyp
     ``places`` (2, columns) are the cells as unsigned numbers. Without a branch: one in ten is met, in no order.
     """
     count = np.uint64(0)
-    for k in range(places.shape[1]):
+    for k in range(met.size):
         # negative where both are empty
         hit = (flat_cells[places[0, k]] & flat_cells[places[1, k]]) >= 0
         hit = hit | (earlier & met[k])
@@ -111,6 +116,28 @@ def list_met(flat_cells, places, met, earlier, passed):  # type: ignore[no-untyp
         passed[count] = k
         count += np.uint64(hit)
     return count
+
+
+@scalar
+def list_meeting(  # type: ignore[no-untyped-def]
+    tables, grid, flat_cells, field, before, coordinates, lookups, scratch, root, work
+):  # fmt: skip
+    """List the last images of solutions at one root that meet a detection; how many there are, and of solutions."""
+    cells, places, _, passed = work
+    whole, real, count = grid.whole, 0, 0
+    for k in range(scratch.shape[1]):
+        there, frame = set_frame(tables, grid, before, k, scratch, root)
+        if not there:
+            continue
+        real += 1
+        for r in range(lookups):
+            cells[0, r] = predicted_cell(whole, field, frame, position(coordinates, r))
+        every = np.int16(NOBODY)
+        for r in range(lookups):
+            every &= flat_cells[places[0, r]]
+        passed[count] = k
+        count += 1 if every >= 0 else 0
+    return count, real
 
 
 @scalar
@@ -141,7 +168,7 @@ def screen(  # type: ignore[no-untyped-def]
         Cells of the grid.
     before : tuple
         Of `set_known`.
-    coordinates : (n − m, 7) array
+    coordinates : (7, n − m) array
         Of the other points, in the order in which they are looked up.
     own : (m, 4) array
         Normals of the set's points, and the cosines of their view angles.
@@ -179,9 +206,13 @@ def screen(  # type: ignore[no-untyped-def]
         count, real = 0, 0
         if lookups == 0:
             count = real = list_facing(tables, grid, normals, before, fronts, bearings, scratch, root, passed)
-        for pair in range((lookups + 1) // 2):
-            one = numbers(coordinates, 2 * pair)
-            two = numbers(coordinates, min(2 * pair + 1, lookups - 1))
+        if lookups >= ALONG:
+            count, real = list_meeting(
+                tables, grid, flat_cells, field, before, coordinates, lookups, scratch, root, work
+            )  # fmt: skip
+        for pair in range((lookups + 1) // 2 if lookups < ALONG else 0):
+            one = position(coordinates, 2 * pair)
+            two = position(coordinates, min(2 * pair + 1, lookups - 1))
             real = cells_of_two(tables, grid, field, before, one, two, scratch, root, cells)
             count = int(list_met(flat_cells, places, met, pair > 0, passed))
         found += real

@@ -38,7 +38,7 @@ from rootmatch.samplers.guided.sequential_test import (
     run_sequential_tests,
     sequential_test,
 )
-from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level
+from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level, fewest_told
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.verification import CANDIDATES, shares_of, verify
 from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, detected_views, missed_at_random
@@ -88,6 +88,9 @@ class Search:
         """Mean number of clutter detections within a gate, of those that a point may have."""
         self.possible = share**self.minimal
         """Share of the images of a minimal set that its points may have, as if they may have theirs independently."""
+        sets = self.possible * math.comb(self.n, self.minimal) * math.perm(self.n_target, self.minimal)
+        self.fewest = min(fewest_told(self.density, tables.variance, self.minimal, sets), *self.shape)
+        """Fewest matches that tell a pose from chance: a search need not go on for one that has fewer."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.positions = np.ascontiguousarray(tables.points.T)
         self.solved = self.tested = self.evaluated = 0
@@ -168,11 +171,12 @@ class Search:
         matched = self._most_matched()
         if tried is not None:
             self.missed = tried.missed(matched)
-        elif not self.single or matched <= self.minimal + 1:
+        elif not self.single or (matched := max(matched, self.fewest)) <= self.minimal + 1:
             return False
         else:
-            at_random = missed_at_random(matched, self.n, self.minimal, sets_done)
-            self.missed = min(at_random, missed_as_met(strongest_of(self.hypotheses), self.drawn))
+            self.missed = missed_at_random(matched, self.n, self.minimal, sets_done)
+            if self.hypotheses:
+                self.missed = min(self.missed, missed_as_met(strongest_of(self.hypotheses), self.drawn))
         return self.missed <= MISSED
 
     def _most_matched(self) -> int:

@@ -104,7 +104,7 @@ class PreparedSets(NamedTuple):
     others: Integers
     """(S, n − m) the other points, in the order in which they are looked up."""
     coordinates: Floats
-    """(S, n − m, 7) position and normal of the others in the frame of the set, and the cosine of its view angle."""
+    """(S, 7, n − m) position and normal of the others in the frame of the set, and the cosine of its view angle."""
     own: Floats
     """(S, m, 4) normals of the set's points in its frame, and the cosines of their view angles."""
     offset: Integers
@@ -197,7 +197,7 @@ def run_sequential_tests(
     def test_group(group: _Group, first_task: int, last_task: int) -> None:
         columns = len(padded_places(group.width))
         scratch = np.empty((2 * solutions, columns))
-        cells = np.empty((2, columns), np.int32)
+        cells = np.empty((2, max(columns, lookups)), np.int32)
         work = Work(cells, cells.view(np.uint32), np.empty(columns, np.bool_), np.empty(columns + 1, np.int64))
         room = TESTED + solutions * columns
         hypotheses = Screened(np.empty((room, 12)), np.empty((room, 2 + m), np.int64))

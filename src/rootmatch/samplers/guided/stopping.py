@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Integers
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.options import Options, option
 from rootmatch.samplers.guided.hypotheses import Hypotheses
 
@@ -23,6 +23,8 @@ class StoppingOptions(Options):
     """Fraction of the points that can be matched from which the hypotheses are complete and the search ends."""
 
 
+TRUSTED = math.log(19.0)
+"""Log-odds from which a match is trusted: a probability of .95."""
 OVERLAP = 0.5
 """Fraction of its points that a hypothesis may share with stronger ones and still count as another motion."""
 
@@ -30,6 +32,25 @@ OVERLAP = 0.5
 def false_alarm_level(tested: int, options: StoppingOptions) -> float:
     """Evidence that chance reaches once in a thousand searches with so many tested hypotheses."""
     return math.log(max(tested, 1)) + options.beyond_chance
+
+
+def fewest_told(density: Floats, variance: Floats, minimal: int, sets: float) -> int:
+    """Fewest matches of a pose that is not expected among so many minimal sets by chance.
+
+    A match beyond a minimal set is worth at most what it is exactly where it is predicted, of the detection in the
+    middle; see `verification.verify`. Fewer are neither trusted nor named with reason.
+
+    Parameters
+    ----------
+    density, variance : (n',) array
+        Of all detections about each, and of its bearing.
+    minimal : int
+        Matches of a minimal set.
+    sets : float
+        Number of sets with all their images.
+    """
+    worth = -math.log(2.0 * math.pi * float(np.median(variance * density)))
+    return minimal + math.ceil((math.log(sets) + TRUSTED) / worth) if worth > 0.0 else len(density)
 
 
 def enough_found(
