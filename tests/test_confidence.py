@@ -87,23 +87,24 @@ def test_confidence_of_every_kind_of_match() -> None:
 
 
 def test_noise_stated_far_too_small_is_named() -> None:
+    """The points may be off as well: what fits then is trusted, and both are named."""
     named = 0
     for seed in range(12):
         scene = up2p_scene(10, 4, 1.0, seed)
         match = rm.match(scene.source, scene.target, scene.problem, noise=0.25)
-        if match.noise_factor is not None and match.noise_factor > 2.0:
-            assert match.status is not rm.Status.MATCHED
-            assert "noise=" in match.advice
-            assert "times as large as given" in match.advice
-            named += 1
-    assert named >= 6
-    assert rm.match(scene.source, scene.target, scene.problem, noise=1.0).noise_factor < 2.0
+        own = match.assignment >= 0
+        assert not match or (match.assignment == scene.truth)[own].all()
+        named += "`source_noise=`" in match.advice and "`noise=`" in match.advice
+    assert named >= 10
+    match = rm.match(scene.source, scene.target, scene.problem, noise=1.0)
+    assert match.noise_factor < 2.0
+    assert "noise=" not in match.advice
 
 
 def test_matches_that_fit_badly_are_doubted() -> None:
-    """Something else may have nearly the shape: what agrees within four times the stated noise is not certain."""
+    """Something else may have nearly the shape: what agrees within twelve times the stated noise is not certain."""
     highest = []
-    for factor in (1.0, 4.0):
+    for factor in (1.0, 12.0):
         each = []
         for seed in range(8):
             scene = p3p_scene(14, 4, 0.5 * factor, seed)

@@ -41,7 +41,7 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
         As of `told_by`.
     """
     model, misfit = found.model, _misfit(found)
-    exact = task.points.source_covariance is None and not task.noise_is_estimated
+    exact = task.points.source_covariance is None and not task.noise_is_estimated and task.problem.takes_source_noise
     if model is None or misfit is None or misfit.sigma <= 1.0 or not exact or len(model.images) > 1:
         return found
     before = EACH + np.array(task.log_inexact or (0.0,) * len(ERRORS))

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from rootmatch.algebra.rotation import frames_of_triangles
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
@@ -139,8 +138,8 @@ class _Body(NamedTuple):
             length = np.linalg.norm(normals, axis=1, keepdims=True)
             unit = normals / np.where(length > 0.0, length, 1.0)
         # where a body's points are near each other, they are told apart, as far as the words of `STEPS` can
-        apart = float(np.median(KDTree(source).query(source, 2)[0][:, 1]))
-        near = min(TOLERANCE * body_radius(source), DISTINCT * apart)
+        neighbour = np.partition(_distances(source), 1, axis=1)[:, 1]
+        near = min(TOLERANCE * body_radius(source), DISTINCT * float(np.median(neighbour)))
         return cls(source, unit, sign, max(near, LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))))
 
     def alike(self, first: NearSymmetry, second: NearSymmetry) -> Bools:
@@ -176,7 +175,7 @@ def _laid_onto_others(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
     source, unit, near = body.source, body.unit, body.near
     a, b, c = triples.T
     n = len(source)
-    distance = np.linalg.norm(source[:, None] - source, axis=2)
+    distance = _distances(source)
     steps = (distance * (STEPS / near)).astype(np.int16)
     pairs = np.flatnonzero(_same(steps, steps[a, b]))
     triple, pair = np.divmod(pairs, n * n)
@@ -214,12 +213,17 @@ def _triples(source: Floats) -> tuple[Integers, Integers]:
     spread = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1:]
     across = min(math.sqrt(2.0 * float(spread @ spread) / n), radius)  # the radius itself of a round body
     fair = (sides.min(axis=0) > WIDE * radius) & (area > HIGH * across * sides.max(axis=0))
-    _, beside = KDTree(source).query(source, LEAST)
+    beside = np.argpartition(_distances(source), LEAST - 1, axis=1)[:, :LEAST]
     local = np.sort(beside[:, list(itertools.combinations(range(LEAST), 3))], axis=2)
     widest = _sizes(source, local.reshape(-1, 3))[1].reshape(n, -1).argmax(axis=1)
     local = np.unique(local[np.arange(n), widest], axis=0)
     local = local[_sizes(source, local)[1] > 0.0]
     return drawn[fair][:TRIPLES], local
+
+
+def _distances(source: Floats) -> Floats:
+    """Distances (n, n) of points."""
+    return np.asarray(np.linalg.norm(source[:, None] - source, axis=2))
 
 
 def _sizes(source: Floats, triples: Integers) -> tuple[Floats, Floats]:

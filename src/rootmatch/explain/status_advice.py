@@ -78,6 +78,11 @@ def advice(
         text = advice_on(finding.status, finding.task.problem)
         if unsure:
             text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
+        if finding.point_error:
+            text += (
+                f"; it fits if the points of the body are off by {finding.point_error:.2g} on each axis, which nobody "
+                "stated: give `source_noise=`, or a larger `noise=` if the detections are"
+            )
         if undetermined:
             text += "; these points do not determine the pose in every direction: see its covariance"
         if finding.sequence_factor >= NOISY:

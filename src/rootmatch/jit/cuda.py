@@ -6,6 +6,7 @@ Imported only when a card is asked for.
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from typing import Any
 
 import numba
@@ -32,7 +33,7 @@ def make_known() -> None:
         return
     try:
         # the first kernel imports it; that of numba-cuda 0.30 asks for a function that NumPy 2.5 no longer has
-        from numba.cuda import cudaimpl  # noqa: F401
+        import_module("numba.cuda.cudaimpl")
         from numba.cuda.extending import overload
 
         if not _known:

@@ -184,6 +184,11 @@ class Problem(ABC):
             raise InputError("source_noise: noise is a pair, which says it already; leave one of them out")
         return self.with_source_noise(points, source_noise)
 
+    @property
+    def takes_source_noise(self) -> bool:
+        """Whether the points of the source may have a noise of their own."""
+        return self.noisy_source or (self.takes_prior and self.sensor is not None)
+
     def with_source_noise(self, points: PointSets, noise: ArrayLike) -> PointSets:
         """Points with a noise of the source of its own, as `validated` takes it."""
         if self.noisy_source:
@@ -194,7 +199,7 @@ class Problem(ABC):
             if not alike and self.source_is_image:
                 raise InputError(f"source_noise: {self.name} takes one σ for both axes; give a number or one a point")
             return replace(points, source_noise=sigma, source_covariance=None if alike else covariance)
-        if not self.takes_prior or self.sensor is None:
+        if not self.takes_source_noise:
             raise InputError(f"source_noise: {self.name} has exact source points; leave it out")
         covariance = check_source_noise(noise, points.source)
         return self.in_image(replace(points, source_covariance=covariance)) if covariance.any() else points

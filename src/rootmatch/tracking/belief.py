@@ -342,11 +342,6 @@ class Belief:
             misfit = misfit_of(model, modes, step.mode)
         log_other = after_frame(last.log_other, misfit, TEMPER, len(model.images) > 1)
         return replace(
-            last,
-            filter=moving,
-            log_weight=step.log_weight,
-            shown=step.shown,
-            log_other=log_other,
-            place=step.place,
+            last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
             alone=step.alone,
-        )
+        )  # fmt: skip

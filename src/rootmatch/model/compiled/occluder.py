@@ -58,7 +58,9 @@ def _beyond(assignment, jacobian, missing, in_sight):  # type: ignore[no-untyped
             size = _size(jacobian[i])
             if size < least:
                 in_sight[i], beyond, largest = 0.0, beyond + missing[i], max(largest, size)
-    return math.log(0.5 * math.log(least / largest) / SIZES) if beyond > LEAST_HIDDEN else -math.inf
+    if beyond <= LEAST_HIDDEN or least == math.inf:  # without a match, any limit is as probable
+        return -math.inf
+    return math.log(0.5 * math.log(least / largest) / SIZES)
 
 
 @part
