@@ -46,8 +46,7 @@ def match_dense(task: MatchingTask) -> Finding | None:
     try:
         with task.deadline.part(SHARE).enforced():
             poses = aligned(points - points.mean(axis=0), detections, sigma, rng=rng)
-            body = Candidate.of(task, [])
-            body = body.proposed([], _paired(task, detections, sigma, poses))
+            body = Candidate.of(task, []).posed(_paired(task, detections, sigma, poses))
             told = body.alone()
     except OutOfTime:
         return None

@@ -126,6 +126,10 @@ class Candidate:
         modes = modes_of(self.model, proposals, damaged=searched)
         return replace(self, modes=self._with_twins(modes, searched))
 
+    def posed(self, proposals: Proposals) -> Candidate:
+        """The candidate by assignments with poses, and the twins of the best ones."""
+        return replace(self, modes=self._with_twins(modes_of(self.model, proposals)))
+
     def also(self, assignments: Sequence[Integers]) -> Candidate:
         """The candidate of one of several bodies by further assignments and the twins of the best poses."""
         proposals = self.proposals(assignments)
