@@ -142,6 +142,11 @@ class _Body(NamedTuple):
         near = min(TOLERANCE * body_radius(source), DISTINCT * float(np.median(neighbour)))
         return cls(source, unit, sign, max(near, LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))))
 
+    def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
+        """Whether a motion is nearly the same as one of those found."""
+        rotations, shifts = np.array([known.rotation for known in found]), np.array([known.shift for known in found])
+        return len(found) > 0 and bool(self.alike(NearSymmetry(rotations, shifts, one.image), one).any())
+
     def alike(self, first: NearSymmetry, second: NearSymmetry) -> Bools:
         """Whether motions, of which the first may be many, are nearly the same."""
         middle = self.source.mean(axis=0)
@@ -157,12 +162,13 @@ def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymm
     counts = _counts(body, rotations, shifts)
     found: list[NearSymmetry] = []
     for _ in range(REFINED * MOST):
-        if not len(counts) or counts.max() < least:
+        enough = sorted([one.mapped for one in found], reverse=True)[MOST - 1 : MOST]
+        if not len(counts) or counts.max() < max([least, *enough]):
             break
         k = int(counts.argmax())
         one = _refined(body, rotations[k], shifts[k])
         for other in (one, _refined(body, one.rotation.T, -one.rotation.T @ one.shift)):
-            if other.mapped >= least and other.moves and not any(body.alike(other, known) for known in found):
+            if other.mapped >= least and other.moves and not body.knows(found, other):
                 found.append(other)
         counts = np.where(body.alike(NearSymmetry(rotations, shifts, one.image), one), 0, counts)
         counts[k] = 0
