@@ -115,6 +115,8 @@ class FollowedBody:
         self.detections = self.searched = self.served = self.confirmed = self.failures = self.agreements = 0
         self.left = 0
         """Detections that were left unexplained in the frame of the last search."""
+        self.beside = False
+        """Whether anything was searched for beside the body since it was found."""
         self.rest = False
         """Whether the search under way is among what is left, see `appeared`."""
         self.presence: tuple[float, float] | None = None
@@ -130,7 +132,7 @@ class FollowedBody:
         """Declare the body lost; ``absent``: probability that it is not in view."""
         self.belief.lose(absent)
         self.dark = DarkPoints()
-        self.settled, self.matched = False, -math.inf
+        self.settled, self.matched, self.beside, self.left = False, -math.inf, False, 0
         self.missed = self.agreements = 0
 
     def predicted(self, time: float) -> tuple[Pose, Rivals]:
@@ -178,7 +180,10 @@ class FollowedBody:
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return (self.missed >= self.options.patience or gap > BRIEF) and shown
-        interval = self.options.search_every if self.appeared(found) else self._interval
+        appeared = self.appeared(found)
+        if appeared and not self.beside:  # another one like it: nobody looked
+            return True
+        interval = self.options.search_every if appeared else self._interval
         return frame - self.searched >= interval and not _is_enough(found)
 
     def appeared(self, found: Finding) -> bool:
@@ -210,7 +215,9 @@ class FollowedBody:
         if self.belief and found.prior_holds:
             found = self.dark.weighed(found, time)
         if searched:
-            self.searched, self.left = frame, _left(found)
+            # a search for the body itself ends with it, whatever else there is
+            self.searched, self.beside = frame, bool(self.belief)
+            self.left = _left(found) if self.beside else 0
             self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
             self.agreements = self.agreements + 1 if found.status is Status.MATCHED and found.prior_holds else 0
         if found.status is not Status.MATCHED:
