@@ -215,11 +215,13 @@ class FollowedBody:
         if self.belief and found.prior_holds:
             found = self.dark.weighed(found, time)
         if searched:
+            agrees = found.status is Status.MATCHED and found.prior_holds
+            if self.beside or not (agrees and self.appeared(found)):  # else it was among what is left alone
+                self.agreements = self.agreements + 1 if agrees else 0
+            self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
             # a search for the body itself ends with it, whatever else there is
             self.searched, self.beside = frame, bool(self.belief)
             self.left = _left(found) if self.beside else 0
-            self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
-            self.agreements = self.agreements + 1 if found.status is Status.MATCHED and found.prior_holds else 0
         if found.status is not Status.MATCHED:
             return found
         if searched or _is_enough(found, of_several=True):
