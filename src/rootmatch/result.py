@@ -161,7 +161,8 @@ class Match:
     def noise_factor(self) -> float | None:
         """Ratio of the noise that the residuals about the best pose suggest to the stated ``noise``.
 
-        It is near 1 if σ is right; None if no pose was fitted.
+        It is near 1 if σ is right; None if no pose was fitted. Where a body fits only if its points are off, which the
+        advice says, that is part of the stated noise here.
         """
         return self.finding.noise_factor
 

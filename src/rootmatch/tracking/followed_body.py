@@ -116,7 +116,7 @@ class FollowedBody:
         self.left = 0
         """Detections that were left unexplained in the frame of the last search."""
         self.beside = False
-        """Whether anything was searched for beside the body since it was found."""
+        """Whether all that there was beside the body when it was found has been searched, if there was anything."""
         self.rest = False
         """Whether the search under way is among what is left, see `appeared`."""
         self.presence: tuple[float, float] | None = None
@@ -220,7 +220,7 @@ class FollowedBody:
                 self.agreements = self.agreements + 1 if agrees else 0
             self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
             # a search for the body itself ends with it, whatever else there is
-            self.searched, self.beside = frame, bool(self.belief)
+            self.searched, self.beside = frame, bool(self.belief) or _left(found) <= found.task.minimal
             self.left = _left(found) if self.beside else 0
         if found.status is not Status.MATCHED:
             return found
