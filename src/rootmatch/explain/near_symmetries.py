@@ -126,7 +126,8 @@ class _Body(NamedTuple):
     """(n, 3) unit normals, zero if unknown."""
     sign: float
     """1 for motions, −1 for reflections."""
-
+    distance: Floats
+    """(n, n) distances of the points."""
     near: float
     """Distance up to which points are the same."""
 
@@ -138,9 +139,11 @@ class _Body(NamedTuple):
             length = np.linalg.norm(normals, axis=1, keepdims=True)
             unit = normals / np.where(length > 0.0, length, 1.0)
         # where a body's points are near each other, they are told apart, as far as the words of `STEPS` can
-        neighbour = np.partition(_distances(source), 1, axis=1)[:, 1]
+        distance = np.linalg.norm(source[:, None] - source, axis=2)
+        neighbour = np.partition(distance, 1, axis=1)[:, 1]
         near = min(TOLERANCE * body_radius(source), DISTINCT * float(np.median(neighbour)))
-        return cls(source, unit, sign, max(near, LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))))
+        near = max(near, LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0))))
+        return cls(source, unit, sign, distance, near)
 
     def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
         """Whether a motion is nearly the same as one of those found."""
@@ -157,7 +160,7 @@ class _Body(NamedTuple):
 
 def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymmetry]:
     body, least = _Body.of(source, normals, sign), max(LEAST, math.ceil(SHARE * len(source)))
-    laid = [_laid_onto_others(body, triples) for triples in _triples(body.source)]
+    laid = [_laid_onto_others(body, triples) for triples in _triples(body)]
     rotations, shifts = (np.concatenate(one) for one in zip(*laid, strict=True))
     counts = _counts(body, rotations, shifts)
     found: list[NearSymmetry] = []
@@ -181,8 +184,7 @@ def _laid_onto_others(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
     source, unit, near = body.source, body.unit, body.near
     a, b, c = triples.T
     n = len(source)
-    distance = _distances(source)
-    steps = (distance * (STEPS / near)).astype(np.int16)
+    steps = (body.distance * (STEPS / near)).astype(np.int16)
     pairs = np.flatnonzero(_same(steps, steps[a, b]))
     triple, pair = np.divmod(pairs, n * n)
     k, j = np.divmod(pair, n)
@@ -208,8 +210,9 @@ def _laid_onto_others(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
     return rotations, shifts
 
 
-def _triples(source: Floats) -> tuple[Integers, Integers]:
+def _triples(body: _Body) -> tuple[Integers, Integers]:
     """Random triples (T, 3) of points far apart and not in line, each once, and one about each point, for parts."""
+    source = body.source
     n, radius = len(source), body_radius(source)
     drawn = np.random.default_rng(0).integers(0, n, (DRAWN, 3))
     drawn = drawn[(drawn[:, 0] < drawn[:, 1]) & (drawn[:, 1] < drawn[:, 2])]
@@ -219,17 +222,12 @@ def _triples(source: Floats) -> tuple[Integers, Integers]:
     spread = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1:]
     across = min(math.sqrt(2.0 * float(spread @ spread) / n), radius)  # the radius itself of a round body
     fair = (sides.min(axis=0) > WIDE * radius) & (area > HIGH * across * sides.max(axis=0))
-    beside = np.argpartition(_distances(source), LEAST - 1, axis=1)[:, :LEAST]
+    beside = np.argpartition(body.distance, LEAST - 1, axis=1)[:, :LEAST]
     local = np.sort(beside[:, list(itertools.combinations(range(LEAST), 3))], axis=2)
     widest = _sizes(source, local.reshape(-1, 3))[1].reshape(n, -1).argmax(axis=1)
     local = np.unique(local[np.arange(n), widest], axis=0)
     local = local[_sizes(source, local)[1] > 0.0]
     return drawn[fair][:TRIPLES], local
-
-
-def _distances(source: Floats) -> Floats:
-    """Distances (n, n) of points."""
-    return np.asarray(np.linalg.norm(source[:, None] - source, axis=2))
 
 
 def _sizes(source: Floats, triples: Integers) -> tuple[Floats, Floats]:

@@ -72,6 +72,9 @@ def modes_of(
         Whether other bodies may take the detections of better modes: whatever is better than clutter is kept then.
     damaged : bool
         Whether assignments may be right in part, as a solver's: those far behind clutter alone grow as well.
+    twins : bool
+        Whether the proposals are twins of known modes: one that lacks a part of what it shows seems far behind, and
+        grows as well.
     """
     proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     if not len(proposals.assignments):
@@ -81,6 +84,8 @@ def modes_of(
     """Log-odds from which a mode counts, however much better others are."""
     of_copy = min(enough, -math.log(COPY) - COUNTS)
     """The same of one with other detections than the best."""
+    far, near = (HOPELESS, HOPELESS) if twins else (2.0 * NEGLIGIBLE, NEGLIGIBLE)
+    """How far behind the best mode another one does not count, and does not grow."""
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * NEGLIGIBLE
     checkpoint()
     each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
@@ -90,14 +95,14 @@ def modes_of(
     order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
     for k in order[np.isfinite(found.log_odds[order])].tolist():
         log_odds = float(found.log_odds[k])
-        behind = bool(kept) and log_odds < min(kept[0].log_mass - (HOPELESS if twins else 2.0 * NEGLIGIBLE), enough)
+        behind = bool(kept) and log_odds < min(kept[0].log_mass - far, enough)
         if kept and ((behind and log_odds < of_copy) or in_force().passed()):
             break
         if behind and not apart_from(assignments[[k]], kept[0].assignment)[0]:
             continue
         mode = _Mode.of(assignments[k], found, poses, k)
         if kept:
-            least = min(kept[0].log_mass - (HOPELESS if twins else NEGLIGIBLE), enough)
+            least = min(kept[0].log_mass - near, enough)
         else:
             least = -math.inf if damaged else -HOPELESS
         kept = _with(kept, mode, model, (at, k), least=least)

@@ -24,13 +24,11 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import Judged, PointSetModel
+from rootmatch.model.priors import ALIKE
 from rootmatch.model.repetition import RIVALS, SHARED, motions_among, widths_of
 from rootmatch.problems.points import squared_distances_to
 from rootmatch.samplers.point_sets.congruent import grown
 
-ALIKE = 1e-3
-"""Odds that sets are alike over those that they have nothing in common, if the source is not like itself; if it is, one
-is as probable as the other. As of two views: stated, not measured."""
 BEYOND = 2.0
 """Least width, in σ of a match: a deviation that noise explains makes nothing alike. A round value."""
 NEAR = 4.0 / math.sqrt(2.0 * math.pi * math.e)
@@ -87,7 +85,7 @@ def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     matched = uses_of(rivals.fit.assignments, len(clouds.target))
     judged = [_alike(model, found, (matched | ~near, matched), rivals, w / math.sqrt(squared)) for w in widths]
     every, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
-    # whether the source is like itself: what is alike elsewhere tells
+    # whether the source is like itself: what is alike elsewhere tells; if so, an alike scene is as probable as none
     itself = 1.0 / (1.0 + math.exp(min(math.log(len(widths) / ALIKE) - float(elsewhere), 700.0)))
     gained = np.maximum(more - own, 0.0)
     return Likeness(

@@ -8,6 +8,9 @@ PRESENT_ODDS = math.log(0.8) - math.log1p(-0.8)
 """Logarithm of the prior odds that the image shows the body, given that somebody asks for it: a probability of 0.8."""
 COPY = 1e-3
 """Prior odds that the image shows another copy of the body, which nobody named. A stated value, not measured."""
+ALIKE = 1e-3
+"""Odds that images, or point sets, show what is alike and not the same, over those that they have nothing in common. As
+of a copy, which nobody named: a stated value, not measured."""
 COUNTS = 3.0
 """Log-odds against a copy of the body at which its place still counts: with a twentieth, a probability changes by half
 of that."""

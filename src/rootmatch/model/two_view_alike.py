@@ -20,6 +20,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
+from rootmatch.model.priors import ALIKE
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import FITS, NARROWER, Centres, drawn_poses, log_drawn_poses, log_sum
 from rootmatch.problems.pose_fit.two_view_pose import OPEN
@@ -27,9 +28,6 @@ from rootmatch.problems.pose_fit.two_view_pose import OPEN
 if TYPE_CHECKING:
     from rootmatch.model.two_view_posterior import TwoViewPosterior
 
-ALIKE = 1e-3
-"""Odds that images show scenes that are alike, over those that they have nothing in common. As of a copy of a body,
-which nobody named: a stated value, not measured."""
 REPEATED = 1.0
 """Odds that a scene is like itself elsewhere, over those that it is not. A round value."""
 WIDTHS = np.array([4.0, 8.0, 16.0, 32.0, 64.0])

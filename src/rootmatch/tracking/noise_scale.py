@@ -215,7 +215,7 @@ class NoiseScale:
         changed = _of_noise(now.of[both] - before.of[both]) / 2.0
         if found.point_error:
             size = max(min(each), 1.0)
-            freedom = 2 * now.dof / 2.0 * count / max(int(now.matched.sum()), 1)
+            freedom = now.dof * count / max(int(now.matched.sum()), 1)
             self.stays = 0.5 * freedom * (math.log(size) - changed * (1.0 - 1.0 / size))
         self.fresh = FADES * self.fresh + changed
         self.every = FADES * self.every + 0.5 * sum(each)
