@@ -27,6 +27,10 @@ equally far away it hides all or none; of a street, it is within it as probably 
 measured."""
 LEAST_HIDDEN = 2.0
 """Missing visible points beyond which it is looked for: fewer are as well missed one by one. A round value."""
+LOG_MISSED = math.log(0.2)
+"""Of a point that is missed by itself, in the choice of the limit only. A round value."""
+MOST_MISSED = 6.0
+"""Such points before a limit: more are never worth it. A round value."""
 LOG_ODDS = math.log(0.5 * OCCLUDED) - math.log1p(-OCCLUDED)
 """Of one of the first two against neither."""
 LOG_FREE = math.log1p(-OCCLUDED)
@@ -48,19 +52,41 @@ def _size(jacobian):  # type: ignore[no-untyped-def]
 
 @part
 def _beyond(assignment, jacobian, missing, in_sight):  # type: ignore[no-untyped-def]
-    """Logarithm of the odds that what appears smaller than any match is too small, as `hide` has it for one kind."""
-    least, largest, beyond = math.inf, 0.0, 0.0
+    """Logarithm of the odds that what appears small enough is too small, as `hide` has it for one kind.
+
+    The limit lies between the sizes of two missing points, or of the smallest match and one. What is larger than the
+    limit was missed one by one: next to the smallest match is often a point of the same distance.
+    """
+    upper, beyond = math.inf, 0.0
     for i in range(assignment.shape[0]):
         if assignment[i] >= 0:
-            least = min(least, _size(jacobian[i]))
+            upper = min(upper, _size(jacobian[i]))
     for i in range(assignment.shape[0]):
-        if missing[i] > 0.0:
-            size = _size(jacobian[i])
-            if size < least:
-                in_sight[i], beyond, largest = 0.0, beyond + missing[i], max(largest, size)
-    if beyond <= LEAST_HIDDEN or least == math.inf:  # without a match, any limit is as probable
+        if missing[i] > 0.0 and _size(jacobian[i]) < upper:
+            beyond += missing[i]
+    if upper == math.inf:  # without a match, any limit is as probable
         return -math.inf
-    return math.log(0.5 * math.log(least / largest) / SIZES)
+    best, width, limit, missed = 0.0, 0.0, 0.0, 0.0
+    while beyond > LEAST_HIDDEN and missed < MOST_MISSED:
+        lower, hidden = 0.0, 0.0
+        for i in range(assignment.shape[0]):
+            if missing[i] > 0.0:
+                size = _size(jacobian[i])
+                if size < upper:
+                    if size > lower:
+                        lower, hidden = size, 0.0
+                    if size == lower:
+                        hidden += missing[i]
+        if math.log(upper / lower) * math.exp(missed * LOG_MISSED) > best:
+            width, limit = math.log(upper / lower), upper
+            best = width * math.exp(missed * LOG_MISSED)
+        upper, beyond, missed = lower, beyond - hidden, missed + hidden
+    if width == 0.0:
+        return -math.inf
+    for i in range(assignment.shape[0]):
+        if missing[i] > 0.0 and _size(jacobian[i]) < limit:
+            in_sight[i] = 0.0
+    return math.log(0.5 * width / SIZES)
 
 
 @part
