@@ -52,11 +52,14 @@ def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool
     onto = np.array(list(itertools.permutations(range(n), 3)))
     found: list[tuple[int, Floats]] = []
     places: list[Floats] = []
+    maps: list[dict[int, int]] = []
     for base in itertools.combinations(range(n), 3):
         pairs = ((0, 1), (0, 2), (1, 2))
         off = [abs(distance[onto[:, k], onto[:, m]] - distance[base[k], base[m]]) for k, m in pairs]
         for target in onto[np.max(off, axis=0) < near]:
             pairs_of = dict(zip(base, target.tolist(), strict=True))
+            if any(pairs_of.items() <= one.items() for one in maps):
+                continue
             for _ in range(3):
                 own, image = list(pairs_of), list(pairs_of.values())
                 first, second = source[own].mean(axis=0), source[image].mean(axis=0)
@@ -75,6 +78,7 @@ def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool
             if len(pairs_of) >= max(6, n / 4) and moved and not same:
                 found.append((len(pairs_of), R))
                 places.append(place)
+                maps.append(pairs_of)
     return sorted(found, key=lambda one: -one[0])
 
 
