@@ -412,6 +412,20 @@ def test_a_copy_moved_along_looks_the_same() -> None:
     )
 
 
+def test_a_flat_body_is_turned_over_and_not_only_reversed_in_depth() -> None:
+    """Both map its points onto each other, but from near or along it only the turned one has the same image."""
+    model, R, position, assignment = made(1002, 6, normals=False)
+    flat = model.points * (1.0, 1.0, 1e-4)
+    own = Proposals(assignment[None], R[None], position[None])
+    turned = flat * (1.0, -1.0, 1.0)  # its mirror image
+    found = look_alikes(own, flat, turned, np.arange(6)[None])
+    assert len(found.assignments) == 2
+    image = DetectionModel(CAMERA, flat, model.target, model.sigma).linearised(R[None], position[None]).pixels[0]
+    other = DetectionModel(CAMERA, turned, model.target, model.sigma)
+    off = np.abs(other.linearised(found.rotation, found.position).pixels - image).max(axis=(1, 2))
+    assert off.max() > 1.0 > 10.0 * off.min()
+
+
 def test_several_ways_to_look_alike_are_taken_one_by_one() -> None:
     rng = np.random.default_rng(3)
     points, model = rng.normal(size=(7, 3)), made(1002, 7, normals=False)[0]

@@ -21,8 +21,8 @@ from rootmatch.model.blobs import of_blobs
 from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
 from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.evidence import Evidence, about, evidence, settled, settled_about, stepped
-from rootmatch.model.linearised import Linearised
+from rootmatch.model.evidence import Evidence, about, deviations, evidence, settled, settled_about, stepped
+from rootmatch.model.linearised import Linearised, with_rows
 from rootmatch.model.modes import Modes, as_objects, no_modes, nothing_near
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import COPY, COUNTS
@@ -46,6 +46,9 @@ HOPELESS = 30.0
 """Log-odds against a proposal at which it is not fitted, to first order about its given pose, and at which what a
 prediction or another body's pose proposes does not grow, against clutter alone: of 181 such modes two grew to be more
 probable than clutter, by .2 (benchmarks/flights.py, rooms and rigs, 3 flights each from 1100). A round value."""
+MISFITTING = 25.0
+"""Squared deviation, in units of the noise, from which a match that a twin has from another pose is left out. A round
+value."""
 SAME_POSE = 2.0
 """Difference in standard deviations up to which two poses count as one. With 5, the two poses of a board that faces the
 camera were one, and a tracker kept to the wrong one; 1 finds the same as 2.5 (benchmarks/flights.py, board)."""
@@ -74,7 +77,7 @@ def modes_of(
         Whether assignments may be right in part, as a solver's: those far behind clutter alone grow as well.
     twins : bool
         Whether the proposals are twins of known modes: one that lacks a part of what it shows seems far behind, and
-        grows as well.
+        grows as well, without the matches that are not its own.
     """
     proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     if not len(proposals.assignments):
@@ -92,6 +95,8 @@ def modes_of(
     proposals = proposals.take(slice(in_force().cut(len(proposals.assignments), each)))
     assignments, found, at = _possible(model, proposals, floor, of_copy)
     found, at = settled(model, assignments, found, at)
+    if twins:
+        assignments, found, at = _without_misfits(model, assignments, found, at)
     order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
     for k in order[np.isfinite(found.log_odds[order])].tolist():
         log_odds = float(found.log_odds[k])
@@ -168,6 +173,21 @@ def _possible(
         return assignments, rough, at
     (some,) = np.nonzero(worth)
     return assignments[some], rough.take(some), at.take(some)
+
+
+def _without_misfits(
+    model: DetectionModel, assignments: Integers, found: Evidence, at: Linearised
+) -> tuple[Integers, Evidence, Linearised]:
+    """Settled hypotheses, and those whose matches fit in part without the rest."""
+    misfit = (deviations(model, assignments, at)[0] ** 2).sum(axis=2) > MISFITTING
+    (some,) = np.nonzero(misfit.any(axis=1) & np.isfinite(found.log_odds))
+    if not len(some):
+        return assignments, found, at
+    fitting, there = np.where(misfit[some], -1, assignments[some]), at.take(some)
+    again, there = settled(model, fitting, evidence(model, fitting, there), there)
+    better = again.log_odds > found.log_odds[some]
+    some, again, there = some[better], again.take(better), there.take(np.flatnonzero(better))
+    return with_rows(assignments, some, fitting[better]), found.with_(some, again), at.with_(some, there)
 
 
 @dataclass(eq=False)
