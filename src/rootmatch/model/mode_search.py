@@ -180,7 +180,8 @@ def _without_misfits(
 ) -> tuple[Integers, Evidence, Linearised]:
     """Settled hypotheses, and those whose matches fit in part without the rest."""
     misfit = (deviations(model, assignments, at)[0] ** 2).sum(axis=2) > MISFITTING
-    (some,) = np.nonzero(misfit.any(axis=1) & np.isfinite(found.log_odds))
+    enough = ((assignments >= 0) & ~misfit).sum(axis=1) >= model.prior.least
+    (some,) = np.nonzero(misfit.any(axis=1) & enough & np.isfinite(found.log_odds))
     if not len(some):
         return assignments, found, at
     fitting, there = np.where(misfit[some], -1, assignments[some]), at.take(some)
