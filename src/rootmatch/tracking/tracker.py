@@ -291,7 +291,7 @@ max_evaluations
         if not of_images or (not poses and self.time is None):
             found = explained(True)
         elif self.labels is not None:
-            found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame, gap))
+            found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame))
             searched = {label for label, body in self._bodies.items() if body.ends_search(self._frame)}
         elif not poses:
             found = explained(True)
@@ -299,7 +299,7 @@ max_evaluations
             searched = set()
 
             def choice(near: Finding) -> SearchPart | None:
-                if not self._bodies[None].wants_search(near, self._frame, gap):
+                if not self._bodies[None].wants_search(near, self._frame):
                     return None
                 searched.add(None)
                 return SearchPart(0, rest=self._bodies[None].appeared(near))
