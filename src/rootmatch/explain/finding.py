@@ -6,13 +6,14 @@ Stages exchange findings, which are plain values. `rootmatch.result.report` make
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.copies import copied
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Facts, Status, least_trusted
 from rootmatch.explain.task import MatchingTask
@@ -136,12 +137,12 @@ class Finding:
 
     def with_facts(self, **facts: Any) -> Self:
         """A copy with some facts changed, from which another status may follow."""
-        return replace(self, facts=replace(self.facts, **facts))
+        return copied(self, facts=copied(self.facts, **facts))
 
     def doubted(self, probability: float, confidence: Floats) -> Self:
         """A copy that is less probable, as are its matches (n,); ambiguous if it is less so than what is trusted."""
         contested = {"contested": True, "sure_of_the_rest": False} if probability < self.facts.min_probability else {}
-        return replace(self, facts=replace(self.facts, probability=probability, **contested), confidence=confidence)
+        return copied(self, facts=copied(self.facts, probability=probability, **contested), confidence=confidence)
 
     def less_certain(self, factor: float) -> Self:
         """A copy that is less probable by a factor, as is each of its matches; ambiguous as of `doubted`."""

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.copies import copied
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
@@ -63,7 +63,7 @@ def assessed(
         with suppress(OutOfTime):
             if sampled.assignments is None:
                 named[1:1] = candidate_of(task, []).gathered(sampled.tensor)
-        return replace(base, named=named)
+        return copied(base, named=named)
     try:
         body = candidate_of(task, named, sampled.tensor if sampled.assignments is None else None)
         told = body.alone()
@@ -97,7 +97,7 @@ def told_by(
     scoreless = base.evaluated == 0
     if (k := next(free, None)) is None:
         nothing = np.full(base.task.rows, -1, np.int64)
-        return replace(
+        return copied(
             base,
             posterior=told,
             model=model,
@@ -143,14 +143,14 @@ def told_by(
         first = trusted.assignment
     others, believed = Others(told, TRUST.alternatives, than=first), status is not Status.UNTRUSTED
     first, confidence = of_surest(first, confidence, surest)
-    found = replace(
+    found = copied(
         base,
         posterior=told,
         model=model,
         task=about_prediction(base.task, prediction) if holds else base.task,
         assignment=first,
         others=others,
-        facts=replace(facts, probability=probability, lead=lead_by_odds(probability) if scoreless else None),
+        facts=copied(facts, probability=probability, lead=lead_by_odds(probability) if scoreless else None),
         scores=None,
         scoreless=scoreless,
         soft=None if scoreless else base.soft,
@@ -176,7 +176,7 @@ def with_parts(told: Posterior, model: DetectionModel, minimal: int, taken: NDAr
         return told
     most = least - 1 if isinstance(model.prior, Doubted) else max(minimal, least - 1)
     free = model.image_of if taken is None else model.image_of[~taken]
-    return replace(told, few=FewShown(model, most, np.bincount(free, minlength=max(len(model.images), 1))))
+    return copied(told, few=FewShown(model, most, np.bincount(free, minlength=max(len(model.images), 1))))
 
 
 def lead_by_odds(probability: float | None) -> float:
@@ -210,5 +210,5 @@ def other_poses(found: Finding) -> list[tuple[Pose, float]]:
     out = []
     for k in likely[1:].tolist():
         pose = pose_of_mode(found.model, modes, k)
-        out.append((polished_pose(replace(found, pose=pose)) or pose, float(chances[k])))
+        out.append((polished_pose(copied(found, pose=pose)) or pose, float(chances[k])))
     return out

@@ -7,11 +7,11 @@ else of nearly its shape. The first is the model with a noise of the points, of 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from rootmatch.arrays import Floats
+from rootmatch.copies import copied
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
@@ -53,12 +53,12 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
         return found
     error = ERRORS[which] * body_radius(task.points.source)
     body = _with_errors(found, task, error)
-    again = told_by(replace(found, task=body.task), body.alone(), body, missed=missed)
+    again = told_by(copied(found, task=body.task), body.alone(), body, missed=missed)
     if again.status is Status.UNTRUSTED:
         return found
     own = _chance(found, again, float(before[which]))
     present = None if again.facts.present is None else own * again.facts.present
-    return replace(again.with_facts(present=present).less_certain(own), point_error=error)
+    return copied(again.with_facts(present=present).less_certain(own), point_error=error)
 
 
 def gains_of_errors(found: Finding) -> Floats:
@@ -88,11 +88,11 @@ def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     assert found.model is not None
     assert found.posterior is not None
     covariance = np.tile(sigma**2 * np.eye(3), (task.shape[0], 1, 1))
-    task = replace(task, points=task.problem.with_source_noise(task.points, sigma))
-    body = Candidate(task, replace(found.model, source_covariance=covariance), no_modes(task.rows))
+    task = copied(task, points=task.problem.with_source_noise(task.points, sigma))
+    body = Candidate(task, copied(found.model, source_covariance=covariance), no_modes(task.rows))
     predicted = proposals_by_prediction(body.model)
     if predicted is not None:
-        body = replace(body, modes=modes_of(body.model, predicted, damaged=False))
+        body = copied(body, modes=modes_of(body.model, predicted, damaged=False))
     return body.reconsidered(found.posterior.modes)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from rootmatch.algebra.rotation import one_rotation_vector
 from rootmatch.arrays import Integers
+from rootmatch.copies import copied
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
 from rootmatch.explain.rivals import NONE
@@ -142,4 +143,4 @@ def about_prediction(task: MatchingTask, k: int) -> MatchingTask:
     if not task.rivals.poses:
         return task
     every = [task.prior_pose, *(pose for pose, _ in task.rivals.poses)]
-    return replace(task, prior_pose=every[k], rivals=NONE)
+    return copied(task, prior_pose=every[k], rivals=NONE)

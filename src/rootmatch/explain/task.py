@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, Self
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.rig import Rig, rig_of
 from rootmatch.cameras.rig_image import RigImage
+from rootmatch.copies import copied
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
@@ -255,8 +256,8 @@ class MatchingTask:
 
     def without_priors(self) -> Self:
         """A copy of the task without any knowledge of poses."""
-        bare = replace(self, prior_pose=None, rivals=NONE, prior_poses={}, rivals_of={})
-        return replace(bare, known=None, known_of={})
+        bare = copied(self, prior_pose=None, rivals=NONE, prior_poses={}, rivals_of={})
+        return copied(bare, known=None, known_of={})
 
     @cached_property
     def image(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -312,7 +313,7 @@ class MatchingTask:
     def with_noise(self, sigma: float) -> Self:
         """A copy of the task with an estimate of the noise of all points, that of a measured model aside."""
         points = self.problem.with_noise(self.points, sigma)
-        return replace(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
+        return copied(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
 
     def body(self, k: int) -> Self:
         """The task of one of the bodies and all detections, with its predicted pose."""
@@ -339,7 +340,7 @@ class MatchingTask:
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
             return None if whole is None else np.ascontiguousarray(whole[np.ix_(source, target)])
 
-        return replace(
+        return copied(
             self,
             points=self.problem.in_image(self.points.subset(source, target)),
             options=self.options.in_process,

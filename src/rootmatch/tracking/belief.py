@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from rootmatch.arrays import Floats
+from rootmatch.copies import copied
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
@@ -171,7 +171,7 @@ class Belief:
 
     def keep_best(self, time: float) -> None:
         """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
-        self.poses = [replace(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
+        self.poses = [copied(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
         self.gone, self.absent, self.time, self.given_up = GonePlaces(), DOUBT, time, None
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
@@ -187,7 +187,7 @@ class Belief:
         pose = filter_.predicted(filter_.time)
         if len(self.poses) < MOST and not any(one.filter.is_near(pose, filter_.time) for one in self.poses):
             log_weight = self.poses[0].log_weight + math.log(DOUBTED)
-            self.poses.append(replace(self.poses[0], filter=filter_, log_weight=log_weight))
+            self.poses.append(copied(self.poses[0], filter=filter_, log_weight=log_weight))
 
     def add_flipped(self, found: Finding, time: float) -> None:
         """Also follow the other poses of the best one's matches that may fit them equally well.
@@ -203,7 +203,7 @@ class Belief:
         """Follow another pose, unless one like it is followed, or as many as are followed at once."""
         known = any(float((filter_.R * one.filter.R).sum()) > ALIKE for one in self.poses)
         if len(self.poses) < MOST and not known:
-            self.poses.append(replace(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
+            self.poses.append(copied(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
 
     def take(self, found: Finding, time: float, searched: bool = False, holds: float = 1.0) -> None:
         """Take in a frame's posterior: its modes continue the hypotheses about which they lie, or are new ones.
@@ -326,7 +326,7 @@ class Belief:
         model = found.model
         assert model is not None
         if step.mode is None:
-            return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
+            return copied(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose = averaged_pose(model, modes, step.mode)
         if step.origin < 0:
             log_other = FLOOR if self.given_up is None else log_other_in_sight(self.given_up, pose, time)
@@ -341,7 +341,7 @@ class Belief:
         else:
             misfit = misfit_of(model, modes, step.mode)
         log_other = after_frame(last.log_other, misfit, TEMPER, len(model.images) > 1)
-        return replace(
+        return copied(
             last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
             alone=step.alone,
         )  # fmt: skip

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 
 from rootmatch.arrays import Floats
+from rootmatch.copies import copied
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_enough
@@ -237,7 +238,7 @@ class FollowedBody:
 
     def acquit(self) -> None:
         """Forget that what is followed did not fit: the noise was larger than it was taken to be."""
-        self.belief.poses = [replace(one, log_other=FLOOR) for one in self.belief.poses]
+        self.belief.poses = [copied(one, log_other=FLOOR) for one in self.belief.poses]
         self.belief.given_up = None
 
     def take(self, found: Finding, time: float, frame: int, searched: bool) -> None:

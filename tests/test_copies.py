@@ -1,0 +1,32 @@
+"""Copies of frozen values with some fields changed: as `dataclasses.replace` makes them."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import pytest
+
+from rootmatch.copies import copied
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    first: int
+    second: str = "as usual"
+
+    @cached_property
+    def twice(self) -> int:
+        return 2 * self.first
+
+
+def test_a_copy_has_the_other_fields_and_none_of_what_was_worked_out() -> None:
+    value = Value(3, "other")
+    assert value.twice == 6
+    copy, expected = copied(value, first=4), replace(value, first=4)
+    assert vars(copy) == vars(expected)
+    assert copy.twice == 8
+    assert value.twice == 6
+
+
+def test_an_unknown_field_is_an_error() -> None:
+    with pytest.raises(TypeError, match="third"):
+        copied(Value(3), third=4)
