@@ -26,7 +26,7 @@ from rootmatch.explain.zoom_hypotheses import candidate_of, has_image_model
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import squared_deviations
+from rootmatch.model.evidence import residuals_of
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Others, Posterior
@@ -187,9 +187,8 @@ def lead_by_odds(probability: float | None) -> float:
 
 def misfit_of(model: DetectionModel, modes: Modes, k: int) -> Misfit:
     """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
-    mode = modes.take(slice(k, k + 1))
-    squared = squared_deviations(model, mode.assignments, model.linearised(mode.rotation, mode.position))
-    return Misfit.of(float(squared[0]), round(float(mode.freedom[0])))
+    squared, _ = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    return Misfit.of(squared, round(float(modes.freedom[k])))
 
 
 def pose_of_mode(model: DetectionModel, modes: Modes, k: int) -> Pose:

@@ -18,6 +18,7 @@ from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.evidence import residuals_of
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import no_modes
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
@@ -66,11 +67,9 @@ def gains_of_errors(found: Finding) -> Floats:
     model, told, misfit = found.model, found.posterior, _misfit(found)
     if model is None or told is None or misfit is None:
         return np.zeros(len(ERRORS))
-    mode = told.modes.take(slice(found.mode, found.mode + 1))
-    used, squared, freedom = mode.assignments[0] >= 0, misfit.dof * misfit.sigma**2, misfit.dof
-    at = model.linearised(mode.rotation, mode.position)
-    each = 0.5 * (at.by_position[0, used] ** 2).sum(axis=(1, 2)) / model.sigma[mode.assignments[0, used]] ** 2
-    ratio = 1.0 + (np.array(ERRORS) * body_radius(model.points)) ** 2 * float(each.mean())
+    modes, k, squared, freedom = told.modes, found.mode, misfit.dof * misfit.sigma**2, misfit.dof
+    _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    ratio = 1.0 + (np.array(ERRORS) * body_radius(model.points)) ** 2 * moved
     given = model.noise_freedom
     less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
     return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))

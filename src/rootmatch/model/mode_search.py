@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
@@ -21,7 +22,16 @@ from rootmatch.model.blobs import of_blobs
 from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
 from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.evidence import Evidence, about, evidence, settled, settled_about, stepped
+from rootmatch.model.evidence import (
+    Evidence,
+    about,
+    evidence,
+    mixture_of,
+    settled,
+    settled_about,
+    settled_of_likely,
+    stepped,
+)
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, as_objects, no_modes, nothing_near
 from rootmatch.model.pose_density import LEAST
@@ -90,9 +100,8 @@ def modes_of(
     checkpoint()
     each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
     proposals = proposals.take(slice(in_force().cut(len(proposals.assignments), each)))
-    assignments, found, at = _possible(model, proposals, floor, of_copy)
-    found, at = settled(model, assignments, found, at)
-    order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
+    assignments, found, at, poses = _possible(model, proposals, floor, of_copy)
+    order = np.argsort(-found.log_odds, kind="stable")
     for k in order[np.isfinite(found.log_odds[order])].tolist():
         log_odds = float(found.log_odds[k])
         behind = bool(kept) and log_odds < min(kept[0].log_mass - far, enough)
@@ -153,9 +162,15 @@ def _is_known(mode: _Mode, kept: list[_Mode]) -> bool:
 
 def _possible(
     model: DetectionModel, proposals: Proposals, floor: float, enough: float
-) -> tuple[Integers, Evidence, Linearised]:
-    """The proposals that may be worth a fit, with their evidence to first order about their given poses."""
-    assignments = proposals.assignments
+) -> tuple[Integers, Evidence, Linearised, tuple[Floats, Floats]]:
+    """The proposals that may be worth a fit, to first order about their given poses, fitted, with their best poses.
+
+    Compiled: log-odds of −∞ for the others, and for what ends where another one does.
+    """
+    assignments, *poses = proposals
+    if (prior := mixture_of(model)) is not None:
+        hopeless = HOPELESS, floor, enough
+        return assignments, *settled_of_likely(model, assignments, (poses[0], poses[1]), prior, hopeless)
     if model.resolution == 0.0:
         rough, at = about(model, *proposals)
     else:
@@ -164,10 +179,11 @@ def _possible(
         rough = evidence(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
     worth = rough.log_odds > min(best - HOPELESS, enough)
-    if worth.all():
-        return assignments, rough, at
-    (some,) = np.nonzero(worth)
-    return assignments[some], rough.take(some), at.take(some)
+    if not worth.all():
+        (some,) = np.nonzero(worth)
+        assignments, rough, at = assignments[some], rough.take(some), at.take(some)
+    found, at = settled(model, assignments, rough, at)
+    return assignments, found, at, stepped(found, at)
 
 
 @dataclass(eq=False)
@@ -227,6 +243,8 @@ class _Mode:
 
 def _turned_alike(mode: _Mode, others: list[_Mode]) -> list[_Mode]:
     """Those of several modes that are turned nearly as one is: no other is part of it, nor it of another."""
+    if not others:
+        return []
     turns = np.array([other.rotation for other in others]).reshape(-1, 9) @ mode.rotation.ravel()
     return [others[k] for k in np.flatnonzero(turns >= ALIKE).tolist()]
 
@@ -292,6 +310,9 @@ def _changes_of(model: DetectionModel, mode: _Mode, at: Linearised) -> tuple[Int
 def _as_arrays(kept: list[_Mode], n: int) -> Modes:
     if not kept:
         return no_modes(n)
-    *arrays, near = ([getattr(one, field.name) for one in kept] for field in fields(_Mode))
-    columns = dict(zip(Modes._fields, map(np.array, arrays), strict=False))
-    return Modes(**columns, near=as_objects(near))
+    *arrays, near = zip(*map(_COLUMNS, kept), strict=True)
+    return Modes._make([*map(np.array, arrays), as_objects(near)])
+
+
+_COLUMNS = attrgetter(*(field.name for field in fields(_Mode)))
+"""Of a mode, the columns of `Modes`."""

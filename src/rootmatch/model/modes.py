@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -113,7 +114,7 @@ def none_near(count: int, n: int) -> NDArray[np.object_]:
     return as_objects([nothing_near(n)] * count)
 
 
-def as_objects(some: list[Any]) -> NDArray[np.object_]:
+def as_objects(some: Sequence[Any]) -> NDArray[np.object_]:
     """An object array with one element for each item."""
     out = np.empty(len(some), object)
     for k, one in enumerate(some):
