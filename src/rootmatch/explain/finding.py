@@ -68,6 +68,8 @@ class Finding:
         Degrees of freedom of the residuals that tell it.
     mode : int
         Which mode of ``posterior`` it tells.
+    origins : (M,) int64, optional
+        The prediction about which each of those lies, −1 for none; None if nothing was predicted.
     point_error : float
         Standard deviation of the points' coordinates which it takes, though none was stated.
     sequence_factor : float
@@ -110,6 +112,7 @@ class Finding:
     noise_factor: float | None = None
     noise_dof: int = 0
     mode: int = 0
+    origins: Integers | None = None
     sequence_factor: float = 1.0
     point_error: float = 0.0
     reason: str | None = None

@@ -94,12 +94,15 @@ def told_by(
         told = with_parts(told, model, base.task.minimal, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability(MIN_PROBABILITY)
-    scoreless = base.evaluated == 0
+    scoreless, origins = base.evaluated == 0, None
+    if isinstance(prior, Doubted):
+        origins = prior.prediction_of(modes.rotation, modes.position)
     if (k := next(free, None)) is None:
         nothing = np.full(base.task.rows, -1, np.int64)
         return copied(
             base,
             posterior=told,
+            origins=origins,
             model=model,
             assignment=nothing,
             others=Others(told, TRUST.alternatives),
@@ -113,15 +116,14 @@ def told_by(
         )
     first, probability = modes.assignments[k], told.probability_of(modes.assignments[k])
     confidence = told.confidence if k == 0 else told.confidence_in(first)
-    surest, lit = surest_points(model, first, (modes.rotation[k], modes.position[k]))
-    confidence, probability = confidence * lit, probability * float(lit.prod())
+    surest = surest_points(model, first, (modes.rotation[k], modes.position[k]))
+    if surest is not None:
+        confidence, probability = confidence * surest[1], probability * float(surest[1].prod())
     fault = misfit_of(model, modes, k)
-    prediction = -1
-    if isinstance(prior, Doubted):
-        prediction = int(prior.prediction_of(modes.rotation[k : k + 1], modes.position[k : k + 1])[0])
+    prediction = -1 if origins is None else int(origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     missed = 0.0 if holds else missed  # a search need not meet what is predicted
-    trusted = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
+    trusted = told.believed(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
     sure = None if trusted is None else trusted.assignment
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
@@ -142,10 +144,12 @@ def told_by(
         confidence = np.where((trusted.assignment < 0) & (first >= 0), told.unmatched, confidence)
         first = trusted.assignment
     others, believed = Others(told, TRUST.alternatives, than=first), status is not Status.UNTRUSTED
-    first, confidence = of_surest(first, confidence, surest)
+    if surest is not None:
+        first, confidence = of_surest(first, confidence, surest[0])
     found = copied(
         base,
         posterior=told,
+        origins=origins,
         model=model,
         task=about_prediction(base.task, prediction) if holds else base.task,
         assignment=first,

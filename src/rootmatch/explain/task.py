@@ -200,7 +200,7 @@ class MatchingTask:
             **told,
         )
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, int]:
         """Number of source and target points, (n, n')."""
         return self.points.shape
@@ -256,8 +256,7 @@ class MatchingTask:
 
     def without_priors(self) -> Self:
         """A copy of the task without any knowledge of poses."""
-        bare = copied(self, prior_pose=None, rivals=NONE, prior_poses={}, rivals_of={})
-        return copied(bare, known=None, known_of={})
+        return copied(self, prior_pose=None, rivals=NONE, prior_poses={}, rivals_of={}, known=None, known_of={})
 
     @cached_property
     def image(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -103,7 +103,7 @@ class DetectionModel:
     resolution: float = 0.0
     noise_freedom: float = NOISE_FREEDOM
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, int]:
         """Number of points and detections, (n, n')."""
         return len(self.points), len(self.target)

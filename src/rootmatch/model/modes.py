@@ -63,6 +63,10 @@ class Modes(NamedTuple):
         """A subset of the modes."""
         return Modes._make([one[which] for one in self])
 
+    def first(self, most: int) -> Modes:
+        """The most probable modes; these themselves if there are no more."""
+        return self if len(self.log_odds) <= most else self.take(slice(most))
+
     def and_(self, others: Modes) -> Modes:
         """These modes, followed by others."""
         return Modes._make(np.concatenate(pair) for pair in zip(self, others, strict=True))

@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -219,7 +220,7 @@ class Problem(ABC):
         rig = rig_of(self)
         return target if rig is None else rig.joined(target)
 
-    @property
+    @cached_property
     def noise_is_angular(self) -> bool:
         """Whether the noise is in radians: detections are unit rays."""
         return isinstance(self.sensor, UnitRays)

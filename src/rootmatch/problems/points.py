@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -74,7 +75,7 @@ class PointSets:
         own = np.linalg.eigvalsh(self.target_covariance)[:, -1]
         return np.asarray(np.sqrt(own + self.target_noise**2 - self.detection_noise**2))
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, int]:
         """Number of source and target points, (n, n')."""
         return len(self.source), len(self.target)

@@ -112,7 +112,7 @@ class Belief:
         if holds:
             sure *= (
                 (1.0 - self.unfollowed)
-                * (1.0 - share_unseen(found, self.poses, self.places))
+                * (1.0 - (share_unseen(found, self.poses, self.places) if len(self.poses) > 1 else 0.0))
                 / (1.0 + math.exp(self.poses[0].log_other))
             )
             sure *= chance_returned(1.0 if found.posterior is None else found.posterior.clutter, self._returned(time))
@@ -143,7 +143,7 @@ class Belief:
     def predicted(self, time: float, doubt: float) -> tuple[Pose, Rivals]:
         """The most probable pose at a time, and the others with their probabilities; that none is right."""
         poses = [one.filter.predicted(time) for one in self.poses]
-        others = tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True))
+        others = tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True)) if len(poses) > 1 else ()
         return poses[0], Rivals(others, doubt, tuple(one.place for one in self.poses))
 
     def forget_before(self, time: float) -> None:
@@ -224,18 +224,20 @@ class Belief:
             self._take_motion(found, time)
         if told is None or model is None or not len(told.probabilities):
             return False
-        modes, doubt = told.modes.take(slice(LOOKED_AT)), 1.0
+        modes, doubt, shares = told.modes.first(LOOKED_AT), 1.0, self.shares
         origin = np.full(len(modes.log_odds), -1)
         if self.poses and isinstance(model.prior, Doubted):
-            origin, doubt = model.prior.prediction_of(modes.rotation, modes.position), model.prior.doubt
-        log_share = log_chance(np.append(self.shares * (1.0 - doubt), doubt))  # the last is that of a new one
+            assert found.origins is not None
+            origin, doubt = found.origins[:LOOKED_AT], model.prior.doubt
+        log_share = log_chance(np.append(shares * (1.0 - doubt), doubt))  # the last is that of a new one
         shown = modes.detected.copy()
         place, alone, more = in_places(model, modes, origin, self.poses, shown)
         count = int(np.count_nonzero(modes.assignments[0] >= 0))
         if count > self.most and len(set(place.tolist())) == 1:
             self.most, alone[:] = count, max(alone[0], odds_alone(model, modes.take(slice(1)))[0])
         each = log_chance(told.probabilities[: len(origin)])
-        elsewhere = ~np.isin(place, [one.place for one in self.poses])
+        followed = {one.place for one in self.poses}
+        elsewhere = np.array([one not in followed for one in place.tolist()])
         others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
@@ -262,7 +264,8 @@ class Belief:
             if chance >= LIKELY:
                 where, best, rise = int(place[k]), float(alone[k]), float(more[k])
                 go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=best, more=rise))
-        stay = [self._stays(k, often * nothing, go_on, time) for k in range(len(self.poses))]
+        log_shares = log_chance(shares).tolist()
+        stay = [self._stays(k, often * nothing, go_on, log_shares, time) for k in range(len(self.poses))]
         stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
         after = sorted([*stay, *go_on], key=lambda one: -one.total)
         # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
@@ -289,12 +292,12 @@ class Belief:
         self.time = time
         return others
 
-    def _stays(self, k: int, more: float, go_on: Sequence[Step], time: float) -> Step:
+    def _stays(self, k: int, more: float, go_on: Sequence[Step], log_shares: Sequence[float], time: float) -> Step:
         """A hypothesis that no mode continues; ``more``: what the frame adds to its log-weight, if it tells of it.
 
         It does not where what is followed elsewhere explains the frame as well if the body is hidden.
         """
-        last, log_shares, shown = self.poses[k], log_chance(self.shares).tolist(), 0.0
+        last, shown = self.poses[k], 0.0
         lead = next((step for step in go_on if step.origin >= 0), None)
         if lead is not None and all(step.place != last.place for step in go_on):
             more, shown = lead.log_weight - lead.more - log_shares[lead.origin], lead.shown

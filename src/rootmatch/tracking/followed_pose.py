@@ -81,6 +81,8 @@ def tempered(evidence: Floats, origin: Integers, often: float) -> Floats:
         Weight of a frame's evidence.
     """
     out = often * evidence
+    if len(out) < 2:
+        return out
     for one in np.unique(origin[origin >= 0]):
         own = origin == one
         if np.count_nonzero(own) > 1:
