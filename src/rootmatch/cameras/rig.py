@@ -128,7 +128,8 @@ class Rig(CameraModel):
         if rows.ndim == 2 and rows.shape[1] == 2:
             raise InputError(f"target: shape {rows.shape} given; of a rig, give (pixels, index of the camera of each)")
         if rows.ndim == 2 and rows.shape[1] == 3 and rows.dtype.kind in "fiu":
-            wrong = ~np.isin(rows[:, 2], np.arange(len(self.views)))
+            index = rows[:, 2]
+            wrong = ~((index >= 0) & (index < len(self.views)) & (index % 1 == 0))
             if wrong.any():
                 k = int(np.flatnonzero(wrong)[0])
                 raise InputError(

@@ -11,11 +11,10 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.model.compiled.crowds import (
+    crowds_of,
     densities_about_places,
     densities_given,
-    densities_of_crowds,
     log_of_taken,
-    shares_of_crowds,
 )
 
 FEW = 3
@@ -220,18 +219,13 @@ def _clutter(
     centres = np.arange(count)
     if count > MOST:
         centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
-    kernels, densities = np.empty((SCALES, count, len(centres))), np.empty((SCALES + 1, count))
-    densities[0] = uniform
-    # crowds are round, but no wider than what clutter fills
-    mean = math.exp(float(np.log(extents).mean()))
-    widths = np.minimum(0.25 * mean * 0.5 ** np.arange(SCALES)[:, None], 0.25 * extents)
+    about, widths, shares = np.empty((count, len(centres))), np.empty((SCALES, len(extents))), np.empty(SCALES + 1)
     # copies: what is read-only is another type to a kernel
-    densities_of_crowds(target.copy(), sigma.copy(), centres, label.copy(), widths, kernels, densities[1:])
-    prior = np.array([PSEUDO, *[crowds / SCALES] * SCALES])
-    shares = prior / prior.sum()
-    shares_of_crowds(densities, prior, STEPS, shares)
-    about = (shares[1:] @ kernels.reshape(SCALES, -1)).reshape(kernels.shape[1:])
-    return Clutter(
-        about, centres, uniform, float(shares[0]),
-        target=target.copy(), sigma=sigma.copy(), shares=shares[1:].copy(), widths=widths,
+    target, sigma, uniform = target.copy(), sigma.copy(), uniform.copy()
+    crowds_of(
+        (target, sigma, uniform, label.copy()), centres, extents.copy(), (PSEUDO, crowds / SCALES, STEPS),
+        (about, widths, shares),
     )  # fmt: skip
+    return Clutter(
+        about, centres, uniform, float(shares[0]), target=target, sigma=sigma, shares=shares[1:], widths=widths
+    )

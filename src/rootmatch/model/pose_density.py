@@ -225,22 +225,22 @@ class Doubted(Mixed):
     doubt: float
     places: Sequence[int] = ()
 
-    @property
+    @cached_property
     def least(self) -> int:
         """See `PoseDensity`: one match is one coincidence, which a clutter point that stands still repeats."""
-        return 2 if self._gaussian.size else 3
+        return 2 if self._gaussian else 3
 
     @cached_property
-    def _gaussian(self) -> Integers:
+    def _gaussian(self) -> list[int]:
         """Which of the predictions are normal in all six parameters."""
-        return np.flatnonzero([isinstance(one, Gaussian) for one in self.predictions])
+        return [k for k, one in enumerate(self.predictions) if isinstance(one, Gaussian)]
 
     def prediction_of(self, rotation: Floats, position: Floats) -> Integers:
         """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""
         every, which = self._components(rotation, position)
+        if len(self._gaussian) == len(self.predictions) and every.squared.shape[1] == 1:
+            return np.where(which < len(self._gaussian), which, -1)
         of_first, of_others = self._places
-        if len(of_others) == 1:
-            return of_first[which]
         component = largest(every)
         return np.where(component == 0, of_first[which], of_others[component])
 

@@ -19,6 +19,7 @@ from rootmatch.errors import UnseenPixelError
 from rootmatch.model.compiled.projection import BROWN, KANNALA_BRANDT, NUMBERS, PINHOLE, STEREOGRAPHIC
 from rootmatch.model.compiled.unprojection import unproject
 
+NO_MOTION = np.eye(3)[None], np.zeros((1, 3))
 INVERTED = {PINHOLE, KANNALA_BRANDT}
 """Kinds of cameras whose rays are compiled."""
 
@@ -52,7 +53,7 @@ def views_of(camera: CameraModel) -> Views | None:
 def frames_of(camera: CameraModel) -> tuple[Floats, Floats]:
     """Rotations (C, 3, 3) and translations (C, 3) into the frames of the cameras of a rig; no motion for a camera."""
     if not isinstance(camera, RigImage):
-        return np.eye(3)[None], np.zeros((1, 3))
+        return NO_MOTION
     return camera.rig.rotations, camera.rig.translations / camera.unit
 
 

@@ -200,9 +200,8 @@ class MotionFilter:
         self.R, self.t, covariance = self._centred(pose)
         self.scale = pose.scale
         step = np.array([*one_rotation_vector(self.R @ R.T), *(self.t - t), self.scale - scale])[:size]
-        self.motion, self.P = np.empty(12), np.empty(P.shape)
-        inverse: Floats = np.asarray(np.linalg.inv(P[:size, :size]))
-        left, squared = take_pose((motion, P), inverse, step, covariance, (self.motion, self.P))
+        self.motion, self.P, inverse = np.empty(12), np.empty(P.shape), np.empty((size, size))
+        left, squared = take_pose((motion, P), step, covariance, (self.motion, self.P, inverse))
         if isinstance(pose, SharedPose):
             self._share(shared, pose, weight * P[:, :size] @ inverse, left_by(covariance, P[:size, :size]))
         self.time, self._ahead = time, None
