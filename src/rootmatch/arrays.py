@@ -14,6 +14,7 @@ Bools = NDArray[np.bool_]
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 
 
 def kept_by_values(most: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -42,6 +43,31 @@ def kept_by_values(most: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
         by_values.cache_clear = kept.clear  # type: ignore[attr-defined]
         return by_values
+
+    return decorated
+
+
+def kept_by_identity(most: int) -> Callable[[Callable[[T], R]], Callable[[T], R]]:
+    """Decorator that keeps the last results of a function of one object which never changes, as long as it is the same.
+
+    For what a camera tells in every frame: to compare two rigs takes longer than most of what depends on them.
+    """
+
+    def decorated(function: Callable[[T], R]) -> Callable[[T], R]:
+        kept: OrderedDict[int, tuple[T, R]] = OrderedDict()  # the object itself, so that no other one has its identity
+
+        @wraps(function)
+        def by_identity(one: T) -> R:
+            known = kept.get(id(one))
+            if known is not None and known[0] is one:
+                return known[1]
+            found = function(one)
+            kept[id(one)] = one, found
+            if len(kept) > most:
+                kept.popitem(last=False)
+            return found
+
+        return by_identity
 
     return decorated
 

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.copies import copied
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Facts, Status, least_trusted
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied, once
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -126,7 +125,7 @@ class Finding:
     left: MatchingTask | None = None
     mirrored: Sequence[Integers] = ()
 
-    @cached_property
+    @once
     def status(self) -> Status:
         """Status from the facts; with several bodies, that of the least trusted one."""
         if self.parts is not None:
@@ -190,7 +189,7 @@ class Finding:
         """Total weight of the hyper-edges inside the assignment; NaN without any."""
         return math.nan if self.scores is None and self.scoreless else self.every_score[0]
 
-    @cached_property
+    @once
     def every_score(self) -> list[float]:
         """Total weight of the hyper-edges inside the assignment, and inside each of the others."""
         if self.scores is not None:
@@ -214,7 +213,7 @@ class Finding:
         """The other assignments with their scores."""
         return list(zip(self.others, self.every_score[1:], strict=True))
 
-    @cached_property
+    @once
     def margin(self) -> float:
         """Lead in score over the best different assignment, of several bodies that of the least sure one.
 
@@ -226,7 +225,7 @@ class Finding:
             return min(part.margin for part in self.parts.values())
         return margin(self.every_score[0], self.alternatives, self.assignment)
 
-    @cached_property
+    @once
     def soft_assignment(self) -> Floats:
         """Soft assignment (n, n') of the solver; if none ran, the support of each correspondence, row by row.
 
@@ -248,7 +247,7 @@ class Finding:
         rows = gains.sum(axis=1, keepdims=True)
         return np.asarray(gains / np.where(rows > 0.0, rows, 1.0))
 
-    @cached_property
+    @once
     def motion_labels(self) -> Integers:
         """Label of the rigid motion of each point, −1 where unmatched; (n,)."""
         return np.where(self.assignment >= 0, 0, -1) if self.labels is None else self.labels

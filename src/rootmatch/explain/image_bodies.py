@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.copies import copied
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import LATE, SURE, Solve, budgets_of, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
@@ -35,6 +34,7 @@ from rootmatch.explain.image_hypotheses import (
 from rootmatch.explain.known_place import pairs_by_angle
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.proposals import Proposals

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
-from rootmatch.copies import copied
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.likeness import likenesses
 from rootmatch.explain.near_symmetries import symmetries_of
@@ -24,6 +23,7 @@ from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vert
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.similar_subsets import twins_of_few
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth

@@ -11,13 +11,13 @@ import math
 import numpy as np
 
 from rootmatch.arrays import Floats
-from rootmatch.copies import copied
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.model.evidence import residuals_of
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import no_modes

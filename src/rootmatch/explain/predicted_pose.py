@@ -7,7 +7,6 @@ from contextlib import suppress
 
 import numpy as np
 
-from rootmatch.copies import copied
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import SURE
 from rootmatch.explain.body_findings import among_all
@@ -18,6 +17,7 @@ from rootmatch.explain.image_hypotheses import NAMED, PREDICTION, Candidate, is_
 from rootmatch.explain.inexact_points import allowing_for_errors
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 
 UNCONFIRMED = "the predicted pose is not confirmed"
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from rootmatch.algebra.rotation import one_rotation_vector
 from rootmatch.arrays import Integers
-from rootmatch.copies import copied
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.model.blob_labels import resolved
 from rootmatch.model.evidence import errors_by_source
 from rootmatch.model.known_density import Known

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.frozen import once
 from rootmatch.model.compiled.crowds import (
     crowds_of,
     densities_about_places,
@@ -98,7 +98,7 @@ class Clutter:
     widths: Floats
     repeats: float = 0.0
 
-    @cached_property
+    @once
     def log_density(self) -> Floats:
         """Logarithm (n',) of the density of a clutter point at each detection, given all others."""
         others = self.about.sum(axis=1) / max(len(self.centres) - 1, 1)
@@ -124,7 +124,7 @@ class Clutter:
         densities_about_places(self.target, self.sigma, *given, self.widths, self.shares, density)
         return density * self._part
 
-    @cached_property
+    @once
     def _part(self) -> Floats:
         """What one member of a crowd is (n',) in parts of each detection's density."""
         return np.asarray(np.exp(-self.log_density) / max(len(self.centres) - 1, 1))
@@ -162,7 +162,7 @@ class Clutter:
         """Logarithm (n',) of the density of each detection, as clutter, if all others are."""
         return self.log_each(np.zeros(len(self.target), np.bool_), np.zeros(len(self.target)))
 
-    @cached_property
+    @once
     def _descents(self) -> Floats:
         """Inverse (c, c) of the matrix whose determinant is the sum over forests, in units of `log_density`."""
         scale = np.exp(-0.5 * self.log_density[self.centres])

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint, in_force
+from rootmatch.frozen import once
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.blobs import of_blobs
 from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
@@ -215,7 +215,7 @@ class _Mode:
         """Rotation, position and covariance."""
         return self.rotation, self.position, self.covariance
 
-    @cached_property
+    @once
     def changes(self) -> dict[bytes, tuple[float, Floats]]:
         """Log-odds of the changed assignments that were weighed, and steps to their poses."""
         every, log_odds, steps = self.near
@@ -246,7 +246,7 @@ def _turned_alike(mode: _Mode, others: list[_Mode]) -> list[_Mode]:
     if not others:
         return []
     turns = np.array([other.rotation for other in others]).reshape(-1, 9) @ mode.rotation.ravel()
-    return [others[k] for k in np.flatnonzero(turns >= ALIKE).tolist()]
+    return [others[k] for k in (turns >= ALIKE).nonzero()[0].tolist()]
 
 
 def _is_part(mode: _Mode, other: _Mode) -> bool:

@@ -11,12 +11,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.frozen import once
 from rootmatch.model.compiled.known_terms import prior_terms
 from rootmatch.model.compiled.precision import invert_prediction
 
@@ -135,7 +135,7 @@ class Broad(Mixed):
 
     radius: float = 0.0
 
-    @cached_property
+    @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         return NO_PREDICTIONS, self.with_share(0.0), NO_KNOWLEDGE
@@ -174,7 +174,7 @@ class Gaussian(Mixed):
     covariance: Floats
     freedom: float = math.inf
 
-    @cached_property
+    @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         return _packed([(self, 0.0)]), Broad().with_share(-math.inf), NO_KNOWLEDGE
@@ -190,7 +190,7 @@ class Gaussian(Mixed):
         """The covariance, no more certain than `EXACT` in any direction."""
         return self._precision[0]
 
-    @cached_property
+    @once
     def _precision(self) -> tuple[Floats, Floats, float]:
         """That, the precision (6, 6), and the logarithm of the density at its peak."""
         out = np.empty((6, 6)), np.empty((6, 6))
@@ -225,12 +225,12 @@ class Doubted(Mixed):
     doubt: float
     places: Sequence[int] = ()
 
-    @cached_property
+    @once
     def least(self) -> int:
         """See `PoseDensity`: one match is one coincidence, which a clutter point that stands still repeats."""
         return 2 if self._gaussian else 3
 
-    @cached_property
+    @once
     def _gaussian(self) -> list[int]:
         """Which of the predictions are normal in all six parameters."""
         return [k for k, one in enumerate(self.predictions) if isinstance(one, Gaussian)]
@@ -244,7 +244,7 @@ class Doubted(Mixed):
         component = largest(every)
         return np.where(component == 0, of_first[which], of_others[component])
 
-    @cached_property
+    @once
     def _places(self) -> tuple[Integers, Integers]:
         """Which prediction the first component is, −1 for none, by that of kernels, and each of the components."""
         known = [k for k, one in enumerate(self.predictions) if not isinstance(one, Gaussian)]
@@ -252,7 +252,7 @@ class Doubted(Mixed):
         others[1 : 1 + len(known)] = known
         return np.append(self._gaussian, -1), others
 
-    @cached_property
+    @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         log_doubt, every = math.log(self.doubt), list[Knowledge]()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.arrays import Floats, Integers, kept_by_identity, kept_by_values
 from rootmatch.cameras.base import RIM, CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -92,13 +91,13 @@ def _rays(camera: CameraModel, target: Floats) -> Floats:
     return rays
 
 
-@lru_cache(maxsize=64)
+@kept_by_identity(64)
 def _of_camera(camera: Camera) -> Views | None:
     one = _numbers(camera)
     return None if one is None else _with_sizes(_views((one,)), None if camera.size is None else (camera.size,))
 
 
-@lru_cache(maxsize=16)
+@kept_by_identity(16)
 def _of_rig(rig: Rig) -> Views | None:
     every = [_numbers(camera) for camera in rig.cameras]
     known = tuple(one for one in every if one is not None)

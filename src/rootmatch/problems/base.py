@@ -6,7 +6,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -16,6 +15,7 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import rig_of
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
+from rootmatch.frozen import once
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
 from rootmatch.problems.limits import MOST_PAIRS
@@ -220,7 +220,7 @@ class Problem(ABC):
         rig = rig_of(self)
         return target if rig is None else rig.joined(target)
 
-    @cached_property
+    @once
     def noise_is_angular(self) -> bool:
         """Whether the noise is in radians: detections are unit rays."""
         return isinstance(self.sensor, UnitRays)

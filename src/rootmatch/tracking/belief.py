@@ -15,7 +15,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from rootmatch.arrays import Floats
-from rootmatch.copies import copied
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
@@ -23,6 +22,7 @@ from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.point_set_decision import pose_alone
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
+from rootmatch.frozen import copied
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.priors import COPY, WRONG_MODEL

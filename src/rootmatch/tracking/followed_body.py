@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from enum import Enum
 
 from rootmatch.arrays import Floats
-from rootmatch.copies import copied
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_enough
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
+from rootmatch.frozen import copied
 from rootmatch.model.point_set_model import PRESENT
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.options import Options, option

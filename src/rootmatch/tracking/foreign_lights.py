@@ -83,7 +83,7 @@ class ForeignLights:
         if self._most is not None and _tell_the_same(self._most[0], found) and self._most[1] == time:
             return self._most[2]
         own = self._now(self.own, time)
-        doubtful = np.flatnonzero((found.assignment >= 0) & (own < SURE))
+        doubtful = ((found.assignment >= 0) & (own < SURE)).nonzero()[0]
         if len(doubtful):
             before = np.minimum(self._now(self.met, time), lit)
             own[doubtful] = np.maximum(own[doubtful], by_others(found, doubtful, before))

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
-from rootmatch.copies import copied
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
@@ -22,6 +21,7 @@ from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
+from rootmatch.frozen import copied
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
 from rootmatch.problems.base import Problem

@@ -12,7 +12,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
-from rootmatch.copies import copied
+from rootmatch.frozen import copied
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.camera_fit import REWEIGHTED
 from rootmatch.problems.pose_fit.descent import State, covariance_of, descended, lowest_of

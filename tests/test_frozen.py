@@ -1,11 +1,10 @@
-"""Copies of frozen values with some fields changed: as `dataclasses.replace` makes them."""
+"""Copies of frozen values and what is worked out of one once: as `dataclasses` and `functools` have them."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import pytest
 
-from rootmatch.copies import copied
+from rootmatch.frozen import copied, once
 
 
 @dataclass(frozen=True, eq=False)
@@ -13,7 +12,7 @@ class Value:
     first: int
     second: str = "as usual"
 
-    @cached_property
+    @once
     def twice(self) -> int:
         return 2 * self.first
 
