@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.rig import Rig, rig_of
+from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
@@ -148,7 +148,7 @@ class MatchingTask:
         """
         check_problem(problem)
         options = options or MatchOptions()
-        if rig_of(problem) is not None:
+        if problem.rig is not None:
             options.check_rig()
         if prior is not None:
             Capability.PRIOR.require(problem.takes_prior or problem.takes_motion_prior, problem.name)
@@ -208,7 +208,7 @@ class MatchingTask:
     @once
     def rig(self) -> Rig | None:
         """The rig of cameras that see the target; None for one camera, or none."""
-        return rig_of(self.problem)
+        return self.problem.rig
 
     @property
     def minimal(self) -> int:

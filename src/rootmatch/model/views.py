@@ -37,10 +37,10 @@ class Views(NamedTuple):
 
 def views_of(camera: CameraModel) -> Views | None:
     """The numbers of a camera, or of the cameras of a rig; None if one is of another kind than those compiled."""
-    if isinstance(camera, Stereographic):
-        return _views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
     if isinstance(camera, Camera):
         return _of_camera(camera)
+    if isinstance(camera, Stereographic):
+        return _views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
     if isinstance(camera, RigImage):
         known = _of_rig(camera.rig)
         if known is not None:
