@@ -146,7 +146,7 @@ class Rig(CameraModel):
             out[own] = camera.bearings(rows[own, :2]) @ rotation
         return out
 
-    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:
+    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike, rays: Floats | None = None) -> Floats:
         """Isotropic noise of the rays in radians; see `CameraModel.angular_noise`."""
         rows = np.asarray(pixels, dtype=float)
         spread = np.broadcast_to(np.asarray(sigma, dtype=float), rows.shape[:-1])
