@@ -29,3 +29,19 @@ def test_a_copy_has_the_other_fields_and_none_of_what_was_worked_out() -> None:
 def test_an_unknown_field_is_an_error() -> None:
     with pytest.raises(TypeError, match="third"):
         copied(Value(3), third=4)
+
+
+def test_what_is_asked_for_twice_is_worked_out_once() -> None:
+    calls = []
+
+    class Asked:
+        @once
+        def answer(self) -> int:
+            """What is asked for."""
+            calls.append(self)
+            return 42
+
+    asked = Asked()
+    assert (asked.answer, asked.answer) == (42, 42)
+    assert calls == [asked]
+    assert Asked.answer.__doc__ == "What is asked for."
