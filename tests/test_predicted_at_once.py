@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation
 from rootmatch.cameras.base import CameraModel
 from rootmatch.model import prediction
 from rootmatch.model.compiled.averaging import leave_out
-from rootmatch.model.compiled.precision import invert_prediction
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import mixture_of, residuals_of, settled_about, settled_of_likely, stepped
 from rootmatch.model.mode_search import modes_of
-from rootmatch.model.pose_density import EXACT, Broad, Doubted, Gaussian
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.tracking.averaged_pose import averaged_pose
@@ -216,19 +215,3 @@ def test_residuals_about_a_pose(name: str) -> None:
     assert start is not None
     of = start.assignments[0], start.rotation[0], start.position[0]
     np.testing.assert_allclose(residuals_of(model, *of), residuals_of(by_numpy(model), *of), rtol=1e-9)
-
-
-@pytest.mark.parametrize("rank", [3, 6])
-def test_the_precision_of_a_prediction(rank: int) -> None:
-    """Units differ by six powers of ten; a covariance of less than full rank is bounded."""
-    rows = np.random.default_rng(rank).normal(size=(6, rank)) * ([[1e-3]] * 3 + [[1e3]] * 3)
-    covariance, position = rows @ rows.T, np.array([0.0, 3e4, 4e4])
-    out = np.empty((6, 6)), np.empty((6, 6))
-    logarithm = invert_prediction(covariance, position, EXACT, out)
-    least = EXACT * np.repeat([1.0, 5e4], 3)
-    scale = np.sqrt(np.maximum(covariance.diagonal(), least**2))
-    unit = np.outer(scale, scale)
-    bounded = covariance / unit + EXACT * np.eye(6)
-    np.testing.assert_allclose(out[0] / unit, bounded, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(out[1] * unit @ bounded, np.eye(6), atol=1e-5)
-    assert logarithm == pytest.approx(0.5 * np.linalg.slogdet(2.0 * np.pi * bounded)[1] + np.log(scale).sum(), rel=1e-6)

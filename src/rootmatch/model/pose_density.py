@@ -18,7 +18,6 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.frozen import once
 from rootmatch.model.compiled.known_terms import prior_terms
-from rootmatch.model.compiled.precision import invert_prediction
 
 FIELD = 2.0
 """Solid angle in steradians in which a body may be, if the image's size is not known: about 80° by 80°. A round
@@ -185,18 +184,20 @@ class Gaussian(Mixed):
             return np.ones_like(squared)
         return np.asarray((self.freedom + 6.0) / (self.freedom + np.maximum(squared, 6.0)))
 
-    @property
+    @once
     def bounded(self) -> Floats:
         """The covariance, no more certain than `EXACT` in any direction."""
-        return self._precision[0]
+        distance = max(math.sqrt(self.position @ self.position), 1e-300)
+        least = EXACT * np.array([1.0, 1.0, 1.0, distance, distance, distance])
+        scale = np.sqrt(np.maximum(self.covariance.diagonal(), least**2))
+        unit = scale[:, None] * scale
+        return np.asarray((self.covariance / unit + EXACT * np.eye(6)) * unit)
 
     @once
-    def _precision(self) -> tuple[Floats, Floats, float]:
-        """That, the precision (6, 6), and the logarithm of the density at its peak."""
-        out = np.empty((6, 6)), np.empty((6, 6))
-        # copies: what is read-only or of another layout is another type to a kernel
-        covariance, position = np.array(self.covariance, float, order="C"), np.array(self.position, float)
-        return *out, -invert_prediction(covariance, position, EXACT, out) - _log_mass(self.freedom)
+    def _precision(self) -> tuple[Floats, float]:
+        """The precision (6, 6), and the logarithm of the density at its peak."""
+        logarithm = 0.5 * float(np.linalg.slogdet(2.0 * math.pi * self.bounded)[1]) + _log_mass(self.freedom)
+        return np.asarray(np.linalg.inv(self.bounded), np.float64), -logarithm
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +287,7 @@ def _packed(predictions: Sequence[tuple[Gaussian, float]]) -> tuple[Floats, ...]
     """Predictions with their shares as arrays for the kernel."""
     if not predictions:
         return NO_PREDICTIONS
-    each = [one._precision[1:] for one, _ in predictions]
+    each = [one._precision for one, _ in predictions]
     return (
         np.array([one.rotation for one, _ in predictions]),
         np.array([one.position for one, _ in predictions]),
