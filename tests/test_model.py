@@ -20,7 +20,7 @@ from rootmatch.model.clutter import clutter_of
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.compiled.evidence import log_of_first, log_of_squared
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about, evidence, settled
+from rootmatch.model.evidence import about, evidence, settled, stepped
 from rootmatch.model.known_density import Known
 from rootmatch.model.mode_search import _without_misfits, modes_of
 from rootmatch.model.modes import Modes, none_near
@@ -432,7 +432,7 @@ def test_a_twin_of_which_nothing_fits_keeps_its_matches() -> None:
     crossed[1, :4] = [assignment[1], *assignment[1:4]]  # and one of which three do
     crossed[1, 4:] = assignment[4:]
     found, at = about(model, crossed, np.tile(R, (2, 1, 1)), np.tile(position, (2, 1)))
-    kept, _, _ = _without_misfits(model, crossed, found, at)
+    kept = _without_misfits(model, crossed, found, at, stepped(found, at))[0]
     np.testing.assert_array_equal(kept[0], crossed[0])
     np.testing.assert_array_equal(kept[1], [-1, *assignment[1:]])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 
 from rootmatch.arrays import Floats
@@ -13,6 +13,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_enough
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
+from rootmatch.frozen import copied
 from rootmatch.model.point_set_model import PRESENT
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.options import Options, option
@@ -225,7 +226,7 @@ class FollowedBody:
 
     def acquit(self) -> None:
         """Forget that what is followed did not fit: the noise was larger than it was taken to be."""
-        self.belief.poses = [replace(one, log_other=FLOOR) for one in self.belief.poses]
+        self.belief.poses = [copied(one, log_other=FLOOR) for one in self.belief.poses]
         self.belief.given_up = None
 
     def take(self, found: Finding, time: float, frame: int, searched: bool) -> None:
