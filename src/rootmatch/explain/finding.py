@@ -85,7 +85,8 @@ class Finding:
     parts : dict, optional
         The findings of several bodies by their labels.
     named : sequence of (n,) int64
-        All assignments that a search named, where no model has judged them.
+        All assignments that a search named, where no model has judged them, or where two views show a scene that looks
+        like itself.
     left : MatchingTask, optional
         What remains to be searched if they are not believed.
     mirrored : sequence of (n,) int64

@@ -66,6 +66,16 @@ class Samples(NamedTuple):
     clutter: Floats
     centre: Integers
 
+    def take(self, rows: Integers) -> Samples:
+        """Some of them."""
+        return Samples(self.poses.take(rows), *(part[rows] for part in self[1:]))
+
+    @classmethod
+    def joined(cls, parts: list[Samples]) -> Samples:
+        """All of several, one after the other."""
+        poses, *others = zip(*parts, strict=True)
+        return cls(Relative.joined(list(poses)), *(np.concatenate(every) for every in others))
+
 
 def centres_of(model: TwoViewModel, fits: Fitted) -> Centres:
     """The likeliest distinct ones of K fits, of which there is one at least."""
