@@ -8,7 +8,7 @@ The weights are by the density of the whole mixture, so that what a centre misse
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,7 +74,8 @@ class Samples(NamedTuple):
     def joined(cls, parts: list[Samples]) -> Samples:
         """All of several, one after the other."""
         poses, *others = zip(*parts, strict=True)
-        return cls(Relative.joined(list(poses)), *(np.concatenate(every) for every in others))
+        joined: list[Any] = [np.concatenate(every) for every in others]
+        return cls(Relative.joined(list(poses)), *joined)
 
 
 def centres_of(model: TwoViewModel, fits: Fitted) -> Centres:
