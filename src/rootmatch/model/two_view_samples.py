@@ -68,14 +68,14 @@ class Samples(NamedTuple):
 
     def take(self, rows: Integers) -> Samples:
         """Some of them."""
-        return Samples(self.poses.take(rows), *(part[rows] for part in self[1:]))
+        others: list[Any] = [part[rows] for part in self[1:]]
+        return Samples(self.poses.take(rows), *others)
 
     @classmethod
     def joined(cls, parts: list[Samples]) -> Samples:
         """All of several, one after the other."""
-        poses, *others = zip(*parts, strict=True)
-        joined: list[Any] = [np.concatenate(every) for every in others]
-        return cls(Relative.joined(list(poses)), *joined)
+        others: list[Any] = [np.concatenate(values) for values in zip(*(part[1:] for part in parts), strict=True)]
+        return cls(Relative.joined([part.poses for part in parts]), *others)
 
 
 def centres_of(model: TwoViewModel, fits: Fitted) -> Centres:
