@@ -123,7 +123,8 @@ def reported(told: TwoViewPosterior) -> Integers:
 def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior and `rivals_of` it tell them."""
     least = base.task.options.least_probability(MIN_PROBABILITY)
-    facts = Facts(present=min(told.present_each), contested=True, min_probability=least, missed=missed)
+    present = min(told.present_each)
+    facts = Facts(present=present, contested=True, min_probability=least, missed=missed)
     first = reported(told)
     if not len(told.proposals):
         nothing = first
@@ -140,7 +141,9 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals
     confidence = told.confidence_in(first) * np.where(first >= 0, share, 1.0)
     fault = Misfit.of(*told.chi2_of(first))
     matched = np.flatnonzero(first >= 0)
-    kept = matched[surest(confidence[matched], 1.0 - least)]
+    # matches of one motion do not depend on the presence of others
+    beside = told.present / present if present > 0.0 else 1.0
+    kept = matched[surest(confidence[matched] / beside, 1.0 - least / beside)]
     motions = told.motions_of(first)
     counts = [(int((motions[some] == m).sum()) for some in (kept, matched)) for m in range(len(told.present_each))]
     enough = all(sure >= max(base.task.problem.minimal + 1, KEPT * own) for sure, own in counts)

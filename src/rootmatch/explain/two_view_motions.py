@@ -9,12 +9,15 @@ import numpy as np
 
 from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
+from rootmatch.explain.body_findings import among_all, of_all_bodies
 from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_decision import lead_by_odds
 from rootmatch.explain.missing_motions import Rest, searched_among, with_missing
+from rootmatch.explain.multi_motion import distinct_hyperedges
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import Rivals, model_of, reported, rivals_of, told_by
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.two_view_motions import Motion, MotionsPosterior, beside_another, motions_posterior
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 
@@ -39,10 +42,10 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
     every = [one.told for one in searched if one.told is not None]
     base = replace(
         nothing_found(task, None),
+        tensor=DeferredTensor.of(lambda: _hyperedges(alone, searched), task.shape, task.weights),
         converged=all(one.converged for one in every),
         evaluated=sum(one.evaluated for one in every),
         scores=None,
-        scoreless=True,
         soft=None,
     )
     least = task.options.least_probability(MIN_PROBABILITY)
@@ -64,8 +67,7 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
     if rest is not None:
         confidence = rest.least_certain(found.assignment, confidence)
         incomplete = rest.may_show(least)
-    found = found.with_facts(incomplete=incomplete, lead=lead_by_odds(found.facts.probability))
-    return replace(found, labels=numbers, confidence=confidence)
+    return replace(found.with_facts(incomplete=incomplete), labels=numbers, confidence=confidence)
 
 
 def beside_others(found: Finding, solve: Callable[[MatchingTask], Finding]) -> Finding:
@@ -154,6 +156,15 @@ def _rivals_of_all(first: Integers, numbers: Integers, motions: list[Motion], ot
             rival[motion.points[one >= 0]] = own
             every.append(rival[None])
     return np.concatenate(every), np.concatenate([odds for _, odds in others])
+
+
+def _hyperedges(alone: MatchingTask, searched: list[Rest]) -> AffinityTensor:
+    """The hyper-edges of all searches."""
+    detections, found = np.arange(alone.shape[1]), []
+    for one in searched:
+        if one.told is not None:
+            found.append((one.points, among_all(one.told, alone.subset(one.points, detections), one.detections)))
+    return distinct_hyperedges(of_all_bodies(alone, found))
 
 
 def _by_size(labels: Integers) -> Integers:
