@@ -91,9 +91,8 @@ class MotionsPosterior(TwoViewPosterior):
         own = np.flatnonzero(assignment >= 0)
         weights = np.concatenate([weights for _, weights, _ in self.parts])
         pairs = own, assignment[own]
-        every = np.array([_log_odds(self.model, one, pairs) for one in self.drawn])
-        every = np.exp(every - np.maximum(every.max(axis=0), -1e3))
-        shares = np.tensordot(weights, every / np.maximum(every.sum(axis=0), 1e-300), axes=(0, 1))
+        odds = np.exp(np.minimum([_log_odds(self.model, one, pairs) for one in self.drawn], 300.0))
+        shares = np.tensordot(odds / (1.0 + odds.sum(axis=0)), weights, axes=(1, 0))
         labels = np.full(len(assignment), -1, np.int64)
         labels[own] = shares.argmax(axis=0)
         return labels
