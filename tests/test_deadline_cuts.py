@@ -255,7 +255,7 @@ def test_pairs_of_two_views_are_not_listed_late(monkeypatch: pytest.MonkeyPatch)
     bearings = [np.array([*rng.normal(size=(2, count)), np.ones(count)]).T for count in (12, 9)]
     bearings = [each / np.linalg.norm(each, axis=1, keepdims=True) for each in bearings]
     views = TwoViewModel(*bearings, np.full(12, 1e-6), np.full(9, 1e-6), np.zeros(9), weighs_parts=False)
-    rows, columns = two_view_posterior._possible(views)
+    rows, columns = two_view_posterior.possible_pairs(views)
     assert rows.tolist() == [k // 9 for k in range(12 * 9)]
     assert columns.tolist() == [k % 9 for k in range(12 * 9)]
     listed = []
@@ -264,7 +264,7 @@ def test_pairs_of_two_views_are_not_listed_late(monkeypatch: pytest.MonkeyPatch)
         listed.append(model)
         raise OutOfTime  # what follows is not of interest
 
-    monkeypatch.setattr(two_view_posterior, "_possible", counted)
+    monkeypatch.setattr(two_view_posterior, "possible_pairs", counted)
     nothing = np.full((1, 12), -1)
     told = two_view_posterior.posterior(views, nothing)  # of which no list is made, and no table
     assert not told.parts

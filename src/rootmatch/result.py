@@ -187,7 +187,8 @@ class Match:
         thousandth of them is more than 1 − ``min_probability``, that all but this thousandth are right. It comes from a
         model of all observations, in which the object may be absent, or two views may have nothing in common
         (docs/model.md). With several motions it is the product of theirs, each weighed with the points and detections
-        that the others leave. None if the problem fits no poses, and for the paper's residuals.
+        that the others leave, and in two views that of all of them together. None if the problem fits no poses, and for
+        the paper's residuals.
         """
         return self._told("probability", np.prod)
 

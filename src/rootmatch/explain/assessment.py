@@ -1,6 +1,6 @@
 """Assessment of a solution that no model judges: unmatch unsupported points, weigh the score, and state the facts.
 
-That is so with several motions, for problems of one's own, and with the residuals of the paper.
+That is so with several motions before each is judged, for problems of one's own, and with the residuals of the paper.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def joined(task: MatchingTask, found: Sequence[Finding], evaluated: int) -> Find
         assignment=assignment,
         others=[],
         facts=Facts(),
-        tensor=DeferredTensor.of(lambda: _of_all_bodies(task, bodies), task.row_shape, task.row_weights),
+        tensor=DeferredTensor.of(lambda: of_all_bodies(task, bodies), task.row_shape, task.row_weights),
         labels=labels,
         converged=all(one.converged for one in found),
         evaluated=evaluated,
@@ -37,8 +37,8 @@ def joined(task: MatchingTask, found: Sequence[Finding], evaluated: int) -> Find
     )
 
 
-def _of_all_bodies(task: MatchingTask, bodies: list[tuple[Integers, Finding]]) -> AffinityTensor:
-    """The hyper-edges of all bodies by the rows and the finding of each."""
+def of_all_bodies(task: MatchingTask, bodies: list[tuple[Integers, Finding]]) -> AffinityTensor:
+    """The hyper-edges of all bodies, or of several motions, by the rows and the finding of each."""
     _, n_target = task.row_shape
     nothing = empty_tensor(task)
     indices, weights = [nothing.indices], [nothing.weights]

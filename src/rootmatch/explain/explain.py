@@ -32,6 +32,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.too_few import are_too_few
 from rootmatch.explain.two_view_decision import assessed as judged_by_views
 from rootmatch.explain.two_view_decision import model_of as two_view_model
+from rootmatch.explain.two_view_motions import beside_others, match_motions
 from rootmatch.solvers.base import solved
 
 SOLVED = 0.6
@@ -120,7 +121,12 @@ def _found(task: MatchingTask, judging: bool) -> Finding:
 
 
 def _several_motions(task: MatchingTask) -> Finding:
-    """Groups of one motion each: among proposed pairs, which are evidence themselves, or packed and judged."""
+    """Groups of one motion each: among proposed pairs, which are evidence themselves, or packed and judged.
+
+    Between two views the model of one motion finds each by itself.
+    """
+    if two_view_model(replace(task, options=replace(task.options, motions=1))) is not None:
+        return match_motions(task, _explained)
     if pays(task):
         return judged_motions(assess(task, *motions_of_pairs(task)), proposed=True)
     # a caller's sampler is not gone beyond
@@ -143,6 +149,8 @@ def _one_motion(task: MatchingTask, judging: bool) -> Finding:
         found = allowing_for_errors(found, task, missed=sampled.missed)
     elif views is not None:
         found = judged_by_views(task, views, sampled, solution)
+        if task.budget is None:
+            found = beside_others(found, _explained)
     else:
         assert solution is not None
         found = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)

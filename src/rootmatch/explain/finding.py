@@ -22,6 +22,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.posterior import Others, Posterior
+from rootmatch.model.two_view_posterior import TwoViewPosterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Alternatives, Solution
@@ -84,10 +85,13 @@ class Finding:
         That model.
     labellings : PointSetPosterior, optional
         Of which it is told, where a model of two point sets decides.
+    relative : TwoViewPosterior, optional
+        Of which it is told, where a model of two views decides.
     parts : dict, optional
         The findings of several bodies by their labels.
     named : sequence of (n,) int64
-        All assignments that a search named, where no model has judged them.
+        All assignments that a search named, where no model has judged them, or where two views show a scene that looks
+        like itself.
     left : MatchingTask, optional
         What remains to be searched if they are not believed.
     mirrored : sequence of (n,) int64
@@ -120,6 +124,7 @@ class Finding:
     posterior: Posterior | None = None
     model: DetectionModel | None = None
     labellings: PointSetPosterior | None = None
+    relative: TwoViewPosterior | None = None
     parts: dict[Label, Finding] | None = None
     named: Sequence[Integers] = ()
     left: MatchingTask | None = None

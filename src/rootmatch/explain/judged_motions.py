@@ -137,10 +137,8 @@ def _together(
         numbers[labels == label] = number
     facts, incomplete = [parts[label].facts for label in left], False
     if rest is not None:
-        unmatched = np.full(len(labels), math.nan)
-        unmatched[rest.points] = rest.unmatched
-        confidence = np.where(assignment < 0, np.fmin(confidence, unmatched), confidence)
-        incomplete = rest.is_asked_for and rest.is_empty < found.facts.min_probability
+        confidence = rest.least_certain(assignment, confidence)
+        incomplete = rest.may_show(found.facts.min_probability)
     nothing = Facts(present=0.0, probability=0.0, lead=0.0)
     return replace(
         found,

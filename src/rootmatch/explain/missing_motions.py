@@ -64,6 +64,22 @@ class Rest(NamedTuple):
         above = (1.0 + self.odds) * own + (self.few * hidden).sum()
         return np.asarray((above / (1.0 + self.odds + self.few.sum())) ** self.missing)
 
+    def least_certain(self, assignment: Integers, confidence: Floats) -> Floats:
+        """Confidence (n,) of motions that were found, and in unmatched points what is left of one more, if less."""
+        unmatched = np.full(len(assignment), math.nan)
+        unmatched[self.points] = self.unmatched
+        return np.where(assignment < 0, np.fmin(confidence, unmatched), confidence)
+
+    def may_show(self, least: float) -> bool:
+        """Whether one more that is asked for may be in view: nothing of it with less than this probability."""
+        return self.is_asked_for and self.is_empty < least
+
+    def of_all(self, assignment: Integers, count: int) -> Integers:
+        """An assignment of what is left as one of all, so many, points."""
+        whole = np.full(count, -1, np.int64)
+        whole[self.points] = np.where(assignment >= 0, self.detections[assignment], -1)
+        return whole
+
 
 def with_missing(
     alone: MatchingTask,
@@ -71,6 +87,7 @@ def with_missing(
     assignment: Integers,
     labels: Integers,
     asked: int | Literal["auto"],
+    searched: list[Rest] | None = None,
 ) -> Rest | None:
     """What is left where no more motions are found, or None of as many as were asked for.
 
@@ -84,11 +101,15 @@ def with_missing(
         The route of a task of one motion.
     assignment, labels : (n,) int64 arrays
     asked : int or "auto"
+    searched : list, optional
+        To which each search is appended.
     """
     while asked == "auto" or len(np.unique(labels[labels >= 0])) < asked:
         missing = 0 if asked == "auto" else asked - len(np.unique(labels[labels >= 0]))
-        rest = _searched(alone, solve, assignment, missing)
+        rest = searched_among(alone, solve, assignment, missing)
         told = rest.told
+        if searched is not None:
+            searched.append(rest)
         if told is None or told.status is Status.UNTRUSTED or not (told.assignment >= 0).any():
             return rest
         matched = told.assignment >= 0
@@ -97,7 +118,7 @@ def with_missing(
     return None
 
 
-def _searched(
+def searched_among(
     alone: MatchingTask, solve: Callable[[MatchingTask], Finding], assignment: Integers, missing: int
 ) -> Rest:
     """What the model of one motion finds among the points and detections that an assignment leaves."""

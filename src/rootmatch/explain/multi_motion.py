@@ -59,7 +59,7 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
         task.shape,
         task.weights,
     )
-    joined = sampled._replace(tensor=_distinct(tensor), evaluated=sampled.evaluated + more.evaluated)
+    joined = sampled._replace(tensor=distinct_hyperedges(tensor), evaluated=sampled.evaluated + more.evaluated)
     return _packed(task, joined, task.deadline), joined
 
 
@@ -100,7 +100,7 @@ def _group_fit(task: MatchingTask) -> GroupFit | None:
     return GroupFit(groups.chi2, groups.grown, groups.extended, min(2.0 * math.pi * sigma**2 / area, 1.0))
 
 
-def _distinct(tensor: AffinityTensor) -> AffinityTensor:
+def distinct_hyperedges(tensor: AffinityTensor) -> AffinityTensor:
     """Each hyper-edge once, with its first weight."""
     first = np.sort(first_rows(sorted_rows(tensor.indices), math.prod(tensor.shape)))
     return AffinityTensor.unchecked(tensor.indices[first], tensor.weights[first], tensor.shape, tensor.unary)

@@ -33,6 +33,8 @@ from rootmatch.solvers.base import Solution
 
 LEAST = math.log(1e-6)
 """Log-odds of rivals below which there are none. By construction: far below what is told."""
+Rivals = tuple[Integers, Floats]
+"""Labellings (K, n) that may be right in the place of the one reported, and the odds (K,) of each."""
 AGREED = 0.5
 """Probability from which the likeliest assignment is told; else the one with the most matches expected to be right."""
 
@@ -81,10 +83,11 @@ def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, so
         rivals = rivals_of(model, told, every if sampled.repeated else every[:0], task.options.seed)
     except OutOfTime:
         return base
-    return told_by(base, told, sampled.missed, rivals)
+    found = told_by(base, told, sampled.missed, rivals)
+    return replace(found, named=named) if sampled.repeated else found
 
 
-def rivals_of(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> tuple[Integers, Floats]:
+def rivals_of(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> Rivals:
     """Labellings (K, n) that may be right and not the one reported, a period away or half a turn, and their odds (K,).
 
     Of what a search named (M, n), those that have little in common with it. If the images show the same points in such
@@ -117,10 +120,11 @@ def reported(told: TwoViewPosterior) -> Integers:
     return told.proposals[0] if told.shares[0] >= AGREED else told.likeliest_pairs
 
 
-def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: tuple[Integers, Floats]) -> Finding:
+def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior and `rivals_of` it tell them."""
     least = base.task.options.least_probability(MIN_PROBABILITY)
-    facts = Facts(present=told.present, contested=True, min_probability=least, missed=missed)
+    present = min(told.present_each)
+    facts = Facts(present=present, contested=True, min_probability=least, missed=missed)
     first = reported(told)
     if not len(told.proposals):
         nothing = first
@@ -137,8 +141,12 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: tuple[
     confidence = told.confidence_in(first) * np.where(first >= 0, share, 1.0)
     fault = Misfit.of(*told.chi2_of(first))
     matched = np.flatnonzero(first >= 0)
-    kept = matched[surest(confidence[matched], 1.0 - least)]
-    enough = len(kept) >= max(base.task.problem.minimal + 1, KEPT * len(matched))
+    # matches of one motion do not depend on the presence of others
+    beside = told.present / present if present > 0.0 else 1.0
+    kept = matched[surest(confidence[matched] / beside, 1.0 - least / beside)]
+    motions = told.motions_of(first)
+    counts = [(int((motions[some] == m).sum()) for some in (kept, matched)) for m in range(len(told.present_each))]
+    enough = all(sure >= max(base.task.problem.minimal + 1, KEPT * own) for sure, own in counts)
     if enough and missed <= TRUST.missed:
         facts = replace(facts, contested=False, sure_of_the_rest=True)
     facts = replace(facts, false_alarms=math.inf if does_not_fit(fault) else -math.inf)
@@ -162,6 +170,7 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: tuple[
         others=[other for other, _ in others[: TRUST.alternatives]],
         other_probabilities=[chance for _, chance in others[: TRUST.alternatives]],
         facts=replace(facts, probability=probability),
+        relative=told,
         soft=told.present * told.marginals if base.soft is None else base.soft,
         confidence=confidence,
         log_odds=told.log_odds_of(first),

@@ -135,7 +135,7 @@ def _matched_and_other(told: TwoViewPosterior, pairs: Pairs) -> Floats:
     matched, found = (np.minimum(told.marginals.sum(axis=axis), 1.0) for axis in (0, 1))
     shares = np.array([weights.sum() for _, weights, _ in parts])
     best = np.argsort(-shares, kind="stable")[: max(MOST_RATIOS // (len(WIDTHS) * max(len(pairs[0]), 1)), 1)]
-    poses = Relative.joined([parts[k][0].take(parts[k][1].argmax()[None]) for k in best])
+    poses = Relative.joined([parts[k][0].poses.take(parts[k][1].argmax()[None]) for k in best])
     widths, every = np.repeat(WIDTHS, len(best)), np.tile(np.arange(len(best)), len(WIDTHS))
     ratios = _ratios(model, poses.take(every), widths, pairs, 1.0 - found).reshape(len(WIDTHS), len(best), -1)
     there = (shares[best] @ ratios / shares[best].sum()).max(axis=0)

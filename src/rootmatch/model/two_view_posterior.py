@@ -72,7 +72,7 @@ class TwoViewPosterior:
     log_evidence : float
         Logarithm of the odds that the images show the same points, in a pose near those proposed, against clutter
         alone, by the images.
-    parts : list of (Relative, weights, Matchings)
+    parts : list of (Samples, weights, Matchings)
         K samples about each pose, their weights (K,), which sum to one over all parts, and their sums over assignments.
     likeness : two floats
         Logarithms of the odds that the scenes are alike and not the same, and of what a scene like itself adds to the
@@ -81,7 +81,7 @@ class TwoViewPosterior:
 
     model: TwoViewModel
     log_evidence: float
-    parts: list[tuple[Relative, Floats, Matchings]]
+    parts: list[tuple[Samples, Floats, Matchings]]
     likeness: tuple[float, float] = -math.inf, 0.0
 
     @property
@@ -91,6 +91,15 @@ class TwoViewPosterior:
         alike = self.likeness[0] + math.log(1.0 - PRESENT)
         rest = float(np.logaddexp(math.log(1.0 - PRESENT * (1.0 - MISSED)), alike))
         return (1.0 - WRONG_MODEL) / (1.0 + math.exp(min(rest - found, 700.0)))
+
+    @property
+    def present_each(self) -> list[float]:
+        """Presence of each motion, of which this has one."""
+        return [self.present]
+
+    def motions_of(self, assignment: Integers) -> Integers:
+        """The motion (n,) of each match of an assignment; −1 for unmatched points."""
+        return np.where(assignment >= 0, 0, -1)
 
     @cached_property
     def marginals(self) -> Floats:
@@ -188,7 +197,7 @@ class TwoViewPosterior:
         At the sample that they fit best.
         """
         own = np.flatnonzero(assignment >= 0)
-        poses = Relative.joined([poses for poses, _, _ in self.parts])
+        poses = Relative.joined([drawn.poses for drawn, _, _ in self.parts])
         e = self.model.seen(poses, own, assignment[own]).e
         lost = (2 if self.model.planar else 3) + (2 if self.model.tilt > 0.0 else 0)
         return float((e * e).sum(axis=1).min()), max(len(own) - lost, 0)
@@ -201,7 +210,7 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0, alike: 
     if not len(assignments):
         return TwoViewPosterior(model, -math.inf, [])
     checkpoint(SECONDS_PER_PAIR * model.shape[0] * model.shape[1])
-    rows, columns = possible = _possible(model)
+    rows, columns = possible = possible_pairs(model)
     centres = centres_of(model, fitted(model, distinct(assignments)[:NAMED]))
     checkpoint()
     drawn = drawn_about(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
@@ -246,17 +255,17 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0, alike: 
             continue
         own, sums = own[known], sums.take(known)
         values.append(base[own] + sums.log_total)
-        every.append((drawn.poses.take(own), sums))
+        every.append((drawn.take(own), sums))
         found = max(found, float(values[-1].max()))
     if not values:
         return TwoViewPosterior(model, -math.inf, [])
     total = float(np.logaddexp.reduce(np.concatenate(values)))
-    parts = [(poses, np.exp(some - total), sums) for some, (poses, sums) in zip(values, every, strict=True)]
+    parts = [(some, np.exp(value - total), sums) for value, (some, sums) in zip(values, every, strict=True)]
     told = TwoViewPosterior(model, total - math.log(SAMPLES), parts)
     return replace(told, likeness=alike_odds(told, fits, possible, seed)) if alike else told
 
 
-def _possible(model: TwoViewModel) -> tuple[Integers, Integers]:
+def possible_pairs(model: TwoViewModel) -> tuple[Integers, Integers]:
     """Points and detections (P,) of the pairs that may be matches."""
     if model.log_weights is None:
         n, n_target = model.shape

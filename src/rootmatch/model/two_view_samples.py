@@ -8,7 +8,7 @@ The weights are by the density of the whole mixture, so that what a centre misse
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,6 +65,17 @@ class Samples(NamedTuple):
     rate: Floats
     clutter: Floats
     centre: Integers
+
+    def take(self, rows: Integers) -> Samples:
+        """Some of them."""
+        others: list[Any] = [part[rows] for part in self[1:]]
+        return Samples(self.poses.take(rows), *others)
+
+    @classmethod
+    def joined(cls, parts: list[Samples]) -> Samples:
+        """All of several, one after the other."""
+        others: list[Any] = [np.concatenate(values) for values in zip(*(part[1:] for part in parts), strict=True)]
+        return cls(Relative.joined([part.poses for part in parts]), *others)
 
 
 def centres_of(model: TwoViewModel, fits: Fitted) -> Centres:

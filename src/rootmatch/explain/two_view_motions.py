@@ -1,0 +1,174 @@
+"""Several motions in two views: one is found after the other among what is left, and all are weighed together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from rootmatch.arrays import Integers
+from rootmatch.deadline import OutOfTime
+from rootmatch.explain.body_findings import among_all, of_all_bodies
+from rootmatch.explain.decide import MIN_PROBABILITY, Status
+from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.missing_motions import Rest, searched_among, with_missing
+from rootmatch.explain.multi_motion import distinct_hyperedges
+from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.two_view_decision import Rivals, model_of, reported, rivals_of, told_by
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.model.two_view_motions import Motion, MotionsPosterior, beside_another, motions_posterior
+from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
+
+ROUNDS = 3
+"""Most rounds in which each motion is weighed among what the others leave. As of `judged_motions`."""
+
+
+def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
+    """The finding of several motions in two views.
+
+    Parameters
+    ----------
+    task : MatchingTask
+        Which asks for them.
+    solve : callable
+        The route of a task of one motion.
+    """
+    alone = replace(task, options=replace(task.options, motions=1))
+    searched: list[Rest] = []
+    assignment, labels = np.full((2, task.shape[0]), -1, np.int64)
+    rest = with_missing(alone, solve, assignment, labels, task.options.motions, searched)
+    every = [one.told for one in searched if one.told is not None]
+    base = replace(
+        nothing_found(task, None),
+        tensor=DeferredTensor.of(lambda: _hyperedges(alone, searched), task.shape, task.weights),
+        converged=all(one.converged for one in every),
+        evaluated=sum(one.evaluated for one in every),
+        scores=None,
+        soft=None,
+    )
+    least = task.options.least_probability(MIN_PROBABILITY)
+    try:
+        while (weighed := _weighed(alone, searched, assignment, labels)) is not None:
+            told, rivals, left = weighed
+            weakest = int(np.argmin(told.present_each))
+            if told.present_each[weakest] >= least or len(left) == 1:
+                break
+            labels[labels == left[weakest]] = -1
+    except OutOfTime:
+        return base
+    if weighed is None:
+        return replace(every[0], task=task) if every else base
+    found = told_by(base, told, max(every[label].facts.missed for label in left), rivals)
+    numbers, confidence = _by_size(told.motions_of(found.assignment)), told.unmatched
+    confidence = confidence if found.confidence is None else found.confidence
+    incomplete = task.options.motions != "auto" and len(left) < task.options.motions
+    if rest is not None:
+        confidence = rest.least_certain(found.assignment, confidence)
+        incomplete = rest.may_show(least)
+    return replace(found.with_facts(incomplete=incomplete), labels=numbers, confidence=confidence)
+
+
+def beside_others(found: Finding, solve: Callable[[MatchingTask], Finding]) -> Finding:
+    """The finding of one motion, where what it leaves may move together as well, by another motion that nobody named.
+
+    Points of that one which lie in the epipolar planes of the first by accident look like matches, unless where the
+    second one puts them is known.
+    """
+    task, first = found.task, found.relative
+    if first is None or found.status is not Status.MATCHED:
+        return found
+    try:
+        every = np.arange(task.shape[0]), np.arange(task.shape[1])
+        rest = searched_among(task, solve, found.assignment, 0)
+        if rest.told is None or not (rest.told.assignment >= 0).any():
+            return found
+        assignment, other = found.assignment.copy(), rest.of_all(rest.told.assignment, task.shape[0])
+        labels = np.where(assignment >= 0, 0, np.where(other >= 0, 1, -1))
+        assignment[other >= 0] = other[other >= 0]
+        searched = [Rest(*every, found, np.zeros(0), 1), rest]
+        weighed = _weighed(task, searched, assignment, labels)
+        if weighed is None or not isinstance(weighed[0], MotionsPosterior):
+            return found
+        model = first.model
+        told = beside_another(first, weighed[0])
+        rivals = rivals_of(model, told, np.array(found.named, np.int64).reshape(-1, task.shape[0]), task.options.seed)
+    except OutOfTime:
+        return found
+    evaluated = found.evaluated + rest.told.evaluated
+    return replace(told_by(found, told, found.facts.missed, rivals), evaluated=evaluated)
+
+
+def _weighed(
+    alone: MatchingTask, searched: list[Rest], assignment: Integers, labels: Integers
+) -> tuple[TwoViewPosterior, Rivals, list[int]] | None:
+    """The posterior of motions that searches found, what may be right in the place of each, and their labels.
+
+    What is of which motion, (n,), is changed to what that says, and each weighed again among what others leave then.
+    """
+    model = model_of(alone)
+    assert model is not None
+    for _ in range(ROUNDS):
+        left, motions, others = [], [], []
+        assignment[labels < 0] = -1
+        for label in np.unique(labels[labels >= 0]).tolist():
+            points = np.flatnonzero((labels == label) | (labels < 0))
+            detections = np.setdiff1d(np.arange(model.shape[1]), assignment[(labels != label) & (labels >= 0)])
+            part = model_of(alone.subset(points, detections))
+            rest = searched[label]
+            assert part is not None
+            assert rest.told is not None
+            every = [np.where(labels == label, assignment, -1)]
+            every += [rest.of_all(one, len(labels)) for one in (*rest.told.others, *rest.told.named)]
+            named = _among(np.array(every), points, detections)
+            told = posterior(part, named, alone.options.seed)
+            if told.parts:
+                left.append(label)
+                motions.append(Motion(told, points, detections))
+                others.append(rivals_of(part, told, named[len(every) - len(rest.told.named) :], alone.options.seed))
+        if len(motions) < 2:
+            return (motions[0].told, others[0], left) if motions else None
+        whole = motions_posterior(model, motions, alone.options.seed)
+        first = reported(whole)
+        numbers = whole.motions_of(first)
+        now = np.where(numbers >= 0, np.array(left)[numbers], -1)
+        if np.array_equal(first, assignment) and np.array_equal(now, labels):
+            break
+        assignment[:], labels[:] = first, now
+    return whole, _rivals_of_all(first, numbers, motions, others), left
+
+
+def _among(assignments: Integers, points: Integers, detections: Integers) -> Integers:
+    """Assignments (K, n) as those of some points to some detections."""
+    wanted = assignments[:, points]
+    place = np.searchsorted(detections, wanted).clip(max=len(detections) - 1)
+    return np.where(detections[place] == wanted, place, -1)
+
+
+def _rivals_of_all(first: Integers, numbers: Integers, motions: list[Motion], others: list[Rivals]) -> Rivals:
+    """What may be right in the place of an assignment (n,): rivals of each motion, beside the others of them."""
+    every = [np.zeros((0, len(first)), np.int64)]
+    for m, (motion, (elsewhere, _)) in enumerate(zip(motions, others, strict=True)):
+        for one in elsewhere:
+            own, rival = motion.detections[one[one >= 0]], np.where(numbers == m, -1, first)
+            rival[np.isin(rival, own)] = -1
+            rival[motion.points[one >= 0]] = own
+            every.append(rival[None])
+    return np.concatenate(every), np.concatenate([odds for _, odds in others])
+
+
+def _hyperedges(alone: MatchingTask, searched: list[Rest]) -> AffinityTensor:
+    """The hyper-edges of all searches."""
+    detections, found = np.arange(alone.shape[1]), []
+    for one in searched:
+        if one.told is not None:
+            found.append((one.points, among_all(one.told, alone.subset(one.points, detections), one.detections)))
+    return distinct_hyperedges(of_all_bodies(alone, found))
+
+
+def _by_size(labels: Integers) -> Integers:
+    """Labels (n,) that count from the largest motion on."""
+    sizes = np.bincount(labels[labels >= 0], minlength=1)
+    rank = np.argsort(np.argsort(-sizes, kind="stable"), kind="stable")
+    return np.where(labels >= 0, rank[labels], -1)
