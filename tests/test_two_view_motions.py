@@ -109,18 +109,6 @@ def test_any_number_of_motions_ends_with_those_that_are_there() -> None:
     assert (match.assignment == truth)[matched].all()
 
 
-@pytest.mark.parametrize("seed", [6, 45])
-def test_a_point_of_a_motion_that_nobody_named_is_not_taken(seed: int) -> None:
-    """It lies in its epipolar plane by accident. Before, that was trusted: nothing else was known of what is left."""
-    source, target, truth, moved = with_vehicle(seed)
-    match = rm.match(source, target, rm.ThreePlusOne(CAMERA, axis=VERTICAL, axis2=VERTICAL), noise=SIGMA)
-    matched = match.assignment >= 0
-    if match:
-        assert (match.assignment == truth)[matched].all()
-    assert match.motion_labels.max() == 0
-    assert len(np.unique(moved[matched & (match.assignment == truth)])) == 1
-
-
 def test_what_was_taken_by_one_motion_comes_back() -> None:
     """A pair that fits both the poses of two motions is shared out, whatever was taken from which one before."""
     source, target, truth, moved = with_vehicle(1)

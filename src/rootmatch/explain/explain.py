@@ -32,7 +32,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.too_few import are_too_few
 from rootmatch.explain.two_view_decision import assessed as judged_by_views
 from rootmatch.explain.two_view_decision import model_of as two_view_model
-from rootmatch.explain.two_view_motions import beside_others, match_motions
+from rootmatch.explain.two_view_motions import match_motions
 from rootmatch.solvers.base import solved
 
 SOLVED = 0.6
@@ -149,8 +149,6 @@ def _one_motion(task: MatchingTask, judging: bool) -> Finding:
         found = allowing_for_errors(found, task, missed=sampled.missed)
     elif views is not None:
         found = judged_by_views(task, views, sampled, solution)
-        if task.budget is None:
-            found = beside_others(found, _explained)
     else:
         assert solution is not None
         found = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)

@@ -10,15 +10,15 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.body_findings import among_all, of_all_bodies
-from rootmatch.explain.decide import MIN_PROBABILITY, Status
+from rootmatch.explain.decide import MIN_PROBABILITY
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.missing_motions import Rest, searched_among, with_missing
+from rootmatch.explain.missing_motions import Rest, with_missing
 from rootmatch.explain.multi_motion import distinct_hyperedges
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import Rivals, model_of, reported, rivals_of, told_by
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.model.two_view_motions import Motion, MotionsPosterior, beside_another, motions_posterior
+from rootmatch.model.two_view_motions import Motion, motions_posterior
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 
 ROUNDS = 3
@@ -68,36 +68,6 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
         confidence = rest.least_certain(found.assignment, confidence)
         incomplete = rest.may_show(least)
     return replace(found.with_facts(incomplete=incomplete), labels=numbers, confidence=confidence)
-
-
-def beside_others(found: Finding, solve: Callable[[MatchingTask], Finding]) -> Finding:
-    """The finding of one motion, where what it leaves may move together as well, by another motion that nobody named.
-
-    Points of that one which lie in the epipolar planes of the first by accident look like matches, unless where the
-    second one puts them is known.
-    """
-    task, first = found.task, found.relative
-    if first is None or found.status is not Status.MATCHED:
-        return found
-    try:
-        every = np.arange(task.shape[0]), np.arange(task.shape[1])
-        rest = searched_among(task, solve, found.assignment, 0)
-        if rest.told is None or not (rest.told.assignment >= 0).any():
-            return found
-        assignment, other = found.assignment.copy(), rest.of_all(rest.told.assignment, task.shape[0])
-        labels = np.where(assignment >= 0, 0, np.where(other >= 0, 1, -1))
-        assignment[other >= 0] = other[other >= 0]
-        searched = [Rest(*every, found, np.zeros(0), 1), rest]
-        weighed = _weighed(task, searched, assignment, labels)
-        if weighed is None or not isinstance(weighed[0], MotionsPosterior):
-            return found
-        model = first.model
-        told = beside_another(first, weighed[0])
-        rivals = rivals_of(model, told, np.array(found.named, np.int64).reshape(-1, task.shape[0]), task.options.seed)
-    except OutOfTime:
-        return found
-    evaluated = found.evaluated + rest.told.evaluated
-    return replace(told_by(found, told, found.facts.missed, rivals), evaluated=evaluated)
 
 
 def _weighed(

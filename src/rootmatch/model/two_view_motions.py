@@ -10,7 +10,6 @@ about their expected numbers. The weights are by the density of that, so what on
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -34,8 +33,6 @@ from rootmatch.model.two_view_posterior import (
 )
 from rootmatch.model.two_view_samples import Samples
 
-MOVED = 0.1
-"""Prior odds that points without a match move together as well. A stated value, not measured."""
 SAMPLES = 256
 """Sets of poses. A round value."""
 
@@ -139,46 +136,6 @@ def motions_posterior(model: TwoViewModel, motions: Sequence[Motion], seed: int 
         motions=each,
         drawn=[one.take(order) for one in whole],
     )
-
-
-def beside_another(told: TwoViewPosterior, both: MotionsPosterior) -> TwoViewPosterior:
-    """The posterior of a motion, if what has no match in it may move together as well.
-
-    That another motion is there, which nobody named, has the prior odds `MOVED`. At each sample a point or detection is
-    left to the first one with the probability that it has no match, given that the first one does not have it; that is
-    exact for pairs that have nothing in common.
-
-    Parameters
-    ----------
-    told : TwoViewPosterior
-        Of the motion, all others being clutter.
-    both : MotionsPosterior
-        Of this one first, and the other.
-    """
-    log_odds = math.log(MOVED) + both.motions[1].log_evidence
-    moved = 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
-    parts = [(drawn, (1.0 - moved) * weights, sums) for drawn, weights, sums in told.parts]
-    start = 0
-    for drawn, weights, sums in both.parts:
-        pairs, rows = (sums.rows, sums.columns), np.arange(start, start + len(weights))
-        start += len(weights)
-        own, other = (_log_odds(both.model, one.take(rows), pairs) for one in both.drawn)
-        whole = np.maximum(np.logaddexp(own, other), -1e3)
-        taken = sums.marginals * np.exp(other - whole)
-        log = own + sum(_log_left(taken, sums.marginals, of) for of in pairs)
-        parts.append((drawn, moved * weights, matchings_in_parts(log, *pairs, LEAST)))
-    return replace(told, parts=parts)
-
-
-def _log_left(taken: Floats, matched: Floats, of: Integers) -> Floats:
-    """Logarithms (K, P) of how often points, or detections, ``of`` pairs (P,) have no match of those not of one motion.
-
-    ``taken``, ``matched`` (K, P): probabilities of pairs of other motions, and of all.
-    """
-    members = (of[:, None] == np.unique(of)).astype(np.float64)
-    place = np.searchsorted(np.unique(of), of)
-    free = np.clip(1.0 - matched @ members, 1e-12, 1.0)
-    return np.asarray(np.log(free / (free + taken @ members))[:, place])
 
 
 class _Drawn(NamedTuple):
