@@ -1,0 +1,129 @@
+"""What an image shows in the place of a body, if that is alike: each of its points stands near the body's own.
+
+Another model of a controller, a body's mirror image, or a body that is bent has detections near the images of nearly
+all points, and some of these within the noise. Against clutter those few are evidence for the body, whose other points
+are hidden, and what is beside them is clutter by chance. So the alternative is the same body with points that are off,
+each by N(0, τ² I), in the same pose but for what that changes: then every near miss is expected, and a match that is
+exact costs log τ² / σ².
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats
+from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
+from rootmatch.model.evidence import evidence
+from rootmatch.model.linearised import Linearised
+from rootmatch.model.modes import Modes
+from rootmatch.model.priors import INEXACT, WRONG_MODEL
+from rootmatch.model.prediction import DEFAULT_PREDICTION, HIDDEN, Settled, settle
+from rootmatch.problems.pose_fit.reference_point import body_radius
+
+ERRORS, OWN = np.array([3e-3, 1e-2, 3e-2, 1e-1]), 2
+"""Standard deviations of a coordinate of points that are off, over the body's root mean square radius: those of what is
+alike, each as probable as the others. So many of them are also those of a body that is not quite as its drawing. Round
+values."""
+LOG_INEXACT = math.log(INEXACT / OWN) - math.log1p(-INEXACT)
+"""Log-odds that the body's points are off by each of these, of those that they are as given."""
+LOG_ALIKE = math.log(WRONG_MODEL / len(ERRORS))
+"""The same of something else of nearly the shape."""
+REACH = 3.0
+"""Deviation, in σ of an alike point, within which a detection may be its own. A round value."""
+SEEN = math.log(9.0)
+"""Odds of a point that is seen where it is visible, at most. A round value; it bounds time."""
+LEAST = -3.0
+"""Log-odds, against the body, that an alike one must be able to have to be looked for: it changes a probability by a
+twentieth of what is allowed for. A round value; it bounds time."""
+
+
+def log_odds_alike(model: DetectionModel, mode: Modes, squared: float, taken: Bools | None = None) -> Floats | None:
+    """Log-odds (W,) of a body with points that are off by each of `ERRORS`, in about the pose of one mode.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    mode : Modes
+        One.
+    squared : float
+        χ² of its matches.
+    taken : (n',) bool array, optional
+        Detections of other bodies.
+
+    Returns
+    -------
+    (W,) float64 or None
+        Over the body as given, with all changes of the mode; −∞ where they cannot matter. None where nothing is near a
+        visible point that has no match.
+    """
+    free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
+    assignment = mode.assignments[0]
+    free[assignment[assignment >= 0]] = False
+    missed = (assignment < 0) & (mode.visible[0] > HIDDEN)
+    if not missed.any() or not free.any():
+        return None
+    errors = ERRORS * body_radius(model.points)
+    at = model.linearised(mode.rotation, mode.position)
+    most = float(mode.log_odds[0] - mode.log_mass[0]) + _most(model, mode, at, squared, (missed, free), errors)
+    if (most == -np.inf).all():
+        return None
+    out, log_prior = np.full(len(errors), -np.inf), np.repeat([LOG_INEXACT, LOG_ALIKE], [OWN, len(errors) - OWN])
+    for k in np.flatnonzero(most + log_prior >= LEAST).tolist():
+        out[k] = _settled(model, mode, errors[k], taken) - mode.log_mass[0]
+    return out
+
+
+def gains_of_matches(model: DetectionModel, mode: Modes, at: Linearised, squared: float, errors: Floats) -> Floats:
+    """Log-odds (W,) that the points of a mode's matches are off by errors (W,), by their χ² alone, to first order."""
+    used, freedom, given = mode.assignments[0] >= 0, float(mode.freedom[0]), model.noise_freedom
+    each = _variances(at)[used] / model.sigma[mode.assignments[0, used]] ** 2
+    ratio = 1.0 + errors**2 * float(each.mean())
+    less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
+    return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
+
+
+def _variances(at: Linearised) -> Floats:
+    """Variance (n,) of a pixel, in the mean over its axes, by that of a point's coordinates."""
+    return np.asarray(0.5 * (at.by_position[0] ** 2).sum(axis=(1, 2)))
+
+
+def _most(
+    model: DetectionModel, mode: Modes, at: Linearised, squared: float, pairs: tuple[Bools, Bools], errors: Floats
+) -> Floats:
+    """About the most that the log-odds (W,) gain by errors (W,) of all points, with what is near some of them.
+
+    ``pairs``: which points (n,) have no match, and which detections (n',).
+    """
+    missed, free = pairs
+    each, sigma2 = _variances(at)[missed], model.sigma[free] ** 2
+    rows = at.jacobian[0, missed]
+    by_pose = 0.5 * np.einsum("iqa,ab,iqb->i", rows, mode.covariance[0], rows)
+    squares = ((at.pixels[0, missed][:, None] - model.target[free]) ** 2).sum(axis=2)
+    counts = log_odds_of_counts((-(-len(sigma2) // max(len(model.images), 1)),), len(each))[0]
+    out = gains_of_matches(model, mode, at, squared, errors)
+    for k, error in enumerate(errors.tolist()):
+        wide = error**2 * each[:, None] + sigma2
+        near = squares < REACH**2 * wide * (1.0 + by_pose[:, None] / sigma2)
+        gains = np.where(near, SEEN - model.clutter.log_density[free] - np.log(2.0 * np.pi * wide), 0.0).max(axis=1)
+        gains = np.sort(gains[gains > 0.0])[::-1]
+        out[k] += (np.cumsum(gains) + counts[1 : len(gains) + 1]).max() if len(gains) else -np.inf
+    return out
+
+
+def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | None) -> float:
+    """Log-odds of the body with points that are off, with all that is near them."""
+    covariance = np.tile(error**2 * np.eye(3), (len(model.points), 1, 1))
+    if model.source_covariance is not None:
+        covariance += model.source_covariance
+    allowed = model.allowed
+    if taken is not None and taken.any():
+        allowed = np.tile(~taken, (model.shape[0], 1)) if allowed is None else allowed & ~taken
+    wide = replace(model, source_covariance=covariance, allowed=allowed)
+    known: dict[bytes, Settled] = {}
+    pose = mode.rotation, mode.position
+    settle(wide, pose, mode.covariance[0], options=DEFAULT_PREDICTION, known=known)
+    matched = evidence(wide, mode.assignments, wide.linearised(*pose))
+    return max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])
