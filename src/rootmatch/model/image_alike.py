@@ -19,8 +19,8 @@ from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
 from rootmatch.model.evidence import evidence
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
-from rootmatch.model.priors import INEXACT, WRONG_MODEL
 from rootmatch.model.prediction import DEFAULT_PREDICTION, HIDDEN, Settled, settle
+from rootmatch.model.priors import INEXACT, WRONG_MODEL
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 ERRORS, OWN = np.array([3e-3, 1e-2, 3e-2, 1e-1]), 2
