@@ -28,6 +28,7 @@ from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.image_alike import log_odds_alike
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Others, Posterior
@@ -126,10 +127,11 @@ def told_by(
     confidence = told.confidence if k == 0 else told.confidence_in(first)
     surest, lit = surest_points(model, first, (modes.rotation[k], modes.position[k]))
     confidence, probability = confidence * lit, probability * float(lit.prod())
-    fault = misfit_of(model, modes, k)
+    mode = modes.take(slice(k, k + 1))
+    at = model.linearised(mode.rotation, mode.position)
+    fault = misfit_of(model, modes, k, at)
     if present >= LIKELY:
-        alike = log_odds_alike(model, modes.take(slice(k, k + 1)), fault.squared, of_others)
-        fault = fault._replace(alike=alike)
+        fault = fault._replace(alike=log_odds_alike(model, mode, at, fault.squared, of_others))
     prediction = -1
     if isinstance(prior, Doubted):
         prediction = int(prior.prediction_of(modes.rotation[k : k + 1], modes.position[k : k + 1])[0])
@@ -200,11 +202,15 @@ def lead_by_odds(probability: float | None) -> float:
     return max(1.0 - (1.0 - probability) / max(probability, 1e-300), 0.0)
 
 
-def misfit_of(model: DetectionModel, modes: Modes, k: int) -> Misfit:
-    """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
-    mode = modes.take(slice(k, k + 1))
-    squared = squared_deviations(model, mode.assignments, model.linearised(mode.rotation, mode.position))
-    return Misfit.of(float(squared[0]), round(float(mode.freedom[0])))
+def misfit_of(model: DetectionModel, modes: Modes, k: int, at: Linearised | None = None) -> Misfit:
+    """Misfit of the detections about one of the modes; the deviation from a prediction does not count.
+
+    ``at``: at its pose, if that is known.
+    """
+    own = slice(k, k + 1)
+    at = model.linearised(modes.rotation[own], modes.position[own]) if at is None else at
+    squared = squared_deviations(model, modes.assignments[own], at)
+    return Misfit.of(float(squared[0]), round(float(modes.freedom[k])))
 
 
 def pose_of_mode(model: DetectionModel, modes: Modes, k: int) -> Pose:

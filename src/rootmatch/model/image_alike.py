@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
 from rootmatch.model.evidence import evidence
 from rootmatch.model.linearised import Linearised
@@ -40,7 +40,9 @@ LEAST = -3.0
 twentieth of what is allowed for. A round value; it bounds time."""
 
 
-def log_odds_alike(model: DetectionModel, mode: Modes, squared: float, taken: Bools | None = None) -> Floats | None:
+def log_odds_alike(
+    model: DetectionModel, mode: Modes, at: Linearised, squared: float, taken: Bools | None = None
+) -> Floats | None:
     """Log-odds (W,) of a body with points that are off by each of `ERRORS`, in about the pose of one mode.
 
     Parameters
@@ -48,6 +50,8 @@ def log_odds_alike(model: DetectionModel, mode: Modes, squared: float, taken: Bo
     model : DetectionModel
     mode : Modes
         One.
+    at : Linearised
+        At its pose.
     squared : float
         χ² of its matches.
     taken : (n',) bool array, optional
@@ -59,17 +63,20 @@ def log_odds_alike(model: DetectionModel, mode: Modes, squared: float, taken: Bo
         Over the body as given, with all changes of the mode; −∞ where they cannot matter. None where nothing is near a
         visible point that has no match.
     """
-    free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
     assignment = mode.assignments[0]
-    free[assignment[assignment >= 0]] = False
-    missed = (assignment < 0) & (mode.visible[0] > HIDDEN)
-    if not missed.any() or not free.any():
+    (missed,) = np.nonzero((assignment < 0) & (mode.visible[0] > HIDDEN))
+    if not len(missed):
         return None
+    left = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
+    left[assignment[assignment >= 0]] = False
+    (free,) = np.nonzero(left)
     errors = ERRORS * body_radius(model.points)
-    at = model.linearised(mode.rotation, mode.position)
-    most = float(mode.log_odds[0] - mode.log_mass[0]) + _most(model, mode, at, squared, (missed, free), errors)
-    if (most == -np.inf).all():
+    gains = _near(model, mode, at, (missed, free), errors) if len(free) else np.zeros(0)
+    if not gains.any():
         return None
+    counts = log_odds_of_counts((-(-len(free) // max(len(model.images), 1)),), len(missed))[0, 1:]
+    most = float(mode.log_odds[0] - mode.log_mass[0]) + gains_of_matches(model, mode, at, squared, errors)
+    most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
     out, log_prior = np.full(len(errors), -np.inf), np.repeat([LOG_INEXACT, LOG_ALIKE], [OWN, len(errors) - OWN])
     for k in np.flatnonzero(most + log_prior >= LEAST).tolist():
         out[k] = _settled(model, mode, errors[k], taken) - mode.log_mass[0]
@@ -79,38 +86,35 @@ def log_odds_alike(model: DetectionModel, mode: Modes, squared: float, taken: Bo
 def gains_of_matches(model: DetectionModel, mode: Modes, at: Linearised, squared: float, errors: Floats) -> Floats:
     """Log-odds (W,) that the points of a mode's matches are off by errors (W,), by their χ² alone, to first order."""
     used, freedom, given = mode.assignments[0] >= 0, float(mode.freedom[0]), model.noise_freedom
-    each = _variances(at)[used] / model.sigma[mode.assignments[0, used]] ** 2
+    each = _variances(at, used) / model.sigma[mode.assignments[0, used]] ** 2
     ratio = 1.0 + errors**2 * float(each.mean())
     less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
     return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
 
 
-def _variances(at: Linearised) -> Floats:
-    """Variance (n,) of a pixel, in the mean over its axes, by that of a point's coordinates."""
-    return np.asarray(0.5 * (at.by_position[0] ** 2).sum(axis=(1, 2)))
+def _variances(at: Linearised, which: Bools | Integers) -> Floats:
+    """Variances of pixels of some points, in the mean over their axes, by that of a point's coordinates."""
+    return np.asarray(0.5 * (at.by_position[0, which] ** 2).sum(axis=(1, 2)))
 
 
-def _most(
-    model: DetectionModel, mode: Modes, at: Linearised, squared: float, pairs: tuple[Bools, Bools], errors: Floats
+def _near(
+    model: DetectionModel, mode: Modes, at: Linearised, pairs: tuple[Integers, Integers], errors: Floats
 ) -> Floats:
-    """About the most that the log-odds (W,) gain by errors (W,) of all points, with what is near some of them.
+    """About the most (W, i) that points without a match gain by one that is near if all are off by errors (W,).
 
-    ``pairs``: which points (n,) have no match, and which detections (n',).
+    ``pairs``: which points, and which detections they may have.
     """
     missed, free = pairs
-    each, sigma2 = _variances(at)[missed], model.sigma[free] ** 2
-    rows = at.jacobian[0, missed]
-    by_pose = 0.5 * np.einsum("iqa,ab,iqb->i", rows, mode.covariance[0], rows)
     squares = ((at.pixels[0, missed][:, None] - model.target[free]) ** 2).sum(axis=2)
-    counts = log_odds_of_counts((-(-len(sigma2) // max(len(model.images), 1)),), len(each))[0]
-    out = gains_of_matches(model, mode, at, squared, errors)
-    for k, error in enumerate(errors.tolist()):
-        wide = error**2 * each[:, None] + sigma2
-        near = squares < REACH**2 * wide * (1.0 + by_pose[:, None] / sigma2)
-        gains = np.where(near, SEEN - model.clutter.log_density[free] - np.log(2.0 * np.pi * wide), 0.0).max(axis=1)
-        gains = np.sort(gains[gains > 0.0])[::-1]
-        out[k] += (np.cumsum(gains) + counts[1 : len(gains) + 1]).max() if len(gains) else -np.inf
-    return out
+    own = model.sigma[free] ** 2
+    rows = at.jacobian[0, missed]
+    by_pose = 0.5 * ((rows @ mode.covariance[0]) * rows).sum(axis=(1, 2))[:, None] / own
+    each = _variances(at, missed)[:, None]
+    if not (squares < REACH**2 * (errors[-1] ** 2 * each + own) * (1.0 + by_pose)).any():
+        return np.zeros(0)
+    wide = errors[:, None, None] ** 2 * each + own
+    gains = SEEN - model.clutter.log_density[free] - np.log(2.0 * np.pi * wide)
+    return np.asarray(np.where(squares < REACH**2 * wide * (1.0 + by_pose), gains, 0.0).max(axis=2, initial=0.0))
 
 
 def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | None) -> float:
