@@ -79,7 +79,7 @@ def mode_of(model: DetectionModel, assignment: Integers) -> Modes:
 
 def alike(model: DetectionModel, mode: Modes, taken: Bools | None = None) -> Floats | None:
     """The odds of points that are off, where matches are exact."""
-    return log_odds_alike(model, mode, model.linearised(mode.rotation, mode.position), 0.0, taken)
+    return log_odds_alike(model, mode, 0, taken)
 
 
 def test_the_odds_are_the_evidence_of_points_that_are_off_with_all_that_is_near() -> None:

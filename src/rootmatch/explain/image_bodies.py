@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +34,7 @@ from rootmatch.explain.image_hypotheses import (
 from rootmatch.explain.known_place import pairs_by_angle
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.proposals import Proposals
@@ -184,7 +185,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             body, before = bodies[part.body], bodies[part.body].candidate
             if not part.rest:  # what the prediction explains may be explained better by a pose elsewhere
                 body.free = np.sum([one.used for one in bodies], axis=0) - body.used < SURE
-            task_of_part = replace(task, search_camera=part.camera)
+            task_of_part = copied(task, search_camera=part.camera)
             body.search(task_of_part, solve, budgets_of(task)[0])
             if body.candidate is not before:
                 _weigh(bodies)
@@ -206,7 +207,7 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
         taken[one.assignment[one.assignment >= 0]] = True
         unseen = LATE if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen
-        found[body.number] = one if one.reason == reason else replace(one, reason=reason)
+        found[body.number] = one if one.reason == reason else copied(one, reason=reason)
     return joined(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))
 
 

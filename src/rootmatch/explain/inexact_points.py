@@ -7,7 +7,6 @@ else of nearly its shape. The first is the model with a noise of the points, of 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +17,9 @@ from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.image_alike import ERRORS, LOG_INEXACT, OWN, gains_of_matches
+from rootmatch.frozen import copied
+from rootmatch.model.evidence import residuals_of
+from rootmatch.model.image_alike import ERRORS, LOG_INEXACT, OWN, gains_of_residuals
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import no_modes
 from rootmatch.model.priors import WRONG_MODEL
@@ -52,12 +53,12 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
         return found
     error = float(ERRORS[which]) * body_radius(task.points.source)
     body = _with_errors(found, task, error)
-    again = told_by(replace(found, task=body.task), body.alone(), body, missed=missed)
+    again = told_by(copied(found, task=body.task), body.alone(), body, missed=missed)
     if again.status is Status.UNTRUSTED:
         return found
     own = _chance(found, again, float(before[which]))
     present = None if again.facts.present is None else own * again.facts.present
-    return replace(again.with_facts(present=present).less_certain(own), point_error=error)
+    return copied(again.with_facts(present=present).less_certain(own), point_error=error)
 
 
 def gains_of_errors(found: Finding) -> Floats:
@@ -65,9 +66,9 @@ def gains_of_errors(found: Finding) -> Floats:
     model, told, misfit = found.model, found.posterior, _misfit(found)
     if model is None or told is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
-    mode = told.modes.take(slice(found.mode, found.mode + 1))
-    errors = ERRORS[:OWN] * body_radius(model.points)
-    return gains_of_matches(model, mode, model.linearised(mode.rotation, mode.position), misfit.squared, errors)
+    modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * body_radius(model.points)
+    _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    return gains_of_residuals(model, (misfit.squared, moved), misfit.dof, errors)
 
 
 def _misfit(found: Finding) -> Misfit | None:
@@ -83,11 +84,11 @@ def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     assert found.model is not None
     assert found.posterior is not None
     covariance = np.tile(sigma**2 * np.eye(3), (task.shape[0], 1, 1))
-    task = replace(task, points=task.problem.with_source_noise(task.points, sigma))
-    body = Candidate(task, replace(found.model, source_covariance=covariance), no_modes(task.rows))
+    task = copied(task, points=task.problem.with_source_noise(task.points, sigma))
+    body = Candidate(task, copied(found.model, source_covariance=covariance), no_modes(task.rows))
     predicted = proposals_by_prediction(body.model)
     if predicted is not None:
-        body = replace(body, modes=modes_of(body.model, predicted, damaged=False))
+        body = copied(body, modes=modes_of(body.model, predicted, damaged=False))
     return body.reconsidered(found.posterior.modes)
 
 

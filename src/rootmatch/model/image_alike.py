@@ -10,14 +10,13 @@ exact costs log τ² / σ².
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.frozen import copied
 from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
-from rootmatch.model.evidence import evidence
-from rootmatch.model.linearised import Linearised
+from rootmatch.model.evidence import evidence, residuals_of
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import DEFAULT_PREDICTION, HIDDEN, Settled, settle
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
@@ -40,20 +39,15 @@ LEAST = -3.0
 twentieth of what is allowed for. A round value; it bounds time."""
 
 
-def log_odds_alike(
-    model: DetectionModel, mode: Modes, at: Linearised, squared: float, taken: Bools | None = None
-) -> Floats | None:
-    """Log-odds (W,) of a body with points that are off by each of `ERRORS`, in about the pose of one mode.
+def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> Floats | None:
+    """Log-odds (W,) of a body with points that are off by each of `ERRORS`, in about the pose of one of the modes.
 
     Parameters
     ----------
     model : DetectionModel
-    mode : Modes
-        One.
-    at : Linearised
-        At its pose.
-    squared : float
-        χ² of its matches.
+    modes : Modes
+    k : int
+        Which of them.
     taken : (n',) bool array, optional
         Detections of other bodies.
 
@@ -63,53 +57,51 @@ def log_odds_alike(
         Over the body as given, with all changes of the mode; −∞ where they cannot matter. None where nothing is near a
         visible point that has no match.
     """
-    assignment = mode.assignments[0]
-    (missed,) = np.nonzero((assignment < 0) & (mode.visible[0] > HIDDEN))
+    assignment = modes.assignments[k]
+    (missed,) = np.nonzero((assignment < 0) & (modes.visible[k] > HIDDEN))
     if not len(missed):
         return None
     left = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
     left[assignment[assignment >= 0]] = False
     (free,) = np.nonzero(left)
-    errors = ERRORS * body_radius(model.points)
-    gains = _near(model, mode, at, (missed, free), errors) if len(free) else np.zeros(0)
+    if not len(free):
+        return None
+    errors, mode = ERRORS * body_radius(model.points), modes.take(slice(k, k + 1))
+    gains = _near(model, mode, (missed, free), errors)
     if not gains.any():
         return None
     counts = log_odds_of_counts((-(-len(free) // max(len(model.images), 1)),), len(missed))[0, 1:]
-    most = float(mode.log_odds[0] - mode.log_mass[0]) + gains_of_matches(model, mode, at, squared, errors)
+    residuals = residuals_of(model, assignment, modes.rotation[k], modes.position[k])
+    most = mode.log_odds - mode.log_mass + gains_of_residuals(model, residuals, float(mode.freedom[0]), errors)
     most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
     out, log_prior = np.full(len(errors), -np.inf), np.repeat([LOG_INEXACT, LOG_ALIKE], [OWN, len(errors) - OWN])
-    for k in np.flatnonzero(most + log_prior >= LEAST).tolist():
-        out[k] = _settled(model, mode, errors[k], taken) - mode.log_mass[0]
+    for one in np.flatnonzero(most + log_prior >= LEAST).tolist():
+        out[one] = _settled(model, mode, errors[one], taken) - mode.log_mass[0]
     return out
 
 
-def gains_of_matches(model: DetectionModel, mode: Modes, at: Linearised, squared: float, errors: Floats) -> Floats:
-    """Log-odds (W,) that the points of a mode's matches are off by errors (W,), by their χ² alone, to first order."""
-    used, freedom, given = mode.assignments[0] >= 0, float(mode.freedom[0]), model.noise_freedom
-    each = _variances(at, used) / model.sigma[mode.assignments[0, used]] ** 2
-    ratio = 1.0 + errors**2 * float(each.mean())
+def gains_of_residuals(model: DetectionModel, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
+    """Log-odds (W,) that points are off by errors (W,), by `residuals_of` their matches alone, to first order.
+
+    ``freedom``: degrees of freedom of the squared deviation.
+    """
+    (squared, moved), given = residuals, model.noise_freedom
+    ratio = 1.0 + errors**2 * moved
     less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
     return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
 
 
-def _variances(at: Linearised, which: Bools | Integers) -> Floats:
-    """Variances of pixels of some points, in the mean over their axes, by that of a point's coordinates."""
-    return np.asarray(0.5 * (at.by_position[0, which] ** 2).sum(axis=(1, 2)))
-
-
-def _near(
-    model: DetectionModel, mode: Modes, at: Linearised, pairs: tuple[Integers, Integers], errors: Floats
-) -> Floats:
+def _near(model: DetectionModel, mode: Modes, pairs: tuple[Integers, Integers], errors: Floats) -> Floats:
     """About the most (W, i) that points without a match gain by one that is near if all are off by errors (W,).
 
     ``pairs``: which points, and which detections they may have.
     """
-    missed, free = pairs
+    (missed, free), at = pairs, model.linearised(mode.rotation, mode.position)
     squares = ((at.pixels[0, missed][:, None] - model.target[free]) ** 2).sum(axis=2)
     own = model.sigma[free] ** 2
     rows = at.jacobian[0, missed]
     by_pose = 0.5 * ((rows @ mode.covariance[0]) * rows).sum(axis=(1, 2))[:, None] / own
-    each = _variances(at, missed)[:, None]
+    each = 0.5 * (at.by_position[0, missed] ** 2).sum(axis=(1, 2))[:, None]
     if not (squares < REACH**2 * (errors[-1] ** 2 * each + own) * (1.0 + by_pose)).any():
         return np.zeros(0)
     wide = errors[:, None, None] ** 2 * each + own
@@ -125,7 +117,7 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     allowed = model.allowed
     if taken is not None and taken.any():
         allowed = np.tile(~taken, (model.shape[0], 1)) if allowed is None else allowed & ~taken
-    wide = replace(model, source_covariance=covariance, allowed=allowed)
+    wide = copied(model, source_covariance=covariance, allowed=allowed)
     known: dict[bytes, Settled] = {}
     pose = mode.rotation, mode.position
     settle(wide, pose, mode.covariance[0], options=DEFAULT_PREDICTION, known=known)
