@@ -128,14 +128,25 @@ def test_many_points_say_so() -> None:
     assert "source_noise" not in match.advice, "the noise of either set is stated"
 
 
+def coarse(seed: int, off: float) -> rm.Match:
+    """Of twelve points whose detections are off by so many pixels more than is stated, and three others."""
+    source, target = scene(seed, 12, 12, 3)
+    target = target + np.random.default_rng(1).normal(0.0, off, target.shape)
+    return rm.match(source, target, rm.P3P(CAMERA), noise=NOISE)
+
+
+def test_points_with_detections_beside_them_may_be_off() -> None:
+    """Two of the twelve had no match, and what is beside them did not count for points that are off."""
+    found = coarse(1, 2.4)
+    assert found.status is rm.Status.MATCHED
+    assert (found.assignment == np.arange(12)).all()
+
+
 def test_residuals_of_what_is_not_there_do_not_say_that_the_noise_is_larger() -> None:
     """Four degrees of freedom of five points among sixteen fit anything 2.4 times as coarsely; twelve points do not."""
     misfit = Misfit(2.4**2, 2.4, 4)
     assert misfit.log_odds_if_larger(-6.4) == pytest.approx(-2.8, abs=0.1)
-    source, target = scene(1, 12, 12, 3)
-    found = rm.match(
-        source, target + np.random.default_rng(1).normal(0.0, 2.4, target.shape), rm.P3P(CAMERA), noise=NOISE
-    )
+    found = coarse(4, 6.0)
     assert found.status is rm.Status.UNTRUSTED
     assert "times as large as given, or else the pose is wrong; give noise=" in found.advice
     assert ', or noise="auto", or source_noise= if the model is inexact, and check' in found.advice

@@ -66,6 +66,9 @@ class Finding:
     noise_factor : float, optional
     noise_dof : int
         Degrees of freedom of the residuals that tell it.
+    alike : (W,) float64, optional
+        Log-odds of points that are off by each of `rootmatch.model.image_alike.ERRORS`, of those as given, where there
+        is something near points that have no match.
     mode : int
         Which mode of ``posterior`` it tells.
     origins : (M,) int64, optional
@@ -114,6 +117,7 @@ class Finding:
     log_odds: float | None = None
     noise_factor: float | None = None
     noise_dof: int = 0
+    alike: Floats | None = None
     mode: int = 0
     origins: Integers | None = None
     sequence_factor: float = 1.0

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from rootmatch.arrays import Floats
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
@@ -14,6 +17,8 @@ MOST_INFLATION = 4.0
 round value; what it refuses: the unrelated points of benchmarks/constellations.py."""
 SHAPE = 0.2
 """Of the distribution Beta(a, 1) of the chance of residuals as large as those of something else. A round value."""
+MOST_ALIKE = 300.0
+"""Largest logarithm of what is worth a number."""
 FREEDOM_OF_RIG = 5.0
 """Residuals by which σ is known about a pose before a rig, whose calibration may be off by more in one place than in
 another. A round value."""
@@ -29,6 +34,9 @@ class Misfit(NamedTuple):
     """Factor on σ by the residuals alone; NaN where a pose leaves none."""
     dof: int
     """Degrees of freedom of that."""
+    alike: Floats | None = None
+    """Log-odds (W,) of points that are off, see `rootmatch.model.image_alike`; None if nothing is near any that has no
+    match."""
 
     @classmethod
     def of(cls, chi2: float, freedom: int) -> Misfit:
@@ -42,9 +50,14 @@ class Misfit(NamedTuple):
         With Q = χ² all matches are of that σ: the terms of s² in docs/model.md for Q / f² in the place of Q, with the
         densities and the volume of the pose that are left of f⁻ᵈ.
         """
-        chi2, d = self.dof * self.sigma**2, self.dof
+        chi2, d = self.squared, self.dof
         gained = 0.5 * (NOISE_FREEDOM + d) * math.log((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + d))
         return log_odds + gained - d * math.log(self.sigma)
+
+    @property
+    def squared(self) -> float:
+        """χ² of the residuals."""
+        return self.dof * self.sigma**2 if self.dof else 0.0
 
     @property
     def chance(self) -> float:
@@ -56,15 +69,18 @@ class Misfit(NamedTuple):
         return float(gammaincc(0.5 * self.dof, 0.5 * self.dof * self.sigma**2))
 
     def for_something_else(self, of_rig: bool = False) -> float:
-        """How much more probable such residuals are of something else than the body, which has nearly its shape.
+        """How much more probable what is found is of something else than the body, which has nearly its shape.
 
-        Their chance is uniform for the body, and has a Beta distribution towards 0 for anything else (compare Sellke,
-        Bayarri and Berger 2001).
+        The chance of residuals as large is uniform for the body, and has a Beta distribution towards 0 for anything
+        else (compare Sellke, Bayarri and Berger 2001). What is beside points without a match tells of it as well.
         """
         from scipy.special import fdtrc  # slow to import
 
+        beside = 0.0 if self.alike is None else float(np.exp(np.minimum(self.alike, MOST_ALIKE)).mean())
+        if not self.dof:
+            return 1.0 + beside
         chance = float(fdtrc(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
-        return float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
+        return beside + float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
 
 
 def doubted_by_fit(found: Finding, fault: Misfit, of_rig: bool = False, alike: float = 0.0) -> Finding:
@@ -72,7 +88,7 @@ def doubted_by_fit(found: Finding, fault: Misfit, of_rig: bool = False, alike: f
 
     ``alike``: share of what else there is that has nearly the shape, as where a scene repeats itself.
     """
-    if not fault.dof or fault.sigma <= 1.0 or found.facts.probability is None:
+    if found.facts.probability is None or (fault.alike is None and not fault.sigma > 1.0):
         return found
     odds = WRONG_MODEL + alike
     own = min((1.0 + odds) / (1.0 + odds * fault.for_something_else(of_rig)), 1.0)

@@ -200,9 +200,10 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
 def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     """The finding of all bodies by what is proposed so far, each without the detections of those more certain."""
     taken = np.zeros(task.shape[1], np.bool_)
-    found: dict[int, Finding] = {}
+    found, used = dict[int, Finding](), np.sum([one.told.used(task.shape[1]) for one in bodies], axis=0)
     for body in sorted(bodies, key=lambda one: -one.pose):
-        one = told_by(body.found, body.told, body.candidate, taken=taken)
+        of_others = used - body.told.used(task.shape[1]) >= SURE
+        one = told_by(body.found, body.told, body.candidate, taken=taken, of_others=of_others)
         taken[one.assignment[one.assignment >= 0]] = True
         unseen = LATE if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen

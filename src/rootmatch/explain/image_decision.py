@@ -27,6 +27,7 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import residuals_of
+from rootmatch.model.image_alike import log_odds_alike
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Others, Posterior
@@ -40,6 +41,8 @@ KEPT = 0.8
 """Part of its matches that has to remain of a trusted body: a pose that is certain with fewer is called ambiguous,
 because too much of what it shows is unknown. A round value."""
 
+LIKELY = 0.5
+"""Probability that the body is in view from which it is asked whether something else is. A round value."""
 BEYOND_DOUBT = 1e-6
 """Probability that there is no mode below which no confidence depends on why: a thousandth of `WRONG_MODEL`."""
 
@@ -73,7 +76,13 @@ def assessed(
 
 
 def told_by(
-    base: Finding, told: Posterior, body: Candidate, *, missed: float = 0.0, taken: NDArray[np.bool_] | None = None
+    base: Finding,
+    told: Posterior,
+    body: Candidate,
+    *,
+    missed: float = 0.0,
+    taken: NDArray[np.bool_] | None = None,
+    of_others: NDArray[np.bool_] | None = None,
 ) -> Finding:
     """A finding with the assignment, facts and confidence that a posterior gives.
 
@@ -88,6 +97,8 @@ def told_by(
         Probability that a pose which explains as much was never met.
     taken : (n',) bool array, optional
         Detections of other bodies: the result is a mode without any of them, or nothing.
+    of_others : (n',) bool array, optional
+        Detections that are explained by other bodies, whether or not these are more certain.
     """
     model, modes, prior = body.model, told.modes, body.model.prior
     if base.task.weighs_parts:
@@ -120,6 +131,8 @@ def told_by(
     if surest is not None:
         confidence, probability = confidence * surest[1], probability * float(surest[1].prod())
     fault = misfit_of(model, modes, k)
+    if present >= LIKELY:
+        fault = fault._replace(alike=log_odds_alike(model, modes, k, of_others))
     prediction = -1 if origins is None else int(origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     missed = 0.0 if holds else missed  # a search need not meet what is predicted
@@ -163,6 +176,7 @@ def told_by(
         log_odds=float(modes.log_odds[k]),
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
+        alike=fault.alike,
         mode=k,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
         pose=pose_of_mode(model, modes, k) if believed else None,

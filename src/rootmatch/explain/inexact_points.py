@@ -19,15 +19,11 @@ from rootmatch.explain.image_hypotheses import Candidate, proposals_by_predictio
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.evidence import residuals_of
+from rootmatch.model.image_alike import ERRORS, LOG_INEXACT, OWN, gains_of_residuals
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import no_modes
-from rootmatch.model.priors import INEXACT, WRONG_MODEL
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.reference_point import body_radius
-
-ERRORS = (3e-3, 1e-2)
-"""Standard deviations of a coordinate of the points, over the body's root mean square radius. Round values."""
-EACH = math.log(INEXACT / len(ERRORS)) - math.log1p(-INEXACT)
-"""Log-odds of each, of those of points as they were given."""
 
 
 def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0.0) -> Finding:
@@ -42,17 +38,20 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
         As of `told_by`.
     """
     model, misfit = found.model, _misfit(found)
+    by_fit = misfit is not None and misfit.sigma > 1.0
     exact = task.points.source_covariance is None and not task.noise_is_estimated and task.problem.takes_source_noise
-    if model is None or misfit is None or misfit.sigma <= 1.0 or not exact or len(model.images) > 1:
+    if model is None or misfit is None or not (by_fit or misfit.alike is not None) or not exact:
         return found
-    before = EACH + np.array(task.log_inexact or (0.0,) * len(ERRORS))
-    if float(before.max()) + misfit.log_odds_if_larger(0.0) < 0.0:  # of errors of any size
+    if len(model.images) > 1:
         return found
-    gains = before + gains_of_errors(found)
+    before = LOG_INEXACT + np.array(task.log_inexact or (0.0,) * OWN)
+    gains = before + (-np.inf if misfit.alike is None else misfit.alike[:OWN])
+    if by_fit and float(before.max()) + misfit.log_odds_if_larger(0.0) >= 0.0:  # of errors of any size
+        gains = np.maximum(gains, before + gains_of_errors(found))
     which = int(np.argmax(gains))
     if gains[which] < 0.0:
         return found
-    error = ERRORS[which] * body_radius(task.points.source)
+    error = float(ERRORS[which]) * body_radius(task.points.source)
     body = _with_errors(found, task, error)
     again = told_by(copied(found, task=body.task), body.alone(), body, missed=missed)
     if again.status is Status.UNTRUSTED:
@@ -65,21 +64,19 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
 def gains_of_errors(found: Finding) -> Floats:
     """Log-odds (E,) by the residuals of a finding that points are off by each of `ERRORS`, to first order."""
     model, told, misfit = found.model, found.posterior, _misfit(found)
-    if model is None or told is None or misfit is None:
-        return np.zeros(len(ERRORS))
-    modes, k, squared, freedom = told.modes, found.mode, misfit.dof * misfit.sigma**2, misfit.dof
+    if model is None or told is None or misfit is None or not misfit.dof:
+        return np.zeros(OWN)
+    modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * body_radius(model.points)
     _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
-    ratio = 1.0 + (np.array(ERRORS) * body_radius(model.points)) ** 2 * moved
-    given = model.noise_freedom
-    less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
-    return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
+    return gains_of_residuals(model, (misfit.squared, moved), misfit.dof, errors)
 
 
 def _misfit(found: Finding) -> Misfit | None:
-    """The misfit of a finding that a model of the image tells; None if a pose leaves no residuals."""
-    if found.posterior is None or found.noise_factor is None or not found.noise_dof:
+    """The misfit of a finding that a model of the image tells."""
+    if found.posterior is None or found.noise_factor is None:
         return None
-    return Misfit.of(found.noise_dof * found.noise_factor**2, found.noise_dof)
+    squared = found.noise_dof * found.noise_factor**2 if found.noise_dof else 0.0
+    return Misfit.of(squared, found.noise_dof)._replace(alike=found.alike)
 
 
 def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:

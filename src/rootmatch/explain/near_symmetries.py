@@ -146,7 +146,7 @@ class _Body(NamedTuple):
         neighbour = np.partition(distance, 1, axis=1)[:, 1]
         near = min(TOLERANCE * body_radius(source), DISTINCT * float(np.median(neighbour)))
         near = max(near, LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0))))
-        return cls(source, unit, sign, distance, near, np.minimum(near, DISTINCT * neighbour))
+        return cls(source, unit, sign, distance=distance, near=near, reach=np.minimum(near, DISTINCT * neighbour))
 
     def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
         """Whether a motion is nearly the same as one of those found."""

@@ -86,8 +86,9 @@ class _Body:
         self.evaluated += self.found.evaluated
         named = list(self.found.named) or self.found.every
         self.named = list({one.tobytes(): one for one in [*self.named, *named]}.values())
-        mirrored = np.array(self.found.mirrored) if len(self.found.mirrored) else None
-        self.weighed = weighed(self.model, np.array(self.named), mirrored, of_several=True)
+        every = np.array(self.named)
+        mirrored = np.array(self.found.mirrored, every.dtype).reshape(-1, every.shape[1])
+        self.weighed = weighed(self.model, every, mirrored, of_several=True)
 
     def confirm(self, task: MatchingTask, solve: Solve) -> None:
         """Search the targets of a sure body again if its search was cut short before it looked for other motions.

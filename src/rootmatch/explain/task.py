@@ -78,7 +78,7 @@ class MatchingTask:
     weighs_parts : bool
         Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised.
     log_inexact : tuple of float
-        Log-odds by earlier frames that points are off by each of `rootmatch.explain.inexact_points.ERRORS`.
+        Log-odds by earlier frames that points are off by each of the first `rootmatch.model.image_alike.ERRORS`.
     known, known_of : PosePrior, optional, and dict
         Partial knowledge of the pose, and of those of several bodies, by label.
     budget : int, optional

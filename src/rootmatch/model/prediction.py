@@ -82,8 +82,8 @@ class Settled(NamedTuple):
     def of(cls, assignment: Integers, found: Evidence, poses: tuple[Floats, Floats], k: int) -> Settled:
         """One of some hypotheses; ``poses``: those after the steps of their evidence."""
         return cls(
-            assignment, poses[0][k], poses[1][k], found.covariance[k],
-            float(found.log_odds[k]), float(found.squared[k]), found.visible[k],
+            assignment, poses[0][k], poses[1][k], found.covariance[k], log_odds=float(found.log_odds[k]),
+            squared=float(found.squared[k]), visible=found.visible[k],
         )  # fmt: skip
 
     def is_convincing(self, options: PredictionOptions) -> bool:

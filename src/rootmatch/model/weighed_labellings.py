@@ -132,7 +132,7 @@ def weighed(
     most = float(odds.max())
     equal = _exchanged(model, assignments, np.exp(odds - most))
     mass = np.log(np.maximum(equal, 1e-300)) + known + most
-    image = _mirrored(model, mirrored, assignments, found.log_odds)
+    image = _mirrored(model, [] if mirrored is None else [mirrored, proposals], assignments, found.log_odds)
     sums = []
     in_question = np.logaddexp.reduce(mass) > max(image[1], model.log_absent) - WORTH
     if in_question and len(odds) >= KEPT and np.sort(odds)[-KEPT] > most - NEGLIGIBLE:
@@ -193,21 +193,24 @@ def _best(found: Judged, of_several: bool) -> Judged:
 
 
 def _mirrored(
-    model: PointSetModel, mirrored: Integers | None, assignments: Integers, odds: Floats
+    model: PointSetModel, labellings: Sequence[Integers], assignments: Integers, odds: Floats
 ) -> tuple[Integers | None, float]:
     """The best mirror image and its log-odds, prior included.
 
-    Points nearly in a plane fit a reflection as well as a rotation; with the same labels, a reflection is no different
-    answer.
+    Points nearly in a plane fit a reflection as well as a rotation; with the same labels, a reflection is a different
+    answer only by what it explains better. Labellings that a rotation explains roughly may be those of a mirror image.
     """
-    if mirrored is None or not len(mirrored):
+    mirrored = np.concatenate([*labellings, assignments[:0]])
+    if not len(mirrored):
         return None, -math.inf
-    image = replace(model, mirror=True)
-    weight = image.judged(mirrored).log_odds + math.log(MIRRORED)
+    image = replace(model, mirror=True).judged(mirrored)
+    weight = np.where(np.linalg.det(image.fit.rotation) < 0.0, image.log_odds, -np.inf)
     for one, value in zip(assignments, odds, strict=True):
-        weight[(mirrored == one).all(axis=1) & (weight < value + NEGLIGIBLE)] = -np.inf
+        same = (mirrored == one).all(axis=1)
+        more = np.maximum(weight[same] - value, 0.0)
+        weight[same] += np.log1p(-np.exp(-more), where=more > 0.0, out=np.full(len(more), -np.inf))
     best = int(np.argmax(weight))
-    return mirrored[best], float(weight[best])
+    return mirrored[best], float(weight[best]) + math.log(MIRRORED)
 
 
 def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> Floats:

@@ -340,7 +340,7 @@ class Belief:
             moving = last.filter.copy()
             moving.update(pose, time, step.chance)
         if step.mode == found.mode and (factor := found.noise_factor) is not None:
-            misfit = Misfit(factor**2, factor, found.noise_dof)
+            misfit = Misfit(factor**2, factor, found.noise_dof, found.alike)
         else:
             misfit = misfit_of(model, modes, step.mode)
         log_other = after_frame(last.log_other, misfit, TEMPER, len(model.images) > 1)

@@ -14,7 +14,8 @@ import numpy as np
 
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.inexact_points import ERRORS, gains_of_errors
+from rootmatch.explain.inexact_points import gains_of_errors
+from rootmatch.model.image_alike import OWN
 from rootmatch.model.priors import WRONG_MODEL
 
 LEAST = 8.0 * math.log(WRONG_MODEL)
@@ -29,7 +30,7 @@ FRAME = -0.5 * math.log(WRONG_MODEL)
 class InexactPoints:
     """Whether the points of a followed body are off."""
 
-    log_odds: tuple[float, ...] = (0.0,) * len(ERRORS)
+    log_odds: tuple[float, ...] = (0.0,) * OWN
     """By the fit of the frames so far; see `MatchingTask.log_inexact`."""
     log_stay: float = math.log(WRONG_MODEL)
     """That residuals which are too large stay the same (a test of Page, 1954)."""

@@ -51,7 +51,7 @@ def after_frame(log_odds: float, misfit: Misfit, weight: float, of_rig: bool = F
     of_rig : bool
         Whether the frame is of several cameras.
     """
-    if not misfit.dof:
+    if not misfit.dof and misfit.alike is None:
         return log_odds
     other = misfit.for_something_else(of_rig)
     return max(log_odds + weight * math.log(other / (1.0 - WRONG_MODEL + WRONG_MODEL * other)), FLOOR)

@@ -1,0 +1,125 @@
+"""What an image shows in the place of a body, if that is alike: each of its points stands near the body's own.
+
+Another model of a controller, a body's mirror image, or a body that is bent has detections near the images of nearly
+all points, and some of these within the noise. Against clutter those few are evidence for the body, whose other points
+are hidden, and what is beside them is clutter by chance. So the alternative is the same body with points that are off,
+each by N(0, τ² I), in the same pose but for what that changes: then every near miss is expected, and a match that is
+exact costs log τ² / σ².
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.frozen import copied
+from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
+from rootmatch.model.evidence import evidence, residuals_of
+from rootmatch.model.modes import Modes
+from rootmatch.model.prediction import DEFAULT_PREDICTION, HIDDEN, Settled, settle
+from rootmatch.model.priors import INEXACT, WRONG_MODEL
+from rootmatch.problems.pose_fit.reference_point import body_radius
+
+ERRORS, OWN = np.array([3e-3, 1e-2, 3e-2, 1e-1]), 2
+"""Standard deviations of a coordinate of points that are off, over the body's root mean square radius: those of what is
+alike, each as probable as the others. So many of them are also those of a body that is not quite as its drawing. Round
+values."""
+LOG_INEXACT = math.log(INEXACT / OWN) - math.log1p(-INEXACT)
+"""Log-odds that the body's points are off by each of these, of those that they are as given."""
+LOG_ALIKE = math.log(WRONG_MODEL / len(ERRORS))
+"""The same of something else of nearly the shape."""
+REACH = 3.0
+"""Deviation, in σ of an alike point, within which a detection may be its own. A round value."""
+SEEN = math.log(9.0)
+"""Odds of a point that is seen where it is visible, at most. A round value; it bounds time."""
+LEAST = -3.0
+"""Log-odds, against the body, that an alike one must be able to have to be looked for: it changes a probability by a
+twentieth of what is allowed for. A round value; it bounds time."""
+
+
+def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> Floats | None:
+    """Log-odds (W,) of a body with points that are off by each of `ERRORS`, in about the pose of one of the modes.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    modes : Modes
+    k : int
+        Which of them.
+    taken : (n',) bool array, optional
+        Detections of other bodies.
+
+    Returns
+    -------
+    (W,) float64 or None
+        Over the body as given, with all changes of the mode; −∞ where they cannot matter. None where nothing is near a
+        visible point that has no match.
+    """
+    assignment = modes.assignments[k]
+    (missed,) = np.nonzero((assignment < 0) & (modes.visible[k] > HIDDEN))
+    if not len(missed):
+        return None
+    left = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
+    left[assignment[assignment >= 0]] = False
+    (free,) = np.nonzero(left)
+    if not len(free):
+        return None
+    errors, mode = ERRORS * body_radius(model.points), modes.take(slice(k, k + 1))
+    gains = _near(model, mode, (missed, free), errors)
+    if not gains.any():
+        return None
+    counts = log_odds_of_counts((-(-len(free) // max(len(model.images), 1)),), len(missed))[0, 1:]
+    residuals = residuals_of(model, assignment, modes.rotation[k], modes.position[k])
+    most = mode.log_odds - mode.log_mass + gains_of_residuals(model, residuals, float(mode.freedom[0]), errors)
+    most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
+    out, log_prior = np.full(len(errors), -np.inf), np.repeat([LOG_INEXACT, LOG_ALIKE], [OWN, len(errors) - OWN])
+    for one in np.flatnonzero(most + log_prior >= LEAST).tolist():
+        out[one] = _settled(model, mode, errors[one], taken) - mode.log_mass[0]
+    return out
+
+
+def gains_of_residuals(model: DetectionModel, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
+    """Log-odds (W,) that points are off by errors (W,), by `residuals_of` their matches alone, to first order.
+
+    ``freedom``: degrees of freedom of the squared deviation.
+    """
+    (squared, moved), given = residuals, model.noise_freedom
+    ratio = 1.0 + errors**2 * moved
+    less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
+    return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
+
+
+def _near(model: DetectionModel, mode: Modes, pairs: tuple[Integers, Integers], errors: Floats) -> Floats:
+    """About the most (W, i) that points without a match gain by one that is near if all are off by errors (W,).
+
+    ``pairs``: which points, and which detections they may have.
+    """
+    (missed, free), at = pairs, model.linearised(mode.rotation, mode.position)
+    squares = ((at.pixels[0, missed][:, None] - model.target[free]) ** 2).sum(axis=2)
+    own = model.sigma[free] ** 2
+    rows = at.jacobian[0, missed]
+    by_pose = 0.5 * ((rows @ mode.covariance[0]) * rows).sum(axis=(1, 2))[:, None] / own
+    each = 0.5 * (at.by_position[0, missed] ** 2).sum(axis=(1, 2))[:, None]
+    if not (squares < REACH**2 * (errors[-1] ** 2 * each + own) * (1.0 + by_pose)).any():
+        return np.zeros(0)
+    wide = errors[:, None, None] ** 2 * each + own
+    gains = SEEN - model.clutter.log_density[free] - np.log(2.0 * np.pi * wide)
+    return np.asarray(np.where(squares < REACH**2 * wide * (1.0 + by_pose), gains, 0.0).max(axis=2, initial=0.0))
+
+
+def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | None) -> float:
+    """Log-odds of the body with points that are off, with all that is near them."""
+    covariance = np.tile(error**2 * np.eye(3), (len(model.points), 1, 1))
+    if model.source_covariance is not None:
+        covariance += model.source_covariance
+    allowed = model.allowed
+    if taken is not None and taken.any():
+        allowed = np.tile(~taken, (model.shape[0], 1)) if allowed is None else allowed & ~taken
+    wide = copied(model, source_covariance=covariance, allowed=allowed)
+    known: dict[bytes, Settled] = {}
+    pose = mode.rotation, mode.position
+    settle(wide, pose, mode.covariance[0], options=DEFAULT_PREDICTION, known=known)
+    matched = evidence(wide, mode.assignments, wide.linearised(*pose))
+    return max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])

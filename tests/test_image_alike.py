@@ -1,0 +1,131 @@
+"""Something else of nearly the shape: what is beside a body's points without a match tells it from the body."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import about, settled_about
+from rootmatch.model.image_alike import ERRORS, log_odds_alike
+from rootmatch.model.mode_search import modes_of
+from rootmatch.model.modes import Modes
+from rootmatch.model.pose_density import Broad
+from rootmatch.model.proposals import Proposals
+from rootmatch.problems.pose_fit.reference_point import body_radius
+
+SIZE, SIGMA = (640, 480), 0.2
+CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0, size=SIZE)
+
+
+def predicted(seed: int, off: float, hidden: int = 0) -> tuple[Floats, Floats, rm.Pose, Integers]:
+    """A body, an image of one whose points are off, where the body is predicted, and the point of each detection."""
+    rng = np.random.default_rng(seed)
+    body = rng.uniform(-0.1, 0.1, (8, 3))
+    R, t = Rotation.random(random_state=rng).as_matrix(), np.array([*rng.uniform(-0.05, 0.05, 2), 0.8])
+    seen = rng.permutation(8)[hidden:]
+    image = CAMERA.project((body + rng.normal(0.0, off, body.shape))[seen] @ R.T + t)
+    image += rng.normal(0.0, SIGMA, image.shape)
+    target = np.concatenate([image, rng.uniform((0.0, 0.0), SIZE, (5, 2))])
+    turn = Rotation.from_rotvec(rng.normal(0.0, math.radians(3.0), 3)).as_matrix()
+    covariance = np.diag([math.radians(3.0) ** 2] * 3 + [0.02**2] * 3)
+    pose = rm.Pose(turn @ R, t + rng.normal(0.0, 0.02, 3), covariance)
+    return body, target, pose, np.append(seen, np.full(5, -1))
+
+
+def test_what_nearly_has_the_shape_is_not_trusted_about_a_prediction() -> None:
+    """Each point 5 mm off, which is 5 px: three to five of eight matches fit, and the others have detections beside."""
+    trusted = 0
+    for seed in range(1000, 1010):
+        body, target, pose, _ = predicted(seed, 5e-3)
+        trusted += bool(rm.match(body, target, rm.P3P(CAMERA), noise=SIGMA, prior=pose))
+    assert trusted <= 1
+
+
+def test_a_body_of_which_half_is_hidden_is_trusted_about_a_prediction() -> None:
+    right = 0
+    for seed in range(1000, 1020):
+        body, target, pose, label = predicted(seed, 0.0, hidden=4)
+        match = rm.match(body, target, rm.P3P(CAMERA), noise=SIGMA, prior=pose)
+        points, detections = match.pairs.T
+        right += bool(match) and bool((label[detections] == points).all())
+    assert right >= 18
+
+
+def exact_and_off(off: float, place: float = 0.0) -> tuple[DetectionModel, Integers]:
+    """Eight points, of which four have detections on their images, and four those of points that are off."""
+    rng = np.random.default_rng(3)
+    body = rng.uniform(-0.1, 0.1, (8, 3))
+    errors = rng.normal(0.0, off, body.shape) * (np.arange(8) >= 4)[:, None]
+    target = CAMERA.project(body + errors + (0.0, 0.0, 0.8)) + place * (np.arange(8) >= 4)[:, None]
+    model = DetectionModel(CAMERA, body, target, np.full(8, SIGMA), prior=Broad())
+    return model, np.where(np.arange(8) < 4, np.arange(8), -1)
+
+
+def mode_of(model: DetectionModel, assignment: Integers) -> Modes:
+    """The mode of some matches alone."""
+    position = model.centre + np.array((0.0, 0.0, 0.8))
+    _, at = settled_about(model, assignment[None], np.eye(3)[None], position[None])
+    modes = modes_of(model, Proposals(assignment[None], at.rotation, at.position))
+    own = next(k for k, one in enumerate(modes.assignments) if (one == assignment).all())
+    return modes.take(slice(own, own + 1))
+
+
+def alike(model: DetectionModel, mode: Modes, taken: Bools | None = None) -> Floats | None:
+    """The odds of points that are off, where matches are exact."""
+    return log_odds_alike(model, mode, 0, taken)
+
+
+def test_the_odds_are_the_evidence_of_points_that_are_off_with_all_that_is_near() -> None:
+    model, assignment = exact_and_off(6e-3)
+    mode = mode_of(model, assignment)
+    odds = alike(model, mode)
+    assert odds is not None
+    best = int(np.argmax(odds))
+    covariance = np.tile((ERRORS[best] * body_radius(model.points)) ** 2 * np.eye(3), (8, 1, 1))
+    wide = replace(model, source_covariance=covariance)
+    whole, _ = settled_about(wide, np.arange(8)[None], mode.rotation, mode.position)
+    assert odds[best] + mode.log_mass[0] == pytest.approx(whole.log_odds[0], abs=0.5)
+    assert odds[best] > 8.0  # beyond the odds of a wrong model
+    matched, _ = about(wide, assignment[None], mode.rotation, mode.position)
+    assert matched.log_odds[0] < mode.log_odds[0]  # exact matches alone speak for the body
+
+
+def test_what_is_far_from_all_points_tells_nothing_and_is_not_looked_at() -> None:
+    model, assignment = exact_and_off(0.0, place=-150.0)
+    assert alike(model, mode_of(model, assignment)) is None
+    model, assignment = exact_and_off(6e-3)
+    others = np.arange(8) >= 4
+    assert alike(model, mode_of(model, assignment), others) is None
+
+
+def test_clutter_that_is_near_by_chance_is_as_many_as_expected() -> None:
+    """A body of which half is hidden, among so many detections that each point has some nearby."""
+    rng = np.random.default_rng(1)
+    model, assignment = exact_and_off(0.0)
+    target = np.concatenate([model.target[:4], rng.uniform((0.0, 0.0), SIZE, (300, 2))])
+    dense = replace(model, target=target, sigma=np.full(304, SIGMA))
+    odds = alike(dense, mode_of(dense, assignment))
+    assert odds is None or odds.max() < 3.0
+
+
+def test_a_mirror_image_that_a_rotation_explains_roughly_is_not_trusted_in_space() -> None:
+    """Nine points three σ out of their plane: a rotation leaves one or two of them beside their targets."""
+    mirrored = proper = 0
+    for seed in range(1000, 1020):
+        rng = np.random.default_rng(seed)
+        points = np.column_stack([rng.uniform(-50.0, 50.0, (9, 2)), rng.normal(0.0, 0.9, 9)])
+        R, order = Rotation.random(random_state=rng).as_matrix(), rng.permutation(9)
+        noise = rng.normal(0.0, 0.3, (9, 3))
+        for sign in (-1.0, 1.0):
+            target = ((points * (1.0, 1.0, sign)) @ R.T + noise)[order]
+            trusted = bool(rm.match(points, target, rm.Rigid(), noise=(0.0, 0.3)))
+            mirrored, proper = mirrored + (trusted and sign < 0.0), proper + (trusted and sign > 0.0)
+    assert mirrored == 0
+    assert proper == 20
