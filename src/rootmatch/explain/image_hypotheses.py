@@ -28,7 +28,7 @@ from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import Evidence
-from rootmatch.model.exchanged import beside_others
+from rootmatch.model.exchanged import beside_others, marked
 from rootmatch.model.gathering import gathered
 from rootmatch.model.known_density import Known
 from rootmatch.model.line_readings import line_readings
@@ -192,7 +192,7 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
         if all(one is before for one, before in zip(known, every, strict=True)):
             break
         every, told = known, joint_posterior(models, known)
-    return told
+    return [marked(*each) for each in zip(models, told, strict=True)]
 
 
 def _with_first_summed(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:

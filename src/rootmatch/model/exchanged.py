@@ -1,4 +1,4 @@
-"""A body where another one of its family was expected: it was put in its place, or the two were told the wrong way round.
+"""A body where another one of its family was expected: put in its place, or told the wrong way round before.
 
 What is predicted of a body says where that body was. A body that shares most of its points with it may be there
 instead, and then it is so in the pose in which they look the same: to within the prediction, not anywhere in the room.
@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Bools, Floats
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.pose_density import Doubted, Gaussian, Mixed, Mixture, PoseDensity, packed
+from rootmatch.model.pose_density import Doubted, Gaussian, Mixed, Mixture, PoseDensity, largest, packed
+from rootmatch.model.posterior import Posterior
 from rootmatch.problems.pose_fit.reference_point import about_point
 
 EXCHANGED = 1e-3
@@ -72,9 +73,15 @@ class Exchanged(Mixed):
         """See `PoseDensity.for_kernels`."""
         left = math.log1p(-sum(math.exp(share) for _, share in self.others))
         (*parts, peaks, freedom), (*numbers, log_share, radius), (*pieces, known) = self.known.for_kernels
-        own = *parts, peaks + left, freedom
+        own = *parts, peaks + left, freedom  # others follow what is known of the body itself
         predictions = tuple(map(np.concatenate, zip(own, packed(self.others), strict=True)))
         return predictions, (*numbers, log_share + left, radius), (*pieces, known + left)  # type: ignore[return-value]
+
+    def in_other_places(self, rotation: Floats, position: Floats) -> Bools:
+        """Whether each of some poses (K,) is most probably in the place of another body."""
+        every, which = self._components(rotation, position)
+        own = len(self.known.for_kernels[0][0])
+        return np.asarray((largest(every) == 0) & (which >= own) & (which < own + len(self.others)))
 
 
 def of_itself(prior: PoseDensity) -> PoseDensity:
@@ -99,3 +106,10 @@ def beside_others(model: DetectionModel, others: Sequence[tuple[Places, PoseDens
     beside = copy(model)  # with all that is known of the image
     object.__setattr__(beside, "prior", Exchanged(model.prior, predicted))
     return beside
+
+
+def marked(model: DetectionModel, told: Posterior) -> Posterior:
+    """A posterior by `beside_others` that tells which modes are where another body was expected."""
+    if not isinstance(model.prior, Exchanged):
+        return told
+    return replace(told, exchanged=model.prior.in_other_places(told.modes.rotation, told.modes.position))
