@@ -29,6 +29,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.flipped_poses import flipped_poses
+from rootmatch.tracking.followed_motion import after_motion
 from rootmatch.tracking.followed_places import (
     IN_VIEW,
     LOOKED_AT,
@@ -46,15 +47,7 @@ from rootmatch.tracking.followed_places import (
     odds_alone,
     share_unseen,
 )
-from rootmatch.tracking.followed_pose import (
-    FollowedPose,
-    Step,
-    after_motion,
-    beside_misfits,
-    moved_alike,
-    of_places,
-    tempered,
-)
+from rootmatch.tracking.followed_pose import FollowedPose, Step, beside_misfits, moved_alike, of_places, tempered
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.two_states import log_chance
@@ -254,8 +247,9 @@ class Belief:
         new = elsewhere & (place != place[first]) & [not found.is_exchanged(k) for k in range(len(origin))]
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         if new.any() and origin[first] >= 0:
-            not_there = np.logaddexp(log_back(self.poses[origin[first]], time), log_lost(holds, alone[first]))
-            weight[new] = weight[first] + not_there + met_beside(model, modes, each, alone, first)[new]
+            lost = np.minimum(log_lost(holds, alone[first]), each - each[first])  # as what is there tells of it now
+            not_there = np.logaddexp(log_back(self.poses[origin[first]], time), lost)
+            weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
         nothing, go_on = float(log_chance(np.array(told.clutter))) - self._returned(time), []
         is_shown = float(told.probabilities.sum()) >= found.facts.min_probability  # whether or not it fits
         for k, of in enumerate(origin.tolist()):

@@ -10,14 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.explain.decide import Status
-from rootmatch.explain.finding import Finding
-from rootmatch.explain.point_set_decision import pose_alone
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.parallel_poses import between
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP
-from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
+from rootmatch.tracking.motion_filter import MotionFilter
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,17 +144,3 @@ def moved_alike(
         if (motion := between(model, modes, of[0], mode)) is not None:
             out[k] = replace(out[k], filter=out[0].filter.turned(*motion))
     return out
-
-
-def after_motion(
-    followed: list[FollowedPose], found: Finding, time: float, of_body: tuple[Floats, MotionOptions]
-) -> list[FollowedPose]:
-    """Hypotheses after a match of two point sets: only one that is trusted tells a pose; ``of_body``: of a new one."""
-    if found.status is not Status.MATCHED:
-        return followed[:1]
-    if found.prior_holds and found.pose is not None and followed:
-        (best,) = [*(one for one in followed if one.filter.is_near(found.pose, time)), *followed][:1]
-        best.filter.update(found.pose, time)
-        return [best]
-    pose, (source, motion) = pose_alone(found), of_body
-    return followed[:1] if pose is None else [FollowedPose(MotionFilter(source, pose, time, motion))]

@@ -309,8 +309,7 @@ max_evaluations
             label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
         }
-        every_one = all(part.status is Status.MATCHED for part in parts.values())
-        self._length.take(every_one, cut=found.is_cut)
+        self._length.take(all(part.status is Status.MATCHED for part in parts.values()), cut=found.is_cut)
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
