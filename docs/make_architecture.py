@@ -4,8 +4,8 @@
     python docs/make_architecture.py --check    # exit code 1 if the committed file is out of date
 
 Rows are the layers of `pyproject.toml`; arrows are read from the import statements of `src`. An import that others
-imply (A → C given A → B → C) is left out, and so are `arrays`, `deadline`, `errors`, `options` and `_version`,
-open to every package.
+imply (A → C given A → B → C) is left out, and so are `arrays`, `frozen`, `deadline`, `errors`, `options` and
+`_version`, open to every package.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "rootmatch"
 PICTURE = ROOT / "docs" / "architecture.svg"
-HIDDEN = {"__main__", "__init__", "_version", "arrays", "deadline", "errors", "options"}
+HIDDEN = {"__main__", "__init__", "_version", "arrays", "frozen", "deadline", "errors", "options"}
 
 GROUPS = {
     "interface": ("cli", "io", "report"),

@@ -170,13 +170,13 @@ def test_the_label_of_a_blob_follows_its_place() -> None:
     model = DetectionModel(CAMERA, source, target, np.full(len(target), SIGMA), resolution=2.0 * APART)
     R, position = model.centred(truth.R, truth.t)
     named = np.array([next((j for j, own in enumerate(owners) if i in own), -1) for i in range(8)])
-    surest, chance = surest_points(model, named, (R, position))
+    surest, chance = surest_points(model, named, (R, position)) or pytest.fail("nothing is merged")
     assert surest.tolist() == list(range(8))
     assert chance[0] > 0.99
     assert (chance[1:] == 1.0).all()
     at_second = model.target.copy()
     at_second[named[0]] = CAMERA.project((source @ truth.R.T + truth.t)[1:2])[0]
-    moved, chance = surest_points(replace(model, target=at_second), named, (R, position))
+    moved, chance = surest_points(replace(model, target=at_second), named, (R, position)) or pytest.fail("as before")
     assert moved.tolist() == [1, *range(1, 8)]
     swapped, values = of_surest(named, np.arange(8.0), moved)
     assert swapped.tolist() == [-1, named[0], *named[2:]]

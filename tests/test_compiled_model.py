@@ -21,7 +21,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
-from rootmatch.model.compiled.crowds import densities_of_crowds, shares_of_crowds
+from rootmatch.model.compiled.crowds import crowds_of, densities_of_crowds, shares_of_crowds
 from rootmatch.model.compiled.evidence import log_of_rates
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.occluder import DIRECTIONS, LEAST_HIDDEN, OCCLUDED
@@ -569,7 +569,7 @@ def test_densities_of_crowds(centres: NDArray[np.int64], size: int) -> None:
     label = np.array([0, 0, 1, 1, 0, 0, 1, 0, 1])
     widths = np.minimum(80.0 * 0.5 ** np.arange(SCALES)[:, None], [80.0, 30.0, 0.1][:size])
     about, whole = np.empty((SCALES, 9, len(centres))), np.empty((SCALES, 9))
-    densities_of_crowds(target, sigma, centres, label, widths, about, whole)
+    densities_of_crowds.py_func(target, sigma, centres, label, widths, about, whole)  # type: ignore[attr-defined]
     for k in range(SCALES):
         for i in range(9):
             for c, j in enumerate(centres):
@@ -580,6 +580,18 @@ def test_densities_of_crowds(centres: NDArray[np.int64], size: int) -> None:
                 assert about[k, i, c] == pytest.approx(density, rel=1e-9, abs=1e-300)
     assert (about > 0.0).any()
     np.testing.assert_allclose(whole, about.sum(axis=2) / (len(centres) - 1), rtol=1e-12)
+    uniform, extents = rng.uniform(1e-5, 2e-5, 9), np.array([320.0, 120.0, 0.4][:size])
+    out = np.empty((9, len(centres))), np.empty((SCALES, size)), np.empty(SCALES + 1)
+    crowds_of((target, sigma, uniform, label), centres, extents, (PSEUDO, 0.1 / SCALES, STEPS), out)
+    mean = 0.25 * np.prod(extents) ** (1.0 / size)
+    widths = np.minimum(mean * 0.5 ** np.arange(SCALES)[:, None], 0.25 * extents)
+    densities_of_crowds.py_func(target, sigma, centres, label, widths, about, whole)  # type: ignore[attr-defined]
+    prior = np.array([PSEUDO, *[0.1 / SCALES] * SCALES])
+    shares = prior / prior.sum()
+    shares_of_crowds(np.vstack([uniform, whole]), prior, STEPS, shares)
+    expected = (shares[1:, None, None] * about).sum(axis=0), widths, shares
+    for one, other in zip(out, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
 
 
 def test_shares_of_crowds_are_those_of_expectation_and_maximisation() -> None:

@@ -199,8 +199,9 @@ def test_a_motion_ahead_and_a_pose_taken_in() -> None:
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
 
         fitted, step = 0.3 * ahead[:6, :6] + 0.01 * np.eye(6), rng.normal(size=6)
-        inverse, taken = np.linalg.inv(ahead[:6, :6]), (np.empty(12), np.empty((18, 18)))
-        left, squared = take_pose((out[2], out[3]), inverse, step, fitted, taken)
+        inverse, taken = np.linalg.inv(ahead[:6, :6]), (np.empty(12), np.empty((18, 18)), np.empty((6, 6)))
+        left, squared = take_pose((out[2], out[3]), step, fitted, taken)
+        np.testing.assert_allclose(taken[2], inverse, rtol=1e-9, atol=1e-9 * np.abs(inverse).max())
         gain = ahead[6:, :6] @ inverse
         np.testing.assert_allclose(taken[0], expected[2] + gain @ step, rtol=1e-6)
         rest = ahead[6:, 6:] - gain @ (ahead[:6, :6] - fitted) @ gain.T

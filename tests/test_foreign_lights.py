@@ -136,3 +136,17 @@ def test_which_points_are_shown_is_no_reason_for_a_place() -> None:
         assert after == pytest.approx(before)
     assert told[2].log_weight - told[1].log_weight == pytest.approx(1.5)
     assert of_places(poses[1:]) == poses[1:]
+
+
+def test_what_is_kept_between_two_questions_is_of_the_last_frame() -> None:
+    """A frame asks twice what holds and how probable its matches can be; the next one finds it out anew."""
+    found, lit, lights = found_of(3), np.full(7, 0.05), ForeignLights(7)
+    assert lights.holds == 1.0, "nothing was matched: as much as is asked for"
+    for k, given in enumerate((0.7, 0.9, 0.4)):
+        most = lights.most(found, lit, k / RATE)
+        assert lights.most(found, lit, k / RATE) is most
+        lights.take(found, np.where(found.assignment >= 0, given, 1.0), lit, k / RATE)
+        anew = ForeignLights(7)
+        anew.own, anew.met, anew.seen, anew.time = lights.own, lights.met, lights.seen, lights.time
+        assert lights.holds == anew.holds < 1.0
+        np.testing.assert_array_equal(lights.most(found, lit, (k + 1) / RATE), anew.most(found, lit, (k + 1) / RATE))

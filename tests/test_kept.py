@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rootmatch.arrays import kept_by_values
+from rootmatch.arrays import kept_by_identity, kept_by_values
 
 
 def test_a_function_is_called_once_for_the_same_values() -> None:
@@ -36,3 +36,20 @@ def test_arrays_are_not_written_into() -> None:
 
     with pytest.raises(ValueError, match="read-only"):
         cleared(np.ones(3))
+
+
+def test_a_function_is_called_once_for_the_same_object() -> None:
+    """Not for an equal one: that would have to be compared; and not longer than the last of them."""
+    calls = []
+
+    @kept_by_identity(2)
+    def first(values: list[int]) -> int:
+        calls.append(values)
+        return values[0]
+
+    one, equal, other = [1], [1], [2]
+    assert [first(one), first(one), first(equal), first(one)] == [1, 1, 1, 1]
+    assert len(calls) == 2
+    assert first(other) == 2
+    assert first(one) == 1
+    assert len(calls) == 4

@@ -30,7 +30,7 @@ def images(source: Floats, normals: Floats | None, R: Floats, t: Floats) -> dict
     off = cdist(source @ R.T + t, source)
     found = {}
     for i, row in enumerate(off):
-        near = [j for j in np.argsort(row) if row[j] < tolerance(source)]
+        near = [j for j in np.argsort(row) if row[j] < min(tolerance(source), DISTINCT * neighbours(source)[j])]
         if normals is not None:
             near = [j for j in near if np.linalg.det(R) * (R @ normals[i]) @ normals[j] >= FACING]
         if near:
@@ -40,8 +40,12 @@ def images(source: Floats, normals: Floats | None, R: Floats, t: Floats) -> dict
 
 def tolerance(source: Floats) -> float:
     """Distance up to which points are the same."""
-    neighbour = np.sort(cdist(source, source), axis=1)[:, 1]
-    return float(min(TOLERANCE * np.sqrt(source.var(axis=0).sum()), DISTINCT * np.median(neighbour)))
+    return float(min(TOLERANCE * np.sqrt(source.var(axis=0).sum()), DISTINCT * np.median(neighbours(source))))
+
+
+def neighbours(source: Floats) -> Floats:
+    """Distance (n,) of each point to the nearest other one."""
+    return np.asarray(np.sort(cdist(source, source), axis=1)[:, 1])
 
 
 def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool = False) -> list[tuple[int, Floats]]:
@@ -52,11 +56,14 @@ def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool
     onto = np.array(list(itertools.permutations(range(n), 3)))
     found: list[tuple[int, Floats]] = []
     places: list[Floats] = []
+    maps: list[dict[int, int]] = []
     for base in itertools.combinations(range(n), 3):
         pairs = ((0, 1), (0, 2), (1, 2))
         off = [abs(distance[onto[:, k], onto[:, m]] - distance[base[k], base[m]]) for k, m in pairs]
         for target in onto[np.max(off, axis=0) < near]:
             pairs_of = dict(zip(base, target.tolist(), strict=True))
+            if any(pairs_of.items() <= one.items() for one in maps):
+                continue
             for _ in range(3):
                 own, image = list(pairs_of), list(pairs_of.values())
                 first, second = source[own].mean(axis=0), source[image].mean(axis=0)
@@ -75,6 +82,7 @@ def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool
             if len(pairs_of) >= max(6, n / 4) and moved and not same:
                 found.append((len(pairs_of), R))
                 places.append(place)
+                maps.append(pairs_of)
     return sorted(found, key=lambda one: -one[0])
 
 
@@ -196,6 +204,18 @@ def test_a_thin_body_has_neighbours_that_are_told_apart() -> None:
     tower = np.array([[0.0, -5.0, 20.0], [0.0, 4.0, 21.0], [0.0, -7.0, 26.0], [0.0, 3.0, 31.0]])
     source = np.concatenate([tower + np.array([300.0 * k, 0.0, 0.0]) for k in range(8)])
     assert {(28, 1), (28, -1)} <= set(steps_of(source, 4))
+
+
+def test_points_that_are_near_each_other_are_told_apart_where_most_are_not() -> None:
+    """Lights of an approach, a metre apart, before those of a runway: the half turn is about its middle line."""
+    rng = np.random.default_rng(4)
+    edge = [(60.0 * x, 22.5 * y, 0.0) for x in range(20) for y in (-1, 1)]
+    approach = [(-30.0 * x, y, 0.0) for x in range(1, 14) for y in (-2, -1, 0, 1, 2)]
+    source = np.array(edge + approach) + rng.normal(0.0, 0.03, (105, 3))
+    first = symmetries_of(source, None)[0]
+    assert first.mapped >= 103
+    assert abs(first.shift[1]) < 0.05
+    assert Rotation.from_matrix(first.rotation).magnitude() == pytest.approx(np.pi, abs=0.01)
 
 
 def test_what_is_never_symmetric_and_that_each_body_is_asked_once() -> None:

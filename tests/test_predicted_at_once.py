@@ -12,10 +12,10 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.model import prediction
 from rootmatch.model.compiled.averaging import leave_out
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import settled_about, stepped
+from rootmatch.model.evidence import mixture_of, residuals_of, settled_about, settled_of_likely, stepped
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
-from rootmatch.model.proposals import Proposals
+from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.tracking.averaged_pose import averaged_pose
 from test_compiled_model import FISHEYE, PINHOLE, SIZES, Floats, rig, scene
@@ -168,3 +168,50 @@ def test_proposals_are_of_their_own() -> None:
     before = first.assignments.copy()
     prediction.proposals_about(model, guess)
     np.testing.assert_array_equal(first.assignments, before)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_modes_of_proposals_that_repeat_others(name: str) -> None:
+    """What ends in the minimum of another one is no mode, as in NumPy, where each is looked at."""
+    repeated = 0
+    for seed in range(1030, 1040):
+        model, guess = predicted(name, seed, 0.02, shown=6)
+        start = prediction.proposals_about(model, guess)
+        if start is None:
+            continue
+        turned = Rotation.from_rotvec([1e-3, 0.0, 0.0]).as_matrix() @ start.rotation
+        proposals = joined([start, Proposals(start.assignments, turned, start.position)])
+        fast, oracle = modes_of(model, proposals), modes_of(by_numpy(model), proposals)
+        repeated += len(fast.log_odds) < len(proposals.assignments)
+        np.testing.assert_array_equal(fast.assignments, oracle.assignments)
+        for one, other in zip(fast[1:-1], oracle[1:-1], strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)
+    assert repeated >= 5
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_what_is_hopeless_or_repeated_is_not_settled(name: str) -> None:
+    model, guess = predicted(name, 1031, 0.02, shown=6)
+    start = prediction.proposals_about(model, guess)
+    assert start is not None
+    rows, rotation, position = start.take(np.zeros(3, np.int64))
+    rotation[2] = Rotation.from_rotvec([0.4, 0.0, 0.3]).as_matrix() @ rotation[2]  # hopeless to first order
+    prior, expected = mixture_of(model), settled_about(by_numpy(model), rows[:1], rotation[:1], position[:1])
+    assert prior is not None
+    found, at, after = settled_of_likely(model, rows, (rotation, position), prior, (3.0, -np.inf, np.inf))
+    assert np.isfinite(found.log_odds).tolist() == [True, False, False]
+    assert found.log_odds[0] == pytest.approx(expected[0].log_odds[0], rel=1e-9)
+    np.testing.assert_allclose(at.rotation[0], expected[1].rotation[0], atol=1e-9)
+    for one, other in zip(after, stepped(*expected), strict=True):
+        np.testing.assert_allclose(one[0], other[0], atol=1e-9)
+    every, _, _ = settled_of_likely(model, rows, (rotation, position), prior, (3.0, -np.inf, -np.inf))
+    assert every.decrement[2] < 1.0 < found.decrement[2], "what is better than enough is fitted, however far behind"
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_residuals_about_a_pose(name: str) -> None:
+    model, guess = predicted(name, 1032, 0.003, shown=6)
+    start = prediction.proposals_about(model, guess)
+    assert start is not None
+    of = start.assignments[0], start.rotation[0], start.position[0]
+    np.testing.assert_allclose(residuals_of(model, *of), residuals_of(by_numpy(model), *of), rtol=1e-9)

@@ -51,12 +51,32 @@ def test_a_part_of_a_grid_is_not_trusted_a_period_away(problem: Problem) -> None
 def test_a_part_of_many_lamps_is_found_by_the_vertical() -> None:
     """The widest pairs of 112 lamps are never in view together."""
     right = 0
-    for seed in range(1000, 1008):
+    for seed in range(1000, 1004):
         lamps, image, own = ceiling(seed, (14, 10), 0.05)
         match = rm.match(lamps, image, UPRIGHT, noise=0.3)
         points, detections = match.pairs.T
         right += bool(match) and bool((own[detections] == points).all())
-    assert right >= 7
+    assert right >= 3
+
+
+@pytest.mark.parametrize("seed", [1006, 1007])
+def test_lights_of_an_approach_are_not_seen_from_below(seed: int) -> None:
+    """Turned over about its middle line a runway looks the same, but for how far its lights are off their places."""
+    rng = np.random.default_rng(seed)
+    edge = [(60.0 * x, 22.5 * y, 0.0) for x in range(20) for y in (-1, 1)]
+    approach = [(-30.0 * x, y, 0.0) for x in range(1, 14) for y in (-2, -1, 0, 1, 2)]
+    lights = np.array(edge + approach) + rng.normal(0.0, 0.05, (105, 3))
+    camera = rm.Camera(2000.0, 2000.0, 960.0, 540.0, size=(1920, 1080))
+    away = rng.uniform(900.0, 1800.0)
+    place = lights - (-away, rng.normal(0.0, 15.0), 0.052 * away)
+    R = np.array([[0.0, -1.0, 0.0], [0.052, 0.0, -1.0], [1.0, 0.0, 0.052]])
+    R /= np.linalg.norm(R, axis=1, keepdims=True)
+    own = rng.permutation(np.flatnonzero((rng.random(105) < 0.9) & (lights[:, 0] < 700.0)))
+    image = camera.project(place[own] @ R.T) + rng.normal(0.0, 0.2, (len(own), 2))
+    match = rm.match(lights, image, rm.P3P(camera), noise=0.2)
+    points, detections = match.pairs.T
+    assert match
+    assert (own[detections] == points).mean() > 0.95
 
 
 @pytest.mark.parametrize("seed", [1005, 1012, 1018])

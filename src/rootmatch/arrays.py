@@ -1,8 +1,9 @@
 """Types of arrays, for annotations, and results that are kept by the values of arrays."""
 
+from collections import OrderedDict
 from collections.abc import Callable
-from functools import lru_cache, wraps
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +14,7 @@ Bools = NDArray[np.bool_]
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-
-class _Values(NamedTuple):
-    """An array as a key."""
-
-    content: bytes
-    kind: str
-    shape: tuple[int, ...]
+T = TypeVar("T")
 
 
 def kept_by_values(most: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -31,23 +25,57 @@ def kept_by_values(most: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """
 
     def decorated(function: Callable[P, R]) -> Callable[P, R]:
-        @lru_cache(maxsize=most)
-        def known(*arguments: Any, **named: Any) -> R:
-            return function(*map(_array, arguments), **{name: _array(one) for name, one in named.items()})
+        kept: OrderedDict[Any, R] = OrderedDict()
 
         @wraps(function)
         def by_values(*arguments: P.args, **named: P.kwargs) -> R:
-            return known(*map(_key, arguments), **{name: _key(one) for name, one in named.items()})
+            every = (*arguments, *named, *named.values())
+            key = tuple([(a.tobytes(), a.dtype, a.shape) if isinstance(a, np.ndarray) else a for a in every])
+            try:
+                kept.move_to_end(key)
+                return kept[key]
+            except KeyError:  # not known, or just dropped by another thread
+                pass
+            kept[key] = found = function(*map(_frozen, arguments), **{k: _frozen(one) for k, one in named.items()})
+            if len(kept) > most:
+                kept.popitem(last=False)
+            return found
 
-        by_values.cache_clear = known.cache_clear  # type: ignore[attr-defined]
+        by_values.cache_clear = kept.clear  # type: ignore[attr-defined]
         return by_values
 
     return decorated
 
 
-def _key(value: Any) -> Any:
-    return _Values(value.tobytes(), value.dtype.str, value.shape) if isinstance(value, np.ndarray) else value
+def kept_by_identity(most: int) -> Callable[[Callable[[T], R]], Callable[[T], R]]:
+    """Decorator that keeps the last results of a function of one object which never changes, as long as it is the same.
+
+    For what a camera tells in every frame: to compare two rigs takes longer than most of what depends on them.
+    """
+
+    def decorated(function: Callable[[T], R]) -> Callable[[T], R]:
+        kept: OrderedDict[int, tuple[T, R]] = OrderedDict()  # the object itself, so that no other one has its identity
+
+        @wraps(function)
+        def by_identity(one: T) -> R:
+            known = kept.get(id(one))
+            if known is not None and known[0] is one:
+                return known[1]
+            found = function(one)
+            kept[id(one)] = one, found
+            if len(kept) > most:
+                kept.popitem(last=False)
+            return found
+
+        return by_identity
+
+    return decorated
 
 
-def _array(key: Any) -> Any:
-    return np.frombuffer(key.content, key.kind).reshape(key.shape) if isinstance(key, _Values) else key
+def _frozen(value: Any) -> Any:
+    """A read-only copy of an array, contiguous; anything else itself."""
+    if not isinstance(value, np.ndarray):
+        return value
+    out = np.array(value, order="C")
+    out.flags.writeable = False
+    return out

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from contextvars import ContextVar
 
 Clock = Callable[[], float]
@@ -103,20 +102,34 @@ class Deadline:
         late.ends, late._cuts = self.ends + GRACE * self.seconds + GRACE_SECONDS, self._cuts
         return late
 
-    @contextmanager
-    def within(self) -> Iterator[None]:
+    def within(self) -> Within:
         """Run the block until the deadline; the first `checkpoint` after it ends the block without an error."""
-        with self.enforced(), suppress(OutOfTime):
-            yield
+        return Within(self)
 
-    @contextmanager
-    def enforced(self) -> Iterator[None]:
+    def enforced(self) -> Enforced:
         """Put the deadline in force for the block: a `checkpoint` inside it raises `OutOfTime` once it has passed."""
-        token = _in_force.set(self)
-        try:
-            yield
-        finally:
-            _in_force.reset(token)
+        return Enforced(self)
+
+
+class Enforced:
+    """A block in which a deadline is in force, see `Deadline.enforced`."""
+
+    def __init__(self, deadline: Deadline) -> None:
+        self.deadline = deadline
+
+    def __enter__(self) -> None:
+        self.token = _in_force.set(self.deadline)
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        _in_force.reset(self.token)
+
+
+class Within(Enforced):
+    """The same block, which ends quietly, see `Deadline.within`."""
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:  # type: ignore[override]
+        super().__exit__(kind)
+        return kind is not None and issubclass(kind, OutOfTime)
 
 
 NEVER = Deadline()

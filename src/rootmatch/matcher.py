@@ -227,7 +227,7 @@ max_hyperedges, max_evaluations
         task = MatchingTask.of(
             self.problem,
             self.checked,
-            target,
+            detections,
             noise=self.noise if noise is None else noise,
             candidates=candidates,
             bodies=self.labels,

@@ -59,13 +59,14 @@ class CameraModel(ABC):
     def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
         """Rays (…, 3) of detections, of any length, and how such a ray moves with the detection, (…, 3, 2)."""
 
-    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:
+    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike, rays: Floats | None = None) -> Floats:
         """Standard deviation in radians, on each of two axes across the ray, of pixels (m, 2) known to ``sigma`` px.
 
         A pixel off the centre subtends different angles along the radius and across it; returned is the isotropic angle
-        of the same area, so that noise propagation needs nothing but products of bearings.
+        of the same area, so that noise propagation needs nothing but products of bearings. ``rays`` (m, 3): the
+        `bearings` of the pixels, if these are known.
         """
-        area = self.steradians(self.bearings(pixels))
+        area = self.steradians(self.bearings(pixels) if rays is None else rays)
         angle: Floats = np.asarray(sigma, dtype=float) * np.sqrt(area)
         return angle
 

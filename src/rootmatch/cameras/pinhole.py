@@ -185,10 +185,10 @@ class Camera(CameraModel):
         unit: Floats = rays / np.sqrt((rays * rays).sum(axis=-1, keepdims=True))
         return unit
 
-    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:
+    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike, rays: Floats | None = None) -> Floats:
         """Isotropic noise of the rays in radians; see `CameraModel.angular_noise`."""
         if self.lens is not None:
-            return super().angular_noise(pixels, sigma)
+            return super().angular_noise(pixels, sigma, rays)
         points = np.asarray(pixels, dtype=float)
         u = (points[..., 0] - self.cx) / self.fx
         v = (points[..., 1] - self.cy) / self.fy

@@ -128,7 +128,8 @@ class Rig(CameraModel):
         if rows.ndim == 2 and rows.shape[1] == 2:
             raise InputError(f"target: shape {rows.shape} given; of a rig, give (pixels, index of the camera of each)")
         if rows.ndim == 2 and rows.shape[1] == 3 and rows.dtype.kind in "fiu":
-            wrong = ~np.isin(rows[:, 2], np.arange(len(self.views)))
+            index = rows[:, 2]
+            wrong = ~((index >= 0) & (index < len(self.views)) & (index % 1 == 0))
             if wrong.any():
                 k = int(np.flatnonzero(wrong)[0])
                 raise InputError(
@@ -145,7 +146,7 @@ class Rig(CameraModel):
             out[own] = camera.bearings(rows[own, :2]) @ rotation
         return out
 
-    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:
+    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike, rays: Floats | None = None) -> Floats:
         """Isotropic noise of the rays in radians; see `CameraModel.angular_noise`."""
         rows = np.asarray(pixels, dtype=float)
         spread = np.broadcast_to(np.asarray(sigma, dtype=float), rows.shape[:-1])

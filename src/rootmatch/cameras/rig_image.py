@@ -99,4 +99,4 @@ class RigImage(CameraModel):
 
     def images(self) -> list[Integers]:
         """The detections of each camera."""
-        return [np.flatnonzero(self.camera_of == k) for k in range(len(self.offsets))]
+        return [(self.camera_of == k).nonzero()[0] for k in range(len(self.offsets))]

@@ -53,7 +53,7 @@ class UnitRays(CameraModel):
         rays = self.bearings(pixels)
         return rays, np.stack(tangent_bases(rays), axis=-1)
 
-    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:
+    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike, rays: Floats | None = None) -> Floats:
         """Noise is in radians already."""
         return np.broadcast_to(np.asarray(sigma, dtype=float), np.asarray(pixels).shape[:-1]).copy()
 

@@ -6,8 +6,7 @@ Stages exchange findings, which are plain values. `rootmatch.result.report` make
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -16,6 +15,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Facts, Status, least_trusted
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied, once
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -67,6 +67,8 @@ class Finding:
         Degrees of freedom of the residuals that tell it.
     mode : int
         Which mode of ``posterior`` it tells.
+    origins : (M,) int64, optional
+        The prediction about which each of those lies, −1 for none; None if nothing was predicted.
     point_error : float
         Standard deviation of the points' coordinates which it takes, though none was stated.
     sequence_factor : float
@@ -109,6 +111,7 @@ class Finding:
     noise_factor: float | None = None
     noise_dof: int = 0
     mode: int = 0
+    origins: Integers | None = None
     sequence_factor: float = 1.0
     point_error: float = 0.0
     reason: str | None = None
@@ -122,7 +125,7 @@ class Finding:
     left: MatchingTask | None = None
     mirrored: Sequence[Integers] = ()
 
-    @cached_property
+    @once
     def status(self) -> Status:
         """Status from the facts; with several bodies, that of the least trusted one."""
         if self.parts is not None:
@@ -141,12 +144,12 @@ class Finding:
 
     def with_facts(self, **facts: Any) -> Self:
         """A copy with some facts changed, from which another status may follow."""
-        return replace(self, facts=replace(self.facts, **facts))
+        return copied(self, facts=copied(self.facts, **facts))
 
     def doubted(self, probability: float, confidence: Floats) -> Self:
         """A copy that is less probable, as are its matches (n,); ambiguous if it is less so than what is trusted."""
         contested = {"contested": True, "sure_of_the_rest": False} if probability < self.facts.min_probability else {}
-        return replace(self, facts=replace(self.facts, probability=probability, **contested), confidence=confidence)
+        return copied(self, facts=copied(self.facts, probability=probability, **contested), confidence=confidence)
 
     def less_certain(self, factor: float) -> Self:
         """A copy that is less probable by a factor, as is each of its matches; ambiguous as of `doubted`."""
@@ -191,7 +194,7 @@ class Finding:
         """Total weight of the hyper-edges inside the assignment; NaN without any."""
         return math.nan if self.scores is None and self.scoreless else self.every_score[0]
 
-    @cached_property
+    @once
     def every_score(self) -> list[float]:
         """Total weight of the hyper-edges inside the assignment, and inside each of the others."""
         if self.scores is not None:
@@ -215,7 +218,7 @@ class Finding:
         """The other assignments with their scores."""
         return list(zip(self.others, self.every_score[1:], strict=True))
 
-    @cached_property
+    @once
     def margin(self) -> float:
         """Lead in score over the best different assignment, of several bodies that of the least sure one.
 
@@ -227,7 +230,7 @@ class Finding:
             return min(part.margin for part in self.parts.values())
         return margin(self.every_score[0], self.alternatives, self.assignment)
 
-    @cached_property
+    @once
     def soft_assignment(self) -> Floats:
         """Soft assignment (n, n') of the solver; if none ran, the support of each correspondence, row by row.
 
@@ -249,7 +252,7 @@ class Finding:
         rows = gains.sum(axis=1, keepdims=True)
         return np.asarray(gains / np.where(rows > 0.0, rows, 1.0))
 
-    @cached_property
+    @once
     def motion_labels(self) -> Integers:
         """Label of the rigid motion of each point, −1 where unmatched; (n,)."""
         return np.where(self.assignment >= 0, 0, -1) if self.labels is None else self.labels

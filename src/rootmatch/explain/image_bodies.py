@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +34,7 @@ from rootmatch.explain.image_hypotheses import (
 from rootmatch.explain.known_place import pairs_by_angle
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.prediction import DEFAULT_PREDICTION
@@ -187,7 +188,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
                 # and what another one holds on to with a few of its points is not its own for certain
                 taken = [one.used for one in bodies if one is not body and shows_most(one.told)]
                 body.free = np.sum(taken, axis=0, initial=0.0) + np.zeros(task.shape[1]) < SURE
-            task_of_part = replace(task, search_camera=part.camera)
+            task_of_part = copied(task, search_camera=part.camera)
             body.search(task_of_part, solve, budgets_of(task)[0])
             if body.candidate is not before:
                 _weigh(bodies)
@@ -208,7 +209,7 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
         taken[one.assignment[one.assignment >= 0]] = True
         unseen = LATE if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen
-        found[body.number] = one if one.reason == reason else replace(one, reason=reason)
+        found[body.number] = one if one.reason == reason else copied(one, reason=reason)
     return joined(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))
 
 

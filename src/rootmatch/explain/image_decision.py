@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +22,11 @@ from rootmatch.explain.predicted_poses import about_prediction, polished_pose
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import candidate_of, has_image_model
+from rootmatch.frozen import copied
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import squared_deviations
+from rootmatch.model.evidence import residuals_of
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Others, Posterior
@@ -63,7 +63,7 @@ def assessed(
         with suppress(OutOfTime):
             if sampled.assignments is None:
                 named[1:1] = candidate_of(task, []).gathered(sampled.tensor)
-        return replace(base, named=named)
+        return copied(base, named=named)
     try:
         body = candidate_of(task, named, sampled.tensor if sampled.assignments is None else None)
         told = body.alone()
@@ -94,12 +94,15 @@ def told_by(
         told = with_parts(told, model, base.task.minimal, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability(MIN_PROBABILITY)
-    scoreless = base.evaluated == 0
+    scoreless, origins = base.evaluated == 0, None
+    if isinstance(prior, Doubted):
+        origins = prior.prediction_of(modes.rotation, modes.position)
     if (k := next(free, None)) is None:
         nothing = np.full(base.task.rows, -1, np.int64)
-        return replace(
+        return copied(
             base,
             posterior=told,
+            origins=origins,
             model=model,
             assignment=nothing,
             others=Others(told, TRUST.alternatives),
@@ -113,15 +116,14 @@ def told_by(
         )
     first, probability = modes.assignments[k], told.probability_of(modes.assignments[k])
     confidence = told.confidence if k == 0 else told.confidence_in(first)
-    surest, lit = surest_points(model, first, (modes.rotation[k], modes.position[k]))
-    confidence, probability = confidence * lit, probability * float(lit.prod())
+    surest = surest_points(model, first, (modes.rotation[k], modes.position[k]))
+    if surest is not None:
+        confidence, probability = confidence * surest[1], probability * float(surest[1].prod())
     fault = misfit_of(model, modes, k)
-    prediction = -1
-    if isinstance(prior, Doubted):
-        prediction = int(prior.prediction_of(modes.rotation[k : k + 1], modes.position[k : k + 1])[0])
+    prediction = -1 if origins is None else int(origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     missed = 0.0 if holds else missed  # a search need not meet what is predicted
-    trusted = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
+    trusted = told.believed(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
     sure = None if trusted is None else trusted.assignment
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
@@ -142,15 +144,17 @@ def told_by(
         confidence = np.where((trusted.assignment < 0) & (first >= 0), told.unmatched, confidence)
         first = trusted.assignment
     others, believed = Others(told, TRUST.alternatives, than=first), status is not Status.UNTRUSTED
-    first, confidence = of_surest(first, confidence, surest)
-    found = replace(
+    if surest is not None:
+        first, confidence = of_surest(first, confidence, surest[0])
+    found = copied(
         base,
         posterior=told,
+        origins=origins,
         model=model,
         task=about_prediction(base.task, prediction) if holds else base.task,
         assignment=first,
         others=others,
-        facts=replace(facts, probability=probability, lead=lead_by_odds(probability) if scoreless else None),
+        facts=copied(facts, probability=probability, lead=lead_by_odds(probability) if scoreless else None),
         scores=None,
         scoreless=scoreless,
         soft=None if scoreless else base.soft,
@@ -176,7 +180,7 @@ def with_parts(told: Posterior, model: DetectionModel, minimal: int, taken: NDAr
         return told
     most = least - 1 if isinstance(model.prior, Doubted) else max(minimal, least - 1)
     free = model.image_of if taken is None else model.image_of[~taken]
-    return replace(told, few=FewShown(model, most, np.bincount(free, minlength=max(len(model.images), 1))))
+    return copied(told, few=FewShown(model, most, np.bincount(free, minlength=max(len(model.images), 1))))
 
 
 def lead_by_odds(probability: float | None) -> float:
@@ -187,9 +191,8 @@ def lead_by_odds(probability: float | None) -> float:
 
 def misfit_of(model: DetectionModel, modes: Modes, k: int) -> Misfit:
     """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
-    mode = modes.take(slice(k, k + 1))
-    squared = squared_deviations(model, mode.assignments, model.linearised(mode.rotation, mode.position))
-    return Misfit.of(float(squared[0]), round(float(mode.freedom[0])))
+    squared, _ = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    return Misfit.of(squared, round(float(modes.freedom[k])))
 
 
 def pose_of_mode(model: DetectionModel, modes: Modes, k: int) -> Pose:
@@ -210,5 +213,5 @@ def other_poses(found: Finding) -> list[tuple[Pose, float]]:
     out = []
     for k in likely[1:].tolist():
         pose = pose_of_mode(found.model, modes, k)
-        out.append((polished_pose(replace(found, pose=pose)) or pose, float(chances[k])))
+        out.append((polished_pose(copied(found, pose=pose)) or pose, float(chances[k])))
     return out

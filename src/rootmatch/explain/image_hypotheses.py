@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vert
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.similar_subsets import twins_of_few
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
@@ -125,11 +126,11 @@ class Candidate:
         if predicted is not None:
             proposals = joined([proposals, predicted]) if searched else predicted
         modes = modes_of(self.model, proposals, damaged=searched)
-        return replace(self, modes=self._with_twins(modes, searched))
+        return copied(self, modes=self._with_twins(modes, searched))
 
     def posed(self, proposals: Proposals) -> Candidate:
         """The candidate by assignments with poses, and the twins of the best ones."""
-        return replace(self, modes=self._with_twins(modes_of(self.model, proposals)))
+        return copied(self, modes=self._with_twins(modes_of(self.model, proposals)))
 
     def also(self, assignments: Sequence[Integers]) -> Candidate:
         """The candidate of one of several bodies by further assignments and the twins of the best poses."""
@@ -137,7 +138,7 @@ class Candidate:
         if not len(proposals.assignments):
             return self
         modes = modes_of(self.model, proposals, self.modes, of_several=True)
-        return replace(self, modes=self._with_twins(modes))
+        return copied(self, modes=self._with_twins(modes))
 
     def _with_twins(self, modes: Modes, searched: bool = True) -> Modes:
         """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off."""
@@ -151,7 +152,7 @@ class Candidate:
     def reconsidered(self, modes: Modes) -> Candidate:
         """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
         proposals = Proposals(modes.assignments, modes.rotation, modes.position)
-        return replace(self, modes=modes_of(self.model, proposals, self.modes, of_several=True))
+        return copied(self, modes=modes_of(self.model, proposals, self.modes, of_several=True))
 
     def alone(self) -> Posterior:
         """The body's posterior if the image shows no other known body."""

@@ -7,7 +7,6 @@ else of nearly its shape. The first is the model with a noise of the points, of 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +17,8 @@ from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
+from rootmatch.model.evidence import residuals_of
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import no_modes
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
@@ -53,12 +54,12 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
         return found
     error = ERRORS[which] * body_radius(task.points.source)
     body = _with_errors(found, task, error)
-    again = told_by(replace(found, task=body.task), body.alone(), body, missed=missed)
+    again = told_by(copied(found, task=body.task), body.alone(), body, missed=missed)
     if again.status is Status.UNTRUSTED:
         return found
     own = _chance(found, again, float(before[which]))
     present = None if again.facts.present is None else own * again.facts.present
-    return replace(again.with_facts(present=present).less_certain(own), point_error=error)
+    return copied(again.with_facts(present=present).less_certain(own), point_error=error)
 
 
 def gains_of_errors(found: Finding) -> Floats:
@@ -66,11 +67,9 @@ def gains_of_errors(found: Finding) -> Floats:
     model, told, misfit = found.model, found.posterior, _misfit(found)
     if model is None or told is None or misfit is None:
         return np.zeros(len(ERRORS))
-    mode = told.modes.take(slice(found.mode, found.mode + 1))
-    used, squared, freedom = mode.assignments[0] >= 0, misfit.dof * misfit.sigma**2, misfit.dof
-    at = model.linearised(mode.rotation, mode.position)
-    each = 0.5 * (at.by_position[0, used] ** 2).sum(axis=(1, 2)) / model.sigma[mode.assignments[0, used]] ** 2
-    ratio = 1.0 + (np.array(ERRORS) * body_radius(model.points)) ** 2 * float(each.mean())
+    modes, k, squared, freedom = told.modes, found.mode, misfit.dof * misfit.sigma**2, misfit.dof
+    _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    ratio = 1.0 + (np.array(ERRORS) * body_radius(model.points)) ** 2 * moved
     given = model.noise_freedom
     less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
     return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
@@ -88,11 +87,11 @@ def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     assert found.model is not None
     assert found.posterior is not None
     covariance = np.tile(sigma**2 * np.eye(3), (task.shape[0], 1, 1))
-    task = replace(task, points=task.problem.with_source_noise(task.points, sigma))
-    body = Candidate(task, replace(found.model, source_covariance=covariance), no_modes(task.rows))
+    task = copied(task, points=task.problem.with_source_noise(task.points, sigma))
+    body = Candidate(task, copied(found.model, source_covariance=covariance), no_modes(task.rows))
     predicted = proposals_by_prediction(body.model)
     if predicted is not None:
-        body = replace(body, modes=modes_of(body.model, predicted, damaged=False))
+        body = copied(body, modes=modes_of(body.model, predicted, damaged=False))
     return body.reconsidered(found.posterior.modes)
 
 

@@ -18,10 +18,9 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import stepped
 from rootmatch.model.known_density import Known
-from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, explained, settle
-from rootmatch.model.proposals import Proposals, joined
+from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, explained, proposals_of_settled, settle
+from rootmatch.model.proposals import Proposals
 from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import body_radius
@@ -85,10 +84,7 @@ def assigned_about(
     for guess in _ranked(model, Known(known, model.centre, body_radius(model.points)), pairs, poses):
         pose = guess.rotation[None], guess.position[None]
         settle(model, pose, guess.covariance, options=DEFAULT_PREDICTION, known=settled)
-    every = [one for one in settled.values() if math.isfinite(one.log_odds)]
-    if not every:
-        return None
-    return joined([Proposals(one.assignment[None], *stepped(one.found, one.at)) for one in every])
+    return proposals_of_settled(list(settled.values()))
 
 
 def pairs_are_drawn(task: MatchingTask) -> bool:

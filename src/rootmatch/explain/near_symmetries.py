@@ -23,7 +23,8 @@ TOLERANCE = 0.01
 """Distance between a point's image and another point, over the body's radius, up to which they are the same. A round
 value: the radius of a headset is 10 cm, and the halves of the one in benchmarks/tracking.py differ by 0.22 mm."""
 DISTINCT = 0.25
-"""The same over the distance of neighbours, if that is less: of what is long they are near. A round value."""
+"""The same over the distance of neighbours, if that is less: of what is long they are near, and some of its points
+nearer than most. A round value."""
 LEAST, SHARE = 6, 0.25
 """Number of points that have to be mapped, and share of all: with fewer, hardly any side shows only mapped points.
 Round values."""
@@ -130,6 +131,8 @@ class _Body(NamedTuple):
     """(n, n) distances of the points."""
     near: float
     """Distance up to which points are the same."""
+    reach: Floats
+    """(n,) the same of each point, less where it has near neighbours."""
 
     @classmethod
     def of(cls, source: Floats, normals: Floats | None, sign: float) -> _Body:
@@ -143,7 +146,7 @@ class _Body(NamedTuple):
         neighbour = np.partition(distance, 1, axis=1)[:, 1]
         near = min(TOLERANCE * body_radius(source), DISTINCT * float(np.median(neighbour)))
         near = max(near, LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0))))
-        return cls(source, unit, sign, distance, near)
+        return cls(source, unit, sign, distance, near, np.minimum(near, DISTINCT * neighbour))
 
     def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
         """Whether a motion is nearly the same as one of those found."""
@@ -259,7 +262,7 @@ def _counts(body: _Body, rotations: Floats, shifts: Floats) -> Integers:
     centred = (source - source.mean(axis=0)).astype(np.float32)
     moved = (source @ rotations.swapaxes(1, 2) + shifts[:, None] - source.mean(axis=0)).astype(np.float32)
     squared = (moved**2).sum(axis=2)[:, :, None] - 2.0 * moved @ centred.T + (centred**2).sum(axis=1)
-    possible = squared < np.float32((ROUGH * body.near) ** 2)
+    possible = squared < ((ROUGH * body.reach) ** 2).astype(np.float32)
     if unit is not None:
         cosine = body.sign * (unit @ rotations.swapaxes(1, 2)).astype(np.float32) @ unit.T.astype(np.float32)
         possible &= (cosine >= FACING) | _unknown(unit)
@@ -268,7 +271,7 @@ def _counts(body: _Body, rotations: Floats, shifts: Floats) -> Integers:
 
 def _refined(body: _Body, rotation: Floats, shift: Floats) -> NearSymmetry:
     """A motion fitted to the points that it maps, and again to those that it maps after the fit."""
-    found = NearSymmetry(rotation, shift, _image(body, rotation, shift, near=ROUGH * body.near))
+    found = NearSymmetry(rotation, shift, _image(body, rotation, shift, reach=ROUGH * body.reach))
     hand = np.array((1.0, 1.0, body.sign))
     for _ in range(ROUNDS):
         own = np.flatnonzero(found.image >= 0)
@@ -278,16 +281,16 @@ def _refined(body: _Body, rotation: Floats, shift: Floats) -> NearSymmetry:
         first, second = body.source[own] * hand, body.source[found.image[own]]
         fitted = fitted_motions(first[None], second[None], scaled=False, mirror=False)
         rotation, shift = fitted.linear[0] * hand, fitted.shift[0]
-        before, found = found, NearSymmetry(rotation, shift, _image(body, rotation, shift, near=body.near))
+        before, found = found, NearSymmetry(rotation, shift, _image(body, rotation, shift, reach=body.reach))
         if np.array_equal(before.image, found.image):
             break
     return found
 
 
-def _image(body: _Body, rotation: Floats, shift: Floats, near: float) -> Integers:
+def _image(body: _Body, rotation: Floats, shift: Floats, reach: Floats) -> Integers:
     """The point (n,) at the place of each after a motion, nearest to each other; −1 for none."""
     off = np.linalg.norm((body.source @ rotation.T + shift)[:, None] - body.source, axis=2)
-    possible = off < near
+    possible = off < reach
     if body.unit is not None:
         cosine = body.sign * (body.unit @ rotation.T) @ body.unit.T
         possible &= (cosine >= FACING) | _unknown(body.unit)

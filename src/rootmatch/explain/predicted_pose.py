@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from rootmatch.explain.image_hypotheses import NAMED, PREDICTION, Candidate, is_
 from rootmatch.explain.inexact_points import allowing_for_errors
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 
 UNCONFIRMED = "the predicted pose is not confirmed"
 
@@ -47,7 +47,7 @@ def match_predicted(
         told = body.alone()
         if choice is not None or not searchable or is_enough(body.model, told, task.minimal):
             found = allowing_for_errors(told_by(found, told, body), task)
-            found = replace(found, reason=None) if found.prior_holds else found
+            found = copied(found, reason=None) if found.prior_holds else found
             if found.prior_holds and (choice is None or not searchable):
                 return found
     part = SearchPart(0) if choice is None else choice(found)
@@ -55,7 +55,7 @@ def match_predicted(
         return found
     if not searchable:
         return nothing_found(
-            replace(task, prior_pose=None, rivals=NONE),
+            copied(task, prior_pose=None, rivals=NONE),
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
@@ -65,11 +65,11 @@ def match_predicted(
             return found
         searched = among_all(solve(task.subset(np.arange(task.shape[0]), columns)), task, columns)
     else:
-        searched = solve(replace(task, prior_pose=None, rivals=NONE))
+        searched = solve(copied(task, prior_pose=None, rivals=NONE))
     with suppress(OutOfTime):
         named = searched.named if choice is None else searched.named[:NAMED]
         body = body.proposed(named or searched.every, predicted)
         missed = searched.facts.missed
-        found = told_by(replace(searched, task=task), body.alone(), body, missed=missed)
+        found = told_by(copied(searched, task=task), body.alone(), body, missed=missed)
         return allowing_for_errors(found, task, missed=missed)
     return searched

@@ -13,6 +13,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.model.blob_labels import resolved
 from rootmatch.model.evidence import errors_by_source
 from rootmatch.model.known_density import Known
@@ -142,4 +143,4 @@ def about_prediction(task: MatchingTask, k: int) -> MatchingTask:
     if not task.rivals.poses:
         return task
     every = [task.prior_pose, *(pose for pose, _ in task.rivals.poses)]
-    return replace(task, prior_pose=every[k], rivals=NONE)
+    return copied(task, prior_pose=every[k], rivals=NONE)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.rig import Rig, rig_of
+from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
@@ -20,6 +20,7 @@ from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.prior_validation import Prior, check_predicted, of_each
 from rootmatch.explain.rivals import NONE, Rivals
 from rootmatch.explain.validation import check_choice, check_not_exact, check_problem, split_candidates
+from rootmatch.frozen import copied, once
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.problems.base import Problem
@@ -147,7 +148,7 @@ class MatchingTask:
         """
         check_problem(problem)
         options = options or MatchOptions()
-        if rig_of(problem) is not None:
+        if problem.rig is not None:
             options.check_rig()
         if prior is not None:
             Capability.PRIOR.require(problem.takes_prior or problem.takes_motion_prior, problem.name)
@@ -199,22 +200,22 @@ class MatchingTask:
             **told,
         )
 
-    @property
+    @once
     def shape(self) -> tuple[int, int]:
         """Number of source and target points, (n, n')."""
         return self.points.shape
 
-    @cached_property
+    @once
     def rig(self) -> Rig | None:
         """The rig of cameras that see the target; None for one camera, or none."""
-        return rig_of(self.problem)
+        return self.problem.rig
 
     @property
     def minimal(self) -> int:
         """Matches in one image that always have a pose: a minimal set; a rig is searched by those of `P3P`."""
         return self.problem.minimal if self.rig is None else P3P.minimal
 
-    @cached_property
+    @once
     def rows(self) -> int:
         """Rows of an assignment: points or, of a rig, their sightings in all cameras."""
         return self.shape[0] * (1 if self.rig is None else len(self.rig.views))
@@ -224,19 +225,19 @@ class MatchingTask:
         """Numbers of an assignment's rows and of target points."""
         return self.rows, self.shape[1]
 
-    @cached_property
+    @once
     def camera_of(self) -> NDArray[np.int64]:
         """Camera (n',) of each detection; 0 without a rig."""
         target = self.points.target
         return np.zeros(len(target), np.int64) if self.rig is None else np.asarray(target[:, 2].astype(np.int64))
 
-    @cached_property
+    @once
     def sightings(self) -> tuple[RigImage, PointSets]:
         """The images of a rig in one plane, and its sightings; see `sightings_in`."""
         assert self.rig is not None
         return sightings_in(self.rig, self.points)
 
-    @cached_property
+    @once
     def row_weights(self) -> NDArray[np.float64] | None:
         """Prior weights of each row of an assignment and each detection, (rows, n')."""
         return None if self.weights is None else np.tile(self.weights, (self.rows // self.shape[0], 1))
@@ -255,15 +256,14 @@ class MatchingTask:
 
     def without_priors(self) -> Self:
         """A copy of the task without any knowledge of poses."""
-        bare = replace(self, prior_pose=None, rivals=NONE, prior_poses={}, rivals_of={})
-        return replace(bare, known=None, known_of={})
+        return copied(self, prior_pose=None, rivals=NONE, prior_poses={}, rivals_of={}, known=None, known_of={})
 
-    @cached_property
+    @once
     def image(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Target points (n', 2) in the plane in which poses are fitted, pixels as a rule, and their σ (n',) there."""
         return self.problem.image(self.points)
 
-    @cached_property
+    @once
     def permutation(self) -> NDArray[np.int64]:
         """Source points in the order in which kernels get them, (n,): points far apart first.
 
@@ -274,22 +274,22 @@ class MatchingTask:
             return np.arange(self.shape[0])
         return wide_first(self.points.source)
 
-    @cached_property
+    @once
     def ordered_points(self) -> PointSets:
         """The points with the source in `permutation`."""
         return self.points.subset(source=self.permutation)
 
-    @cached_property
+    @once
     def tables(self) -> Any:
         """Tables for the kernels, the source points in `permutation`."""
         return self.problem.tables(self.ordered_points)
 
-    @cached_property
+    @once
     def tables_as_given(self) -> Any:
         """Tables for the kernels, the source points as they were given."""
         return self.problem.tables(self.points)
 
-    @cached_property
+    @once
     def sampling_task(self) -> SamplingTask:
         """What a sampler is given, the source points in `permutation`."""
         kind = self.affinity.residual.kernel_kind(self.problem.pair_count)
@@ -312,7 +312,7 @@ class MatchingTask:
     def with_noise(self, sigma: float) -> Self:
         """A copy of the task with an estimate of the noise of all points, that of a measured model aside."""
         points = self.problem.with_noise(self.points, sigma)
-        return replace(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
+        return copied(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
 
     def body(self, k: int) -> Self:
         """The task of one of the bodies and all detections, with its predicted pose."""
@@ -339,7 +339,7 @@ class MatchingTask:
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
             return None if whole is None else np.ascontiguousarray(whole[np.ix_(source, target)])
 
-        return replace(
+        return copied(
             self,
             points=self.problem.in_image(self.points.subset(source, target)),
             options=self.options.in_process,

@@ -13,8 +13,10 @@ from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 
 
-def surest_points(model: DetectionModel, assignment: Integers, pose: tuple[Floats, Floats]) -> tuple[Integers, Floats]:
-    """The point of each blob that is most probably lit, by where the blob is detected.
+def surest_points(
+    model: DetectionModel, assignment: Integers, pose: tuple[Floats, Floats]
+) -> tuple[Integers, Floats] | None:
+    """The point of each blob that is most probably lit, by where the blob is detected; None if all are resolved.
 
     Parameters
     ----------
@@ -30,10 +32,10 @@ def surest_points(model: DetectionModel, assignment: Integers, pose: tuple[Float
         That point for the first point of each detected blob, and the probability that it is lit; every other point
         itself, and 1.
     """
-    surest, chance = np.arange(len(assignment)), np.ones(len(assignment))
     at = model.linearised(pose[0][None], pose[1][None]) if model.resolution > 0.0 else None
     if at is None or at.blob is None:
-        return surest, chance
+        return None
+    surest, chance = np.arange(len(assignment)), np.ones(len(assignment))
     alone = replace(model, resolution=0.0)
     points = alone.linearised(at.rotation, at.position)
     lit = model.lit(alone.visibility(points, np.zeros(1)))[0]

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.frozen import once
 from rootmatch.model.compiled.crowds import (
+    crowds_of,
     densities_about_places,
     densities_given,
-    densities_of_crowds,
     log_of_taken,
-    shares_of_crowds,
 )
 
 FEW = 3
@@ -99,7 +98,7 @@ class Clutter:
     widths: Floats
     repeats: float = 0.0
 
-    @cached_property
+    @once
     def log_density(self) -> Floats:
         """Logarithm (n',) of the density of a clutter point at each detection, given all others."""
         others = self.about.sum(axis=1) / max(len(self.centres) - 1, 1)
@@ -125,7 +124,7 @@ class Clutter:
         densities_about_places(self.target, self.sigma, *given, self.widths, self.shares, density)
         return density * self._part
 
-    @cached_property
+    @once
     def _part(self) -> Floats:
         """What one member of a crowd is (n',) in parts of each detection's density."""
         return np.asarray(np.exp(-self.log_density) / max(len(self.centres) - 1, 1))
@@ -163,7 +162,7 @@ class Clutter:
         """Logarithm (n',) of the density of each detection, as clutter, if all others are."""
         return self.log_each(np.zeros(len(self.target), np.bool_), np.zeros(len(self.target)))
 
-    @cached_property
+    @once
     def _descents(self) -> Floats:
         """Inverse (c, c) of the matrix whose determinant is the sum over forests, in units of `log_density`."""
         scale = np.exp(-0.5 * self.log_density[self.centres])
@@ -220,18 +219,13 @@ def _clutter(
     centres = np.arange(count)
     if count > MOST:
         centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
-    kernels, densities = np.empty((SCALES, count, len(centres))), np.empty((SCALES + 1, count))
-    densities[0] = uniform
-    # crowds are round, but no wider than what clutter fills
-    mean = math.exp(float(np.log(extents).mean()))
-    widths = np.minimum(0.25 * mean * 0.5 ** np.arange(SCALES)[:, None], 0.25 * extents)
+    about, widths, shares = np.empty((count, len(centres))), np.empty((SCALES, len(extents))), np.empty(SCALES + 1)
     # copies: what is read-only is another type to a kernel
-    densities_of_crowds(target.copy(), sigma.copy(), centres, label.copy(), widths, kernels, densities[1:])
-    prior = np.array([PSEUDO, *[crowds / SCALES] * SCALES])
-    shares = prior / prior.sum()
-    shares_of_crowds(densities, prior, STEPS, shares)
-    about = (shares[1:] @ kernels.reshape(SCALES, -1)).reshape(kernels.shape[1:])
-    return Clutter(
-        about, centres, uniform, float(shares[0]),
-        target=target.copy(), sigma=sigma.copy(), shares=shares[1:].copy(), widths=widths,
+    target, sigma, uniform = target.copy(), sigma.copy(), uniform.copy()
+    crowds_of(
+        (target, sigma, uniform, label.copy()), centres, extents.copy(), (PSEUDO, crowds / SCALES, STEPS),
+        (about, widths, shares),
     )  # fmt: skip
+    return Clutter(
+        about, centres, uniform, float(shares[0]), target=target, sigma=sigma, shares=shares[1:], widths=widths
+    )

@@ -45,7 +45,8 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
     count = models[0].shape[1]
     uses = [modes.uses(count)[:KEPT] for modes in every]
     parts = [_with_parts(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))]
-    uses = [modes.uses(count) for modes in parts]
+    pairs = zip(uses, parts, strict=True)
+    uses = [known if len(known) == len(modes.log_odds) else modes.uses(count) for known, modes in pairs]
     masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
     copies = [(k, _as_copy(*each)) for k, each in enumerate(zip(models, parts, uses, strict=True))]
     named = [(k, mass) for k, mass in copies if mass is not None]
@@ -57,7 +58,10 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
     for modes, share in zip(parts, each_of, strict=False):  # those of copies follow
         each = (1.0 - WRONG_MODEL) * share
         order = np.argsort(-each[:-1], kind="stable")
-        found.append(Posterior(modes.take(order), np.asarray(each[:-1][order], np.float64), float(each[-1])))
+        if (order[1:] > order[:-1]).all():  # as they are, nearly always
+            found.append(Posterior(modes, each[:-1], float(each[-1])))
+        else:
+            found.append(Posterior(modes.take(order), each[:-1][order], float(each[-1])))
     return found
 
 
@@ -102,7 +106,7 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bool
     Others are other bodies, and what is followed in another place. ``uses``: the detections (M, n') of the best modes
     of each body.
     """
-    modes, others = modes.take(slice(KEPT)), np.concatenate([uses[k], *uses[:k], *uses[k + 1 :]])
+    modes, others = modes.first(KEPT), np.concatenate([uses[k], *uses[:k], *uses[k + 1 :]])
     own = len(uses[k])
     shared = others @ uses[k].T
     shared[:own] = _beside(model, modes, uses[k])

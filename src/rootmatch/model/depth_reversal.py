@@ -12,14 +12,12 @@ from rootmatch.model.compiled.reversal import reverse_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.views import frames_of
-from rootmatch.problems.pose_fit.starts import planes
 
 
 def reversed_in_depth(model: DetectionModel, proposals: Proposals) -> Proposals:
     """The other poses that nearly flat points have from afar, with the same matches, for the camera that has most."""
     assignments = np.array(proposals.assignments, np.int64)
-    centre, normal = planes(model.about_centre[0], assignments >= 0)
     poses = np.array(proposals.rotation, order="C"), np.array(proposals.position, order="C")
     out = np.empty(poses[0].shape), np.empty(poses[1].shape)
-    reverse_depth(assignments, (centre, np.array(normal)), poses, frames_of(model.camera), out)
+    reverse_depth(assignments, model.about_centre[0], poses, frames_of(model.camera), out)
     return Proposals(proposals.assignments, *out)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel
+from rootmatch.frozen import once
 from rootmatch.model.blobs import blobs, mean_of_each, spread_of_each
 from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.compiled.evidence import see
@@ -103,33 +104,33 @@ class DetectionModel:
     resolution: float = 0.0
     noise_freedom: float = NOISE_FREEDOM
 
-    @property
+    @once
     def shape(self) -> tuple[int, int]:
         """Number of points and detections, (n, n')."""
         return len(self.points), len(self.target)
 
-    @cached_property
+    @once
     def centre(self) -> Floats:
         """Mean (3,) of the points, to which positions refer and about which rotations turn."""
         return np.asarray(self.points.mean(axis=0))
 
-    @cached_property
+    @once
     def images(self) -> list[Integers]:
         """Detections of each of several images, none for one."""
         return self.camera.images()
 
-    @cached_property
+    @once
     def areas(self) -> Floats:
         """Area (C,) in px² of each image in which clutter may lie, as the camera knows it, or by the detections."""
         known = self.camera.image_areas(self.target)
         return clutter_areas(self.target, self.sigma, self.images, self.camera.focal) if known is None else known
 
-    @cached_property
+    @once
     def clutter(self) -> Clutter:
         """Distribution of clutter in the image."""
         return clutter_of(self.target, self.sigma, self.areas, self.images)
 
-    @cached_property
+    @once
     def image_of(self) -> Integers:
         """Image that each detection (n',) lies in; 0 if there is only one."""
         out = np.zeros(self.shape[1], np.int64)
@@ -158,12 +159,12 @@ class DetectionModel:
         enough = len(np.unique(self.points[used], axis=0)) >= points
         return bool(enough and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)
 
-    @cached_property
+    @once
     def rays(self) -> Floats:
         """Unit rays (n', 3) of the detections in the frames of their cameras."""
         return rays_of(self.camera, self.target)
 
-    @cached_property
+    @once
     def _log_counts(self) -> Floats:
         """Logarithm (C, n' + 1) of the odds of 0, 1, 2 … clutter points fewer than each image has detections.
 
@@ -185,7 +186,7 @@ class DetectionModel:
         matches = taken.astype(np.float32) @ (self.image_of[:, None] == images).astype(np.float32)
         return np.asarray(self._log_counts[images, matches.astype(np.int64)].sum(axis=1))
 
-    @cached_property
+    @once
     def rates(self) -> tuple[Floats, Floats]:
         """Nodes (Q,) and logarithms of weights of the integral over the detection rate."""
         if self.rate is not None:
@@ -208,12 +209,12 @@ class DetectionModel:
         at = linearised(self.about_centre, self.camera, self._views, rotation, position)
         return at if self.resolution == 0.0 else self._in_blobs(at)
 
-    @cached_property
+    @once
     def _views(self) -> Views | None:
         """The camera as the compiled projection takes it."""
         return views_of(self.camera)
 
-    @cached_property
+    @once
     def about_centre(self) -> tuple[Floats, Floats]:
         """Points (n, 3) about the centre, and normals (n, 3) or (0, 3)."""
         return self.points - self.centre, np.empty((0, 3)) if self.normals is None else np.array(self.normals, float)
@@ -238,7 +239,7 @@ class DetectionModel:
         sigma = self.sigma[image]
         return sigma if at.blob_variance is None else np.asarray(np.sqrt(sigma**2 + at.blob_variance))
 
-    @cached_property
+    @once
     def detections_for_gates(self) -> tuple[Floats, Floats, Floats]:
         """Detections (n', 2), σ (n',) on each axis at least, and what covariances (n', 2, 2) have beyond it."""
         target, sigma, *_ = self.image_for_kernels
@@ -247,7 +248,7 @@ class DetectionModel:
         least = np.linalg.eigvalsh(self.target_covariance)[:, 0]
         return target, np.sqrt(least), self.target_covariance - least[:, None, None] * np.eye(2)
 
-    @cached_property
+    @once
     def log_areas(self) -> Floats:
         """Logarithm (n',) of 2π √|S_j| of the detections, px²."""
         if self.target_covariance is None:
@@ -281,12 +282,12 @@ class DetectionModel:
         see((at.expected, cosine, blob), self._view_cosine, np.ascontiguousarray(tilt, np.float64), shown)
         return shown
 
-    @cached_property
+    @once
     def _view_cosine(self) -> Floats:
         """Cosines of the view angles (n,), as kernels take them: none if unknown."""
         return NONE if self.view_cosine is None else np.array(self.view_cosine, float)
 
-    @cached_property
+    @once
     def weights_of_pairs(self) -> Floats:
         """Logarithm (n, n') of the prior weight of each match, −∞ where it is not allowed; none if all are alike."""
         if self.log_weights is None and self.allowed is None:
@@ -294,7 +295,7 @@ class DetectionModel:
         weights = np.zeros(self.shape) if self.log_weights is None else self.log_weights
         return np.array(weights if self.allowed is None else np.where(self.allowed, weights, -np.inf))
 
-    @cached_property
+    @once
     def scene_for_kernels(self) -> tuple[Any, ...] | None:
         """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
         if self._views is None or self.resolution or self.has_covariances:
@@ -302,7 +303,7 @@ class DetectionModel:
         clutter, rates = self.clutter.for_kernels, (*self.rates, self.noise_freedom)
         return self.about_centre, self._views, self.image_for_kernels, clutter, rates
 
-    @cached_property
+    @once
     def image_for_kernels(self) -> tuple[Any, ...]:
         """Detections and what is known of them, as `rootmatch.model.compiled.evidence.weigh` takes it."""
         # copies: what is read-only is another type to a kernel, which would be compiled once more

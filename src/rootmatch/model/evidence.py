@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.evidence import weigh
+from rootmatch.model.compiled.residuals import residuals_of_one
 from rootmatch.model.compiled.settling import EVIDENCE, IMAGES, POSES, settle
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
@@ -33,6 +34,10 @@ from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, sh
 
 NOT_WHITE = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
 """What the kernel gets where each detection has a noise of its own alone."""
+ALL = math.inf, -math.inf, math.inf
+"""Which hypotheses are fitted, for `settle`: all of them."""
+NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))
+"""Room for poses that are not asked for."""
 STEEP = 0.5
 """Longest step of a settled pose, in radians and relative to the distance of the body. A round value."""
 NO_CHANGE = 1e-2
@@ -165,6 +170,8 @@ def _settled_at_once(
     given: int,
     most: int = 0,
     found: Evidence | None = None,
+    hopeless: tuple[float, float, float] = ALL,
+    after: tuple[Floats, Floats] = NOWHERE,
 ) -> Evidence:
     """What the compiled `settle` makes of hypotheses, in place: their evidence, and the images about their poses."""
     found = unweighed(*assignments.shape) if found is None else found
@@ -172,7 +179,7 @@ def _settled_at_once(
     poses = at.rotation, at.position
     settle(
         assignments, (*at[:4], cosine, at.expected, *poses), model.scene_for_kernels, prior,
-        (given, most, STEPS, NO_CHANGE, FAR, BEHIND, STEEP), tuple(found),
+        (given, most, STEPS, NO_CHANGE, FAR, BEHIND, STEEP, hopeless), tuple(found), after,
     )  # fmt: skip
     return found
 
@@ -197,6 +204,34 @@ def settled_about(
     at = unfilled(model.shape[0], model.normals is not None, rotation, position)
     rows = np.array(assignments, np.int64)
     return _settled_at_once(model, rows, at, mixture, given=POSES, most=MOST_STEPS), at
+
+
+def settled_of_likely(
+    model: DetectionModel,
+    assignments: Integers,
+    poses: tuple[Floats, Floats],
+    prior: Mixture,
+    hopeless: tuple[float, float, float],
+) -> tuple[Evidence, Linearised, tuple[Floats, Floats]]:
+    """`settled_about` those of some assignments that may count, and their poses after the last steps, compiled.
+
+    The others, and those that repeat another one, have log-odds of −∞.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    assignments : (K, n) int64 array
+    poses : tuple
+        Rotations (K, 3, 3) and positions (K, 3) of the body's centre.
+    prior : Mixture
+        Of the model.
+    hopeless : tuple of float
+        Log-odds behind the best, least log-odds that this has, and log-odds from which any may count.
+    """
+    at, rows = unfilled(model.shape[0], model.normals is not None, *poses), np.array(assignments, np.int64)
+    after = np.empty(at.rotation.shape), np.empty(at.position.shape)
+    found = _settled_at_once(model, rows, at, prior, given=POSES, most=MOST_STEPS, hopeless=hopeless, after=after)
+    return found, at, after
 
 
 def settled(
@@ -240,6 +275,22 @@ def squared_deviations(model: DetectionModel, assignments: Integers, at: Lineari
     if not model.has_covariances:
         return np.asarray(((offset / model.noise_of(at, image)[..., None]) ** 2).sum(axis=(1, 2)))
     return np.asarray((_whitened(model, at, used, image, offset)[1] ** 2).sum(axis=(1, 2)))
+
+
+def residuals_of(
+    model: DetectionModel, assignment: Integers, rotation: Floats, position: Floats
+) -> tuple[float, float]:
+    """Squared deviation of an assignment (n,) from a pose (3, 3) and (3,), and how far its detections move with points.
+
+    Both are in units of the noise; the second is the mean square on an axis, by a coordinate of a detection's point.
+    """
+    if (scene := model.scene_for_kernels) is not None:
+        pose, row = (np.array(rotation[None]), np.array(position[None])), np.array(assignment, np.int64)
+        squared, moved = residuals_of_one(row, pose, *scene[:3])
+        return squared, moved
+    at, used = model.linearised(rotation[None], position[None]), assignment >= 0
+    each = 0.5 * (at.by_position[0, used] ** 2).sum(axis=(1, 2)) / model.sigma[assignment[used]] ** 2
+    return float(squared_deviations(model, assignment[None], at)[0]), float(each.sum()) / max(len(each), 1)
 
 
 def deviations(model: DetectionModel, assignments: Integers, at: Linearised) -> tuple[Floats, Floats]:

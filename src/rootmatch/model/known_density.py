@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.arrays import Floats
+from rootmatch.frozen import once
 from rootmatch.model.pose_density import (
     ANY_TURN,
     DEPTHS,
@@ -54,7 +54,7 @@ class Known(Mixed):
     centre: Floats
     radius: float = 0.0
 
-    @cached_property
+    @once
     def for_kernels(self) -> Mixture:
         """See `rootmatch.model.pose_density.PoseDensity.for_kernels`."""
         return NO_PREDICTIONS, Broad(self.radius).with_share(-math.inf), self._knowledge

@@ -10,19 +10,30 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint, in_force
+from rootmatch.frozen import once
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.blobs import of_blobs
 from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
 from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.evidence import Evidence, about, evidence, settled, settled_about, stepped
-from rootmatch.model.linearised import Linearised
+from rootmatch.model.evidence import (
+    Evidence,
+    about,
+    deviations,
+    evidence,
+    mixture_of,
+    settled,
+    settled_about,
+    settled_of_likely,
+    stepped,
+)
+from rootmatch.model.linearised import Linearised, with_rows
 from rootmatch.model.modes import Modes, as_objects, no_modes, nothing_near
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import COPY, COUNTS
@@ -46,6 +57,9 @@ HOPELESS = 30.0
 """Log-odds against a proposal at which it is not fitted, to first order about its given pose, and at which what a
 prediction or another body's pose proposes does not grow, against clutter alone: of 181 such modes two grew to be more
 probable than clutter, by .2 (benchmarks/flights.py, rooms and rigs, 3 flights each from 1100). A round value."""
+MISFITTING = 25.0
+"""Squared deviation, in units of the noise, from which a match that a twin has from another pose is left out. A round
+value."""
 SAME_POSE = 2.0
 """Difference in standard deviations up to which two poses count as one. With 5, the two poses of a board that faces the
 camera were one, and a tracker kept to the wrong one; 1 finds the same as 2.5 (benchmarks/flights.py, board)."""
@@ -74,7 +88,7 @@ def modes_of(
         Whether assignments may be right in part, as a solver's: those far behind clutter alone grow as well.
     twins : bool
         Whether the proposals are twins of known modes: one that lacks a part of what it shows seems far behind, and
-        grows as well.
+        grows as well, without the matches that are not its own.
     """
     proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     if not len(proposals.assignments):
@@ -90,9 +104,10 @@ def modes_of(
     checkpoint()
     each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
     proposals = proposals.take(slice(in_force().cut(len(proposals.assignments), each)))
-    assignments, found, at = _possible(model, proposals, floor, of_copy)
-    found, at = settled(model, assignments, found, at)
-    order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
+    assignments, found, at, poses = _possible(model, proposals, floor, of_copy)
+    if twins:
+        assignments, found, at, poses = _without_misfits(model, assignments, found, at, poses)
+    order = np.argsort(-found.log_odds, kind="stable")
     for k in order[np.isfinite(found.log_odds[order])].tolist():
         log_odds = float(found.log_odds[k])
         behind = bool(kept) and log_odds < min(kept[0].log_mass - far, enough)
@@ -153,9 +168,15 @@ def _is_known(mode: _Mode, kept: list[_Mode]) -> bool:
 
 def _possible(
     model: DetectionModel, proposals: Proposals, floor: float, enough: float
-) -> tuple[Integers, Evidence, Linearised]:
-    """The proposals that may be worth a fit, with their evidence to first order about their given poses."""
-    assignments = proposals.assignments
+) -> tuple[Integers, Evidence, Linearised, tuple[Floats, Floats]]:
+    """The proposals that may be worth a fit, to first order about their given poses, fitted, with their best poses.
+
+    Compiled: log-odds of −∞ for the others, and for what ends where another one does.
+    """
+    assignments, *poses = proposals
+    if (prior := mixture_of(model)) is not None:
+        hopeless = HOPELESS, floor, enough
+        return assignments, *settled_of_likely(model, assignments, (poses[0], poses[1]), prior, hopeless)
     if model.resolution == 0.0:
         rough, at = about(model, *proposals)
     else:
@@ -164,10 +185,31 @@ def _possible(
         rough = evidence(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
     worth = rough.log_odds > min(best - HOPELESS, enough)
-    if worth.all():
-        return assignments, rough, at
-    (some,) = np.nonzero(worth)
-    return assignments[some], rough.take(some), at.take(some)
+    if not worth.all():
+        (some,) = np.nonzero(worth)
+        assignments, rough, at = assignments[some], rough.take(some), at.take(some)
+    found, at = settled(model, assignments, rough, at)
+    return assignments, found, at, stepped(found, at)
+
+
+def _without_misfits(
+    model: DetectionModel, assignments: Integers, found: Evidence, at: Linearised, poses: tuple[Floats, Floats]
+) -> tuple[Integers, Evidence, Linearised, tuple[Floats, Floats]]:
+    """Settled hypotheses and their best poses, and those whose matches fit in part without the rest."""
+    (some,) = np.nonzero(np.isfinite(found.log_odds))
+    there = at.take(some)
+    misfit = (deviations(model, assignments[some], there)[0] ** 2).sum(axis=2) > MISFITTING
+    enough = ((assignments[some] >= 0) & ~misfit).sum(axis=1) >= model.prior.least
+    (which,) = np.nonzero(misfit.any(axis=1) & enough)
+    if not len(which):
+        return assignments, found, at, poses
+    some, there = some[which], there.take(which)
+    fitting = np.where(misfit[which], -1, assignments[some])
+    again, there = settled(model, fitting, evidence(model, fitting, there), there)
+    better = again.log_odds > found.log_odds[some]
+    some, again, there = some[better], again.take(better), there.take(np.flatnonzero(better))
+    found, at = found.with_(some, again), at.with_(some, there)
+    return with_rows(assignments, some, fitting[better]), found, at, stepped(found, at)
 
 
 @dataclass(eq=False)
@@ -199,7 +241,7 @@ class _Mode:
         """Rotation, position and covariance."""
         return self.rotation, self.position, self.covariance
 
-    @cached_property
+    @once
     def changes(self) -> dict[bytes, tuple[float, Floats]]:
         """Log-odds of the changed assignments that were weighed, and steps to their poses."""
         every, log_odds, steps = self.near
@@ -227,8 +269,10 @@ class _Mode:
 
 def _turned_alike(mode: _Mode, others: list[_Mode]) -> list[_Mode]:
     """Those of several modes that are turned nearly as one is: no other is part of it, nor it of another."""
+    if not others:
+        return []
     turns = np.array([other.rotation for other in others]).reshape(-1, 9) @ mode.rotation.ravel()
-    return [others[k] for k in np.flatnonzero(turns >= ALIKE).tolist()]
+    return [others[k] for k in (turns >= ALIKE).nonzero()[0].tolist()]
 
 
 def _is_part(mode: _Mode, other: _Mode) -> bool:
@@ -292,6 +336,9 @@ def _changes_of(model: DetectionModel, mode: _Mode, at: Linearised) -> tuple[Int
 def _as_arrays(kept: list[_Mode], n: int) -> Modes:
     if not kept:
         return no_modes(n)
-    *arrays, near = ([getattr(one, field.name) for one in kept] for field in fields(_Mode))
-    columns = dict(zip(Modes._fields, map(np.array, arrays), strict=False))
-    return Modes(**columns, near=as_objects(near))
+    *arrays, near = zip(*map(_COLUMNS, kept), strict=True)
+    return Modes._make([*map(np.array, arrays), as_objects(near)])
+
+
+_COLUMNS = attrgetter(*(field.name for field in fields(_Mode)))
+"""Of a mode, the columns of `Modes`."""

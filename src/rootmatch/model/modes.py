@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -62,6 +63,10 @@ class Modes(NamedTuple):
         """A subset of the modes."""
         return Modes._make([one[which] for one in self])
 
+    def first(self, most: int) -> Modes:
+        """The most probable modes; these themselves if there are no more."""
+        return self if len(self.log_odds) <= most else self.take(slice(most))
+
     def and_(self, others: Modes) -> Modes:
         """These modes, followed by others."""
         return Modes._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
@@ -113,7 +118,7 @@ def none_near(count: int, n: int) -> NDArray[np.object_]:
     return as_objects([nothing_near(n)] * count)
 
 
-def as_objects(some: list[Any]) -> NDArray[np.object_]:
+def as_objects(some: Sequence[Any]) -> NDArray[np.object_]:
     """An object array with one element for each item."""
     out = np.empty(len(some), object)
     for k, one in enumerate(some):

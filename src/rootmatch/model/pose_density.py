@@ -11,12 +11,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.frozen import once
 from rootmatch.model.compiled.known_terms import prior_terms
 
 FIELD = 2.0
@@ -134,7 +134,7 @@ class Broad(Mixed):
 
     radius: float = 0.0
 
-    @cached_property
+    @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         return NO_PREDICTIONS, self.with_share(0.0), NO_KNOWLEDGE
@@ -173,7 +173,7 @@ class Gaussian(Mixed):
     covariance: Floats
     freedom: float = math.inf
 
-    @cached_property
+    @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         return packed([(self, 0.0)]), Broad().with_share(-math.inf), NO_KNOWLEDGE
@@ -184,7 +184,7 @@ class Gaussian(Mixed):
             return np.ones_like(squared)
         return np.asarray((self.freedom + 6.0) / (self.freedom + np.maximum(squared, 6.0)))
 
-    @cached_property
+    @once
     def bounded(self) -> Floats:
         """The covariance, no more certain than `EXACT` in any direction."""
         distance = max(math.sqrt(self.position @ self.position), 1e-300)
@@ -193,7 +193,7 @@ class Gaussian(Mixed):
         unit = scale[:, None] * scale
         return np.asarray((self.covariance / unit + EXACT * np.eye(6)) * unit)
 
-    @cached_property
+    @once
     def _precision(self) -> tuple[Floats, float]:
         """The precision (6, 6), and the logarithm of the density at its peak."""
         logarithm = 0.5 * float(np.linalg.slogdet(2.0 * math.pi * self.bounded)[1]) + _log_mass(self.freedom)
@@ -226,26 +226,26 @@ class Doubted(Mixed):
     doubt: float
     places: Sequence[int] = ()
 
-    @property
+    @once
     def least(self) -> int:
         """See `PoseDensity`: one match is one coincidence, which a clutter point that stands still repeats."""
-        return 2 if self._gaussian.size else 3
+        return 2 if self._gaussian else 3
 
-    @cached_property
-    def _gaussian(self) -> Integers:
+    @once
+    def _gaussian(self) -> list[int]:
         """Which of the predictions are normal in all six parameters."""
-        return np.flatnonzero([isinstance(one, Gaussian) for one in self.predictions])
+        return [k for k, one in enumerate(self.predictions) if isinstance(one, Gaussian)]
 
     def prediction_of(self, rotation: Floats, position: Floats) -> Integers:
         """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""
         every, which = self._components(rotation, position)
+        if len(self._gaussian) == len(self.predictions) and every.squared.shape[1] == 1:
+            return np.where(which < len(self._gaussian), which, -1)
         of_first, of_others = self._places
-        if len(of_others) == 1:
-            return of_first[which]
         component = largest(every)
         return np.where(component == 0, of_first[which], of_others[component])
 
-    @cached_property
+    @once
     def _places(self) -> tuple[Integers, Integers]:
         """Which prediction the first component is, −1 for none, by that of kernels, and each of the components."""
         known = [k for k, one in enumerate(self.predictions) if not isinstance(one, Gaussian)]
@@ -253,7 +253,7 @@ class Doubted(Mixed):
         others[1 : 1 + len(known)] = known
         return np.append(self._gaussian, -1), others
 
-    @cached_property
+    @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         log_doubt, every = math.log(self.doubt), list[Knowledge]()

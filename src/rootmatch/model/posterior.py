@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.frozen import once
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.shown_in_part import FewShown
@@ -55,7 +55,7 @@ class Posterior:
     few: FewShown | None = None
     exchanged: Bools | None = None
 
-    @cached_property
+    @once
     def undetected(self) -> Floats | float:
         """Probability (n,) that each point has no detection, if the image shows no mode."""
         return 1.0 if self.few is None else self.few.undetected()
@@ -71,7 +71,7 @@ class Posterior:
         shares = np.exp(np.minimum(self.modes.log_odds - self.modes.log_mass, 0.0))
         return float(self.probabilities @ (same * shares))
 
-    @cached_property
+    @once
     def confidence(self) -> Floats:
         """Probability (n,) that each point's match in the first mode is right or, if unmatched, that it has none."""
         return self.confidence_in(self.modes.assignments[0])
@@ -122,7 +122,7 @@ class Posterior:
         if pose < min_probability:
             return None
         first: Integers = self.modes.assignments[0]
-        matched = np.flatnonzero(first >= 0)
+        matched = (first >= 0).nonzero()[0]
         each = (self.confidence * lit)[matched]
         given_pose = each / self.confidence[matched].max()
         known = surest(given_pose, 1.0 - min_probability / pose)
@@ -150,7 +150,7 @@ class Others(Sequence[Integers]):
     most: int
     than: Integers | None = None
 
-    @cached_property
+    @once
     def ranked(self) -> list[tuple[Integers, float]]:
         """The assignments with their probabilities, the most probable first."""
         every = self.told.ranked(1 + self.most)
@@ -160,7 +160,7 @@ class Others(Sequence[Integers]):
         different = [(one, chance) for one, chance in every if ((one >= 0) & (one != self.than)).any()]
         return different[: self.most]
 
-    @cached_property
+    @once
     def assignments(self) -> list[Integers]:
         """The assignments alone."""
         return [one for one, _ in self.ranked]

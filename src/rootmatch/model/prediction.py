@@ -8,6 +8,7 @@ several detections, single correspondences are tried first: each moves the whole
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -24,7 +25,7 @@ from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, evidence, mixture_of, stepped, unweighed
 from rootmatch.model.linearised import Linearised, unfilled
 from rootmatch.model.pose_density import Gaussian
-from rootmatch.model.proposals import Proposals, joined
+from rootmatch.model.proposals import Proposals
 from rootmatch.options import Options, option
 
 ENTRIES = 200_000
@@ -66,25 +67,40 @@ HIDDEN = 0.1
 """Least visibility of a point with candidates."""
 
 
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """An assignment about a pose, with its evidence there."""
+class Settled(NamedTuple):
+    """An assignment about a pose, with its evidence there and the pose that it leads to."""
 
     assignment: Integers
-    found: Evidence
-    at: Linearised
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    log_odds: float
+    squared: float
+    visible: Floats
 
-    @property
-    def log_odds(self) -> float:
-        """Of the evidence."""
-        return float(self.found.log_odds[0])
+    @classmethod
+    def of(cls, assignment: Integers, found: Evidence, poses: tuple[Floats, Floats], k: int) -> Settled:
+        """One of some hypotheses; ``poses``: those after the steps of their evidence."""
+        return cls(
+            assignment, poses[0][k], poses[1][k], found.covariance[k],
+            float(found.log_odds[k]), float(found.squared[k]), found.visible[k],
+        )  # fmt: skip
 
     def is_convincing(self, options: PredictionOptions) -> bool:
         """Whether it explains nearly all that should be visible, and fits."""
         matched = int(np.count_nonzero(self.assignment >= 0))
-        if matched < options.enough or matched < options.complete * float(self.found.visible.sum()):
+        if matched < options.enough or matched < options.complete * float(self.visible.sum()):
             return False
-        return float(self.found.squared[0]) <= options.fitting * 2.0 * matched
+        return self.squared <= options.fitting * 2.0 * matched
+
+
+def proposals_of_settled(every: Sequence[Settled]) -> Proposals | None:
+    """Those of some assignments that are possible, with the poses they lead to; None without any."""
+    possible = [one for one in every if math.isfinite(one.log_odds)]
+    if not possible:
+        return None
+    assignments, rotations, positions, *_ = zip(*possible, strict=True)
+    return Proposals(np.array(assignments), np.array(rotations), np.array(positions))
 
 
 def proposals_about(
@@ -121,8 +137,9 @@ def proposals_about(
                     raise
                 break
             torn.append((looked, covariance))
-            several = count > SEVERAL * np.count_nonzero(looked.candidates.any(axis=1))
-            if not several or (start is not None and start.log_odds > 0.0):
+            if start is not None and start.log_odds > 0.0:
+                break
+            if count <= SEVERAL * np.count_nonzero(looked.candidates.any(axis=1)):
                 break
         covariance = 0.25 * covariance
     if not torn:
@@ -134,11 +151,7 @@ def proposals_about(
                 for step, narrowed in _narrowed(model, looked, covariance, options):
                     moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
                     settle(model, moved, narrowed, options=options, known=known)
-    ranked = sorted(known.values(), key=lambda one: -one.log_odds)
-    ranked = [one for one in ranked if math.isfinite(one.log_odds)]
-    if not ranked:
-        return None
-    return joined([Proposals(one.assignment[None], *stepped(one.found, one.at)) for one in ranked])
+    return proposals_of_settled(sorted(known.values(), key=lambda one: -one.log_odds))
 
 
 def settle(
@@ -174,10 +187,11 @@ def settle(
         key = assignment.tobytes()
         if key in known:
             return known[key]
-        best = known[key] = Settled(assignment, evidence(model, assignment[None], at), at)
-        if np.count_nonzero(assignment >= 0) >= float(best.found.visible.sum()):
+        found = evidence(model, assignment[None], at)
+        pose, covariance = stepped(found, at), found.covariance[0]
+        best = known[key] = Settled.of(assignment, found, pose, 0)
+        if np.count_nonzero(assignment >= 0) >= float(best.visible.sum()):
             break  # nothing is left to assign
-        pose, covariance = stepped(best.found, at), best.found.covariance[0]
     return best
 
 
@@ -242,7 +256,7 @@ def _looked(
         unique = gate((*_images_of(model, at), visible), np.array(covariance), _image_of(model), limits, gated)
         every = at, covariance, _Gated(*gated, unique)
         return _Looked(at, visible, gated[0], settled=[], last=gated[2], torn=every)
-    at = unfilled(n, model.normals is not None, *(one.repeat(rounds, axis=0) for one in pose))
+    at = unfilled(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
     found, rows = unweighed(rounds, n), np.empty((rounds, n), np.int64)
     covariance, candidates, visible = np.array(covariance), np.empty(shape, np.bool_), np.empty(n)
     count, why = look(
@@ -250,7 +264,8 @@ def _looked(
         (*at[:4], at.for_kernels[0], at.expected, at.rotation, at.position), (rows, tuple(found)),
         (candidates, visible, *gated),
     )  # fmt: skip
-    settled = [Settled(rows[k], found.take(slice(k, k + 1)), at.one(k)) for k in range(count)]
+    after = at.rotation[1:], at.position[1:]
+    settled = [Settled.of(rows[k], found, after, k) for k in range(count)]
     torn = (at.one(count), covariance, _Gated(*gated, False)) if why == TORN else None
     return _Looked(at, visible, candidates, settled=settled, last=gated[2], torn=torn)
 

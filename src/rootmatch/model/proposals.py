@@ -20,6 +20,9 @@ from rootmatch.model.views import frames_of
 FEW = 6
 """Number of matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the
 others. A round value."""
+FLAT = 0.05
+"""Misfit of a motion, over the size of what it moves, up to which it is proposed beside a reflection that fits better.
+A round value."""
 
 
 class Proposals(NamedTuple):
@@ -153,9 +156,10 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     Returns
     -------
     Proposals
-        T for each one given, way by way.
+        T for each one given, way by way; for a way that is a reflection and nearly a motion, as of flat bodies,
+        one of each.
     """
-    own, motions, mirrored, middle, middles = _likeness(first, second, images)
+    own, ways, motions, mirrored, middle, middles = _likeness(first, second, images)
     rotation = proposals.rotation @ motions[:, None]
     # the centroids of the corresponding points coincide in both bodies
     place = proposals.position + middle @ proposals.rotation.swapaxes(1, 2)
@@ -163,8 +167,8 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
         along = place / np.linalg.norm(place, axis=1, keepdims=True)
         rotation[mirrored] = (np.eye(3) - 2.0 * along[:, :, None] * along[:, None]) @ rotation[mirrored]
     offset = (rotation @ middles[:, None, :, None])[..., 0]
-    assignments = np.full((len(images), len(place), len(second)), -1, np.int64)
-    for row, image in zip(assignments, images, strict=True):
+    assignments = np.full((len(ways), len(place), len(second)), -1, np.int64)
+    for row, image in zip(assignments, images[ways], strict=True):
         row[:, image[own]] = proposals.assignments[:, own]
     return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
 
@@ -177,11 +181,13 @@ def _likeness(first: Floats, second: Floats, images: Integers) -> tuple[NDArray[
     -------
     own : (m,) int array
         The points of the first that correspond.
-    motions : (T, 3, 3) array
-        From the second body to the first one, reflected where those fit better.
+    ways : (W,) int array
+        The way of each motion, one of T.
+    motions : (W, 3, 3) array
+        From the second body to the first one; reflected where those fit better.
     mirrored : int array
         Which are.
-    middle, middles : (3,) and (T, 3) arrays
+    middle, middles : (3,) and (W, 3) arrays
         Centroids of the corresponding points of both, about the centroids of all.
     """
     own = np.flatnonzero(images[0] >= 0)
@@ -193,6 +199,9 @@ def _likeness(first: Floats, second: Floats, images: Integers) -> tuple[NDArray[
     turned = np.where((np.linalg.det(reflected) < 0.0)[:, None, None], u * (1.0, 1.0, -1.0), u) @ vt
     misfits = [np.linalg.norm(one @ motions.swapaxes(1, 2) - others, axis=(1, 2)) for motions in (turned, reflected)]
     is_mirror = (np.linalg.det(reflected) < 0.0) & (misfits[1] < misfits[0])
-    motions = np.where(is_mirror[:, None, None], reflected, turned).swapaxes(1, 2).copy()
+    # a reflection has the same image only from afar, a motion always
+    ways = np.repeat(np.arange(len(images)), 1 + (is_mirror & (misfits[0] < FLAT * np.linalg.norm(one))))
+    is_mirror = is_mirror[ways] & (np.diff(ways, prepend=-1) > 0)
+    motions = np.where(is_mirror[:, None, None], reflected[ways], turned[ways]).swapaxes(1, 2).copy()
     (mirrored,) = np.nonzero(is_mirror)
-    return own, motions, mirrored, middle - first.mean(axis=0), middles - second.mean(axis=0)
+    return own, ways, motions, mirrored, middle - first.mean(axis=0), middles[ways] - second.mean(axis=0)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.arrays import Floats, Integers, kept_by_identity, kept_by_values
 from rootmatch.cameras.base import RIM, CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -19,6 +18,7 @@ from rootmatch.errors import UnseenPixelError
 from rootmatch.model.compiled.projection import BROWN, KANNALA_BRANDT, NUMBERS, PINHOLE, STEREOGRAPHIC
 from rootmatch.model.compiled.unprojection import unproject
 
+NO_MOTION = np.eye(3)[None], np.zeros((1, 3))
 INVERTED = {PINHOLE, KANNALA_BRANDT}
 """Kinds of cameras whose rays are compiled."""
 
@@ -37,10 +37,10 @@ class Views(NamedTuple):
 
 def views_of(camera: CameraModel) -> Views | None:
     """The numbers of a camera, or of the cameras of a rig; None if one is of another kind than those compiled."""
-    if isinstance(camera, Stereographic):
-        return _views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
     if isinstance(camera, Camera):
         return _of_camera(camera)
+    if isinstance(camera, Stereographic):
+        return _views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
     if isinstance(camera, RigImage):
         known = _of_rig(camera.rig)
         if known is not None:
@@ -52,7 +52,7 @@ def views_of(camera: CameraModel) -> Views | None:
 def frames_of(camera: CameraModel) -> tuple[Floats, Floats]:
     """Rotations (C, 3, 3) and translations (C, 3) into the frames of the cameras of a rig; no motion for a camera."""
     if not isinstance(camera, RigImage):
-        return np.eye(3)[None], np.zeros((1, 3))
+        return NO_MOTION
     return camera.rig.rotations, camera.rig.translations / camera.unit
 
 
@@ -91,13 +91,13 @@ def _rays(camera: CameraModel, target: Floats) -> Floats:
     return rays
 
 
-@lru_cache(maxsize=64)
+@kept_by_identity(64)
 def _of_camera(camera: Camera) -> Views | None:
     one = _numbers(camera)
     return None if one is None else _with_sizes(_views((one,)), None if camera.size is None else (camera.size,))
 
 
-@lru_cache(maxsize=16)
+@kept_by_identity(16)
 def _of_rig(rig: Rig) -> Views | None:
     every = [_numbers(camera) for camera in rig.cameras]
     known = tuple(one for one in every if one is not None)

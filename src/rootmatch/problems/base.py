@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel
-from rootmatch.cameras.rig import rig_of
+from rootmatch.cameras.rig import Rig, rig_of
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
+from rootmatch.frozen import once
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
 from rootmatch.problems.limits import MOST_PAIRS
@@ -216,10 +217,14 @@ class Problem(ABC):
 
     def joined(self, target: ArrayLike) -> ArrayLike:
         """Detections as rows of one array: those of a rig may be given as a pair ``(pixels, index of the camera)``."""
-        rig = rig_of(self)
-        return target if rig is None else rig.joined(target)
+        return target if self.rig is None else self.rig.joined(target)
 
-    @property
+    @once
+    def rig(self) -> Rig | None:
+        """The rig whose cameras see the target; None if it is one camera, or there is none."""
+        return rig_of(self)
+
+    @once
     def noise_is_angular(self) -> bool:
         """Whether the noise is in radians: detections are unit rays."""
         return isinstance(self.sensor, UnitRays)

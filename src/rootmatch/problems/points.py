@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats
 from rootmatch.deadline import checkpoint
+from rootmatch.frozen import once
 
 Indices = NDArray[np.integer]
 SLACK = math.radians(10.0)
@@ -74,7 +75,7 @@ class PointSets:
         own = np.linalg.eigvalsh(self.target_covariance)[:, -1]
         return np.asarray(np.sqrt(own + self.target_noise**2 - self.detection_noise**2))
 
-    @property
+    @once
     def shape(self) -> tuple[int, int]:
         """Number of source and target points, (n, n')."""
         return len(self.source), len(self.target)

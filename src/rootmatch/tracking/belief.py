@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
+from rootmatch.frozen import copied
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
@@ -116,7 +116,7 @@ class Belief:
         if holds:
             sure *= (
                 (1.0 - self.unfollowed)
-                * (1.0 - share_unseen(found, self.poses, self.places))
+                * (1.0 - (share_unseen(found, self.poses, self.places) if len(self.poses) > 1 else 0.0))
                 / (1.0 + math.exp(self.poses[0].log_other))
             )
             sure *= chance_returned(1.0 if told is None else told.clutter, self._returned(time))
@@ -147,7 +147,7 @@ class Belief:
     def predicted(self, time: float, doubt: float) -> tuple[Pose, Rivals]:
         """The most probable pose at a time, and the others with their probabilities; that none is right."""
         poses = [one.filter.predicted(time) for one in self.poses]
-        others = tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True))
+        others = tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True)) if len(poses) > 1 else ()
         return poses[0], Rivals(others, doubt, tuple(one.place for one in self.poses))
 
     def forget_before(self, time: float) -> None:
@@ -175,7 +175,7 @@ class Belief:
 
     def keep_best(self, time: float) -> None:
         """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
-        self.poses = [replace(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
+        self.poses = [copied(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
         self.gone, self.absent, self.time, self.given_up = GonePlaces(), DOUBT, time, None
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
@@ -191,7 +191,7 @@ class Belief:
         pose = filter_.predicted(filter_.time)
         if len(self.poses) < MOST and not any(one.filter.is_near(pose, filter_.time) for one in self.poses):
             log_weight = self.poses[0].log_weight + math.log(DOUBTED)
-            self.poses.append(replace(self.poses[0], filter=filter_, log_weight=log_weight))
+            self.poses.append(copied(self.poses[0], filter=filter_, log_weight=log_weight))
 
     def add_flipped(self, found: Finding, time: float) -> None:
         """Also follow the other poses of the best one's matches that may fit them equally well.
@@ -207,7 +207,7 @@ class Belief:
         """Follow another pose, unless one like it is followed, or as many as are followed at once."""
         known = any(float((filter_.R * one.filter.R).sum()) > ALIKE for one in self.poses)
         if len(self.poses) < MOST and not known:
-            self.poses.append(replace(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
+            self.poses.append(copied(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
 
     def take(self, found: Finding, time: float, searched: bool = False, holds: float = 1.0) -> None:
         """Take in a frame's posterior: its modes continue the hypotheses about which they lie, or are new ones.
@@ -228,18 +228,20 @@ class Belief:
             self.poses = after_motion(self.poses, found, time, (self.source, self.motion))
         if told is None or model is None or not len(told.probabilities):
             return False
-        modes, doubt = told.modes.take(slice(LOOKED_AT)), 1.0
+        modes, doubt, shares = told.modes.first(LOOKED_AT), 1.0, self.shares
         origin = np.full(len(modes.log_odds), -1)
         if self.poses and isinstance(model.prior, Doubted):
-            origin, doubt = model.prior.prediction_of(modes.rotation, modes.position), model.prior.doubt
-        log_share = log_chance(np.append(self.shares * (1.0 - doubt), doubt))  # the last is that of a new one
+            assert found.origins is not None
+            origin, doubt = found.origins[:LOOKED_AT], model.prior.doubt
+        log_share = log_chance(np.append(shares * (1.0 - doubt), doubt))  # the last is that of a new one
         shown = modes.detected.copy()
         place, alone, more = in_places(model, modes, origin, self.poses, shown)
         count = int(np.count_nonzero(modes.assignments[0] >= 0))
         if count > self.most and len(set(place.tolist())) == 1:
             self.most, alone[:] = count, max(alone[0], odds_alone(model, modes.take(slice(1)))[0])
         each = log_chance(told.probabilities[: len(origin)])
-        elsewhere = ~np.isin(place, [one.place for one in self.poses])
+        followed = {one.place for one in self.poses}
+        elsewhere = np.array([one not in followed for one in place.tolist()])
         others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
@@ -267,7 +269,8 @@ class Belief:
             if chance >= LIKELY:
                 where, best, rise = int(place[k]), float(alone[k]), float(more[k])
                 go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=best, more=rise))
-        stay = [self._stays(k, often * nothing, go_on, time) for k in range(len(self.poses))]
+        log_shares = log_chance(shares).tolist()
+        stay = [self._stays(k, often * nothing, go_on, log_shares, time) for k in range(len(self.poses))]
         stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
         after = sorted([*stay, *go_on], key=lambda one: -one.total)
         # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
@@ -294,12 +297,12 @@ class Belief:
         self.time = time
         return others
 
-    def _stays(self, k: int, more: float, go_on: Sequence[Step], time: float) -> Step:
+    def _stays(self, k: int, more: float, go_on: Sequence[Step], log_shares: Sequence[float], time: float) -> Step:
         """A hypothesis that no mode continues; ``more``: what the frame adds to its log-weight, if it tells of it.
 
         It does not where what is followed elsewhere explains the frame as well if the body is hidden.
         """
-        last, log_shares, shown = self.poses[k], log_chance(self.shares).tolist(), 0.0
+        last, shown = self.poses[k], 0.0
         lead = next((step for step in go_on if step.origin >= 0), None)
         if lead is not None and all(step.place != last.place for step in go_on):
             more, shown = lead.log_weight - lead.more - log_shares[lead.origin], lead.shown
@@ -308,11 +311,8 @@ class Belief:
         return Step(log_shares[k] + more, shown, k, None, 0.0, place=last.place, alone=last.alone)
 
     def _log_absent(self, time: float, seen: bool, exchanged: bool = False) -> float:
-        """Log-odds that the body is not in view where a new place is found; ``seen``: if it is where it is followed.
-
-        ``exchanged``: if that is the place of another body: it did not come back there, but was put there.
-        """
-        if exchanged:
+        """Log-odds that the body is not in view where a new place is found; ``seen``: if it is where it is followed."""
+        if exchanged:  # it was put in the place of another body, and did not come back
             return -PRESENT_ODDS
         if seen:
             return log_back(self.poses[0], time)
@@ -324,7 +324,7 @@ class Belief:
         model = found.model
         assert model is not None
         if step.mode is None:
-            return replace(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
+            return copied(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose = averaged_pose(model, modes, step.mode)
         if step.origin < 0:
             log_other = FLOOR if self.given_up is None else log_other_in_sight(self.given_up, pose, time)
@@ -344,7 +344,7 @@ class Belief:
         else:
             misfit = misfit_of(model, modes, step.mode)
         log_other = after_frame(last.log_other, misfit, TEMPER, len(model.images) > 1)
-        return replace(
+        return copied(
             last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
             alone=step.alone,
         )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 
 from rootmatch.arrays import Floats
@@ -13,6 +13,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_enough
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
+from rootmatch.frozen import copied
 from rootmatch.model.point_set_model import PRESENT
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.options import Options, option
@@ -28,9 +29,6 @@ LONGEST = 8
 """Times `TrackingOptions.search_every` that may lie between two searches for a followed body. A round value: bodies are
 right and trusted as often as with 1 (benchmarks/flights.py, all families, 3 flights from 1100 and 1300)."""
 
-BRIEF = 0.05
-"""Seconds between frames beyond which none is waited for: a prediction so far ahead may well miss by itself. A round
-value."""
 MISSING = 3
 """Largest number of frames between searches for one of several bodies that is missing. A round value: in 15 flights of
 a rig (seeds from 1110) a controller with five LEDs in view was not told in 8 frames, in 14 with 10; the median frame
@@ -58,10 +56,8 @@ class TrackingOptions(Options):
         Seconds between frames that are given without a time.
     coasting : float
         Seconds without a match after which a body is lost.
-    patience : int
-        Frames in which a prediction may fail before one is searched without it.
     present : float
-        Detections, relative to the last matched frame, from which such a frame is searched.
+        Detections, relative to the last matched frame, from which a frame whose prediction fails is searched.
     search_budget : int
         Evaluations of a search at 60 frames a second, in proportion more at longer intervals; of every seventh that
         finds nothing four times as many, of every 31st 16 times. Larger for a body of many points, such as a map, where
@@ -76,9 +72,6 @@ class TrackingOptions(Options):
     """Seconds between frames that are given without a time."""
     coasting: float = option(0.5, least=0.0)
     """Seconds without a match after which a body is lost."""
-    patience: int = option(1, least=0)
-    """Number of frames in which a prediction may fail before one is searched without it, of frames that follow within
-    `BRIEF`: occlusions often end by themselves."""
     present: float = option(0.7, least=0.0)
     """Number of detections, relative to the last matched frame, from which a frame is searched: with fewer, the body is
     hidden. A round value."""
@@ -170,17 +163,16 @@ class FollowedBody:
         wait = min(1 << min(self.failures - 1, 30), MISSING) if self.failures else 0
         return frame - self.searched >= wait
 
-    def wants_search(self, found: Finding, frame: int, gap: float = 0.0, free: int = 0) -> bool:
+    def wants_search(self, found: Finding, frame: int, free: int = 0) -> bool:
         """Whether to search for the body in a frame, judged by the finding about its predicted poses.
 
-        ``gap``: seconds since the frame before; ``free``: detections that no other body has for certain, of several.
+        ``free``: detections that no other body has for certain, of several.
         """
         if not self.belief:
             return found.status is not Status.MATCHED  # what the caller knows may have found it
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
-            shown |= free >= max(self.options.present * self.own, found.task.minimal + 1)
-            return (self.missed >= self.options.patience or gap > BRIEF) and shown
+            return shown or free >= max(self.options.present * self.own, found.task.minimal + 1)
         appeared = self.appeared(found)
         if appeared and not self.beside:  # another one like it: nobody looked
             return True
@@ -197,12 +189,12 @@ class FollowedBody:
         """Frames between searches for poses that may explain more; it doubles with each that found none."""
         return self.options.search_every * min(1 << min(self.agreements, 30), LONGEST)
 
-    def wants_search_of_several(self, found: Finding, frame: int, gap: float = 0.0, free: int = 0) -> bool:
+    def wants_search_of_several(self, found: Finding, frame: int, free: int = 0) -> bool:
         """Whether a search for the body is due among those for several bodies."""
         if found.status is Status.UNTRUSTED:
-            return self.is_due(frame) and self.wants_search(found, frame, gap, free)
+            return self.is_due(frame) and self.wants_search(found, frame, free)
         known = self.settled and _is_enough(found, of_several=True)
-        return not known and self.wants_search(found, frame, gap)
+        return not known and self.wants_search(found, frame)
 
     def ends_search(self, frame: int) -> bool:
         """Whether a search for the body came to its last image in this frame."""
@@ -238,7 +230,7 @@ class FollowedBody:
 
     def acquit(self) -> None:
         """Forget that what is followed did not fit: the noise was larger than it was taken to be."""
-        self.belief.poses = [replace(one, log_other=FLOOR) for one in self.belief.poses]
+        self.belief.poses = [copied(one, log_other=FLOOR) for one in self.belief.poses]
         self.belief.given_up = None
 
     def take(self, found: Finding, time: float, frame: int, searched: bool) -> None:

@@ -129,12 +129,9 @@ def in_places(
 
 def share_unseen(found: Finding, poses: Sequence[FollowedPose], places: Mapping[int, float]) -> float:
     """Share of the places of which a frame shows nothing, if it shows another that is followed."""
-    told, model = found.posterior, found.model
-    if len(poses) < 2 or told is None or model is None or not isinstance(model.prior, Doubted):
+    if len(poses) < 2 or found.origins is None:
         return 0.0
-    modes = told.modes.take(slice(LOOKED_AT))
-    origin = model.prior.prediction_of(modes.rotation, modes.position)
-    seen = {poses[k].place for k in origin.tolist() if k >= 0}
+    seen = {poses[k].place for k in found.origins[:LOOKED_AT].tolist() if k >= 0}
     return sum(share for place, share in places.items() if place not in seen) if seen else 0.0
 
 

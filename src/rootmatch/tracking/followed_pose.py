@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.frozen import copied
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.parallel_poses import between
@@ -80,6 +81,8 @@ def tempered(evidence: Floats, origin: Integers, often: float) -> Floats:
         Weight of a frame's evidence.
     """
     out = often * evidence
+    if len(out) < 2:
+        return out
     for one in np.unique(origin[origin >= 0]):
         own = origin == one
         if np.count_nonzero(own) > 1:
@@ -101,7 +104,7 @@ def of_places(poses: list[FollowedPose]) -> list[FollowedPose]:
         whole, weight = (
             np.logaddexp.reduce([getattr(other, name) for other in own]) for name in ("total", "log_weight")
         )
-        out.append(replace(one, log_weight=one.log_weight + float(whole - weight)))
+        out.append(copied(one, log_weight=one.log_weight + float(whole - weight)))
     return out
 
 
@@ -126,7 +129,7 @@ def beside_misfits(poses: Sequence[FollowedPose], left: tuple[int, float] | None
         odds = np.logaddexp.reduce([weight for where, weight in misfits if where == place])
         odds -= np.logaddexp.reduce([poses[k].total for k in own])
         for k in own:
-            out[k] = replace(out[k], log_other=float(np.logaddexp(out[k].log_other, odds)))
+            out[k] = copied(out[k], log_other=float(np.logaddexp(out[k].log_other, odds)))
     return out
 
 
@@ -142,5 +145,5 @@ def moved_alike(
         if mode is None or of[0] is None:
             continue
         if (motion := between(model, modes, of[0], mode)) is not None:
-            out[k] = replace(out[k], filter=out[0].filter.turned(*motion))
+            out[k] = copied(out[k], filter=out[0].filter.turned(*motion))
     return out

@@ -49,10 +49,17 @@ class ForeignLights:
         self.own, self.met, self.seen = np.ones(count), np.ones(count), np.full(count, -math.inf)
         """Probability (n,) that the last match was right; that the point was lit when it was met; its time."""
         self.time = -math.inf
+        self._holds: float | None = None
+        self._most: tuple[Finding, float, Floats] | None = None
 
     @property
     def holds(self) -> float:
         """Probability that the last pose was that of the body: that the right matches determine it."""
+        if self._holds is None:  # asked for before a frame and after it
+            self._holds = self._chance_to_hold()
+        return self._holds
+
+    def _chance_to_hold(self) -> float:
         each = self.own[self.seen >= self.time - RECENT].tolist()
         last = min(DETERMINE, len(each))
         count = [1.0] + last * [0.0]  # probability of so many right ones, or more for the last
@@ -71,14 +78,18 @@ class ForeignLights:
     def most(self, found: Finding, lit: Floats, time: float) -> Floats:
         """The largest probability (n,) that each match of a finding can have, given its pose.
 
-        ``lit`` (n,): probability that each point is lit.
+        ``lit`` (n,): probability that each point is lit at that time.
         """
+        if self._most is not None and _tell_the_same(self._most[0], found) and self._most[1] == time:
+            return self._most[2]
         own = self._now(self.own, time)
-        doubtful = np.flatnonzero((found.assignment >= 0) & (own < SURE))
+        doubtful = ((found.assignment >= 0) & (own < SURE)).nonzero()[0]
         if len(doubtful):
             before = np.minimum(self._now(self.met, time), lit)
             own[doubtful] = np.maximum(own[doubtful], by_others(found, doubtful, before))
-        return np.where(own < SURE, own, 1.0)
+        most = np.where(own < SURE, own, 1.0)
+        self._most = found, time, most  # asked for as the frame is weighed, and as it is learned from
+        return most
 
     def take(self, found: Finding, given: Floats, lit: Floats, time: float) -> None:
         """Learn from a frame.
@@ -102,6 +113,13 @@ class ForeignLights:
             matched = matched | possible
         self.own, self.met = np.where(matched, given, self.own), np.where(matched, met, self.met)
         self.seen, self.time = np.where(matched, time, self.seen), time
+        self._holds = self._most = None
+
+
+def _tell_the_same(first: Finding, second: Finding) -> bool:
+    """Whether two findings are of one pose and the same matches."""
+    same = first.posterior is second.posterior and first.mode == second.mode
+    return same and first.assignment is second.assignment
 
 
 def _in_modes(told: Posterior) -> Floats:

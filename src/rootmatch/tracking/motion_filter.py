@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,7 +137,9 @@ class MotionFilter:
 
     def copy(self) -> MotionFilter:
         """An independent copy: no array of a filter is ever written into."""
-        return copy(self)
+        other = object.__new__(MotionFilter)
+        vars(other).update(vars(self))
+        return other
 
     def turned(self, R: Floats, t: Floats) -> MotionFilter:
         """A filter of the same motion, for the body after a motion x' = R x + t of its points.
@@ -199,9 +200,8 @@ class MotionFilter:
         self.R, self.t, covariance = self._centred(pose)
         self.scale = pose.scale
         step = np.array([*one_rotation_vector(self.R @ R.T), *(self.t - t), self.scale - scale])[:size]
-        self.motion, self.P = np.empty(12), np.empty(P.shape)
-        inverse: Floats = np.asarray(np.linalg.inv(P[:size, :size]))
-        left, squared = take_pose((motion, P), inverse, step, covariance, (self.motion, self.P))
+        self.motion, self.P, inverse = np.empty(12), np.empty(P.shape), np.empty((size, size))
+        left, squared = take_pose((motion, P), step, covariance, (self.motion, self.P, inverse))
         if isinstance(pose, SharedPose):
             self._share(shared, pose, weight * P[:, :size] @ inverse, left_by(covariance, P[:size, :size]))
         self.time, self._ahead = time, None
@@ -218,7 +218,7 @@ class MotionFilter:
 
     def _is_among(self, offset: Floats) -> bool:
         """Whether a camera at a point of the body's frame, from its centre, has the body's points around it."""
-        return float(np.linalg.norm(offset)) < self.extent
+        return math.sqrt(offset @ offset) < self.extent
 
     def _go_with(self, arm: Floats) -> None:
         """Refer position, velocity and acceleration to another point, ``arm`` from the one so far, in the body."""

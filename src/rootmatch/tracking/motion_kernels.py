@@ -80,32 +80,54 @@ def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
         covariance[i, i] += variances[i]
 
 
+@part
+def invert(matrix, root, out):  # type: ignore[no-untyped-def]
+    """Inverse (p, p) of the first p rows and columns of a positive definite matrix; ``root`` (p, p): scratch."""
+    size = root.shape[0]
+    for j in range(size):
+        for i in range(j, size):
+            value = matrix[i, j]
+            for k in range(j):
+                value -= root[i, k] * root[j, k]
+            root[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / root[j, j]
+    for column in range(size):
+        for i in range(size):
+            value = 1.0 if i == column else 0.0
+            for k in range(i):
+                value -= root[i, k] * out[k, column]
+            out[i, column] = value / root[i, i]
+        for i in range(size - 1, -1, -1):
+            value = out[i, column]
+            for k in range(i + 1, size):
+                value -= root[k, i] * out[k, column]
+            out[i, column] = value / root[i, i]
+
+
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def take_pose(before, inverse, step, fitted, out):  # type: ignore[no-untyped-def]
+def take_pose(before, step, fitted, out):  # type: ignore[no-untyped-def]
     """The motion and its covariance after a pose whose fit includes its prediction.
 
     Parameters
     ----------
     before : tuple
         Velocity with acceleration (12,), and the covariance (p + 12, p + 12) of pose and motion.
-    inverse : (p, p) array
-        Of the covariance of the predicted pose.
     step : (p,) array
         From the predicted pose to the fitted one.
     fitted : (p, p) array
         Covariance of that.
     out : tuple
-        As ``before``, filled.
+        As ``before``, and the inverse (p, p) of the covariance of the predicted pose; filled.
 
     Returns
     -------
     left, squared : float
         How many of the p variances are left, and the χ² of the step.
     """
-    before, inverse, step, fitted, out = borrowed((before, inverse, step, fitted, out))
+    before, step, fitted, out = borrowed((before, step, fitted, out))
     motion, P = before
-    faster, covariance = out
+    faster, covariance, inverse = out
     size = step.shape[0]
+    invert(P, np.empty((size, size)), inverse)
     gain, removed = np.empty((12, size)), np.empty((12, size))
     left, squared = 0.0, 0.0
     for p in range(size):

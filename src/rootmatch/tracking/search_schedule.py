@@ -60,12 +60,12 @@ def luby(number: int) -> int:
 
 
 def next_part(
-    bodies: Mapping[Label | None, FollowedBody], parts: Mapping[Label | None, Finding], frame: int, gap: float = 0.0
+    bodies: Mapping[Label | None, FollowedBody], parts: Mapping[Label | None, Finding], frame: int
 ) -> SearchPart | None:
     """What a frame searches, judged by the findings about predicted poses; None for nothing.
 
     A frame searches one image for one body. The search for a body goes on in the next frames until it has come to all
-    images; bodies take turns. ``gap``: seconds since the frame before.
+    images; bodies take turns.
     """
     each = list(bodies.values())
     explained, taken = np.zeros((2, next(iter(parts.values())).task.shape[1]), np.bool_)
@@ -76,7 +76,7 @@ def next_part(
             taken[own] = part.posterior is None or shows_most(part.posterior, part.mode)
     free = int(np.count_nonzero(~taken))
     for body, part in zip(each, parts.values(), strict=True):
-        if not body.waiting and body.wants_search_of_several(part, frame, gap, free):
+        if not body.waiting and body.wants_search_of_several(part, frame, free):
             body.waiting, body.rest = images_of(part, explained), body.appeared(part)
     waiting = [number for number, body in enumerate(each) if body.waiting]
     if not waiting:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -22,6 +21,7 @@ from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
+from rootmatch.frozen import copied
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
 from rootmatch.problems.base import Problem
@@ -291,7 +291,7 @@ max_evaluations
         if not of_images or (not poses and self.time is None):
             found = explained(True)
         elif self.labels is not None:
-            found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame, gap))
+            found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame))
             searched = {label for label, body in self._bodies.items() if body.ends_search(self._frame)}
         elif not poses:
             found = explained(True)
@@ -299,7 +299,7 @@ max_evaluations
             searched = set()
 
             def choice(near: Finding) -> SearchPart | None:
-                if not self._bodies[None].wants_search(near, self._frame, gap):
+                if not self._bodies[None].wants_search(near, self._frame):
                     return None
                 searched.add(None)
                 return SearchPart(0, rest=self._bodies[None].appeared(near))
@@ -329,10 +329,10 @@ max_evaluations
         if self._frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)
         if factor > 1.0:
-            parts = {label: replace(part, sequence_factor=factor) for label, part in parts.items()}
+            parts = {label: copied(part, sequence_factor=factor) for label, part in parts.items()}
         if found.parts is None:
             return parts[None]
-        return replace(found, parts={label: part for label, part in parts.items() if label is not None})
+        return copied(found, parts={label: part for label, part in parts.items() if label is not None})
 
     def _parts(self, found: Finding) -> dict[Label | None, Finding]:
         """The finding of each body by its label (None for a single body)."""

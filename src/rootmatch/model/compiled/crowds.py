@@ -17,11 +17,17 @@ NEGLIGIBLE = 30.0
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def shares_of_crowds(densities, prior, steps, shares):  # type: ignore[no-untyped-def]
+    """As `most_probable_shares`."""
+    densities, prior, shares = borrowed((densities, prior, shares))
+    most_probable_shares(densities, prior, steps, shares)
+
+
+@part
+def most_probable_shares(densities, prior, steps, shares):  # type: ignore[no-untyped-def]
     """Most probable shares (S,) of components with densities (S, n'), by expectation and maximisation, in place.
 
     ``prior`` (S,): pseudo-counts; ``steps``: how many; ``shares``: those to start from.
     """
-    densities, prior, shares = borrowed((densities, prior, shares))
     count = shares.shape[0]
     total = np.empty(count)
     for _ in range(steps):
@@ -40,7 +46,7 @@ def shares_of_crowds(densities, prior, steps, shares):  # type: ignore[no-untype
             shares[s] = total[s] / every
 
 
-@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+@part
 def densities_of_crowds(target, sigma, centres, label, widths, about, whole):  # type: ignore[no-untyped-def]
     """Densities of members of crowds of several widths.
 
@@ -59,9 +65,6 @@ def densities_of_crowds(target, sigma, centres, label, widths, about, whole):  #
     whole : (S, n') array
         Mean of those about the others, filled.
     """
-    target, sigma, centres, label, widths, about, whole = borrowed(
-        (target, sigma, centres, label, widths, about, whole)
-    )
     every = centres.shape[0] == target.shape[0]
     others = centres.shape[0] - 1
     for k in range(about.shape[0]):
@@ -82,6 +85,53 @@ def densities_of_crowds(target, sigma, centres, label, widths, about, whole):  #
                 about[k, i, c] = density
                 total += density
             whole[k, i] = total / others
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def crowds_of(detections, centres, extents, limits, out):  # type: ignore[no-untyped-def]
+    """The crowds of an image.
+
+    Parameters
+    ----------
+    detections : tuple
+        Detections (n', k), their σ (n',), the densities (n',) of what lies anywhere, and the image (n',) of each.
+    centres : (c,) int64 array
+        Detections about which others may crowd.
+    extents : (k,) array
+        What clutter fills.
+    limits : tuple
+        Pseudo-counts of what lies anywhere and of each width, and steps of `most_probable_shares`.
+    out : tuple
+        Density (n', c) of a member of a crowd about each centre at each detection, widths (S, k), and shares (1 + S,)
+        of what lies anywhere and of crowds by width; filled.
+    """
+    detections, centres, extents, out = borrowed((detections, centres, extents, out))
+    target, sigma, uniform, label = detections
+    about, widths, shares = out
+    anywhere, crowd, steps = limits
+    scales, size, count = widths.shape[0], extents.shape[0], target.shape[0]
+    # crowds are round, but no wider than what clutter fills
+    log_mean = 0.0
+    for axis in range(size):
+        log_mean += math.log(extents[axis]) / size
+    for k in range(scales):
+        for axis in range(size):
+            widths[k, axis] = min(0.25 * math.exp(log_mean) * 0.5**k, 0.25 * extents[axis])
+    kernels, densities = np.empty((scales, count, centres.shape[0])), np.empty((scales + 1, count))
+    for j in range(count):
+        densities[0, j] = uniform[j]
+    densities_of_crowds(target, sigma, centres, label, widths, kernels, densities[1:])
+    prior = np.empty(scales + 1)
+    for k in range(scales + 1):
+        prior[k] = crowd if k > 0 else anywhere
+    for k in range(scales + 1):
+        shares[k] = prior[k] / (anywhere + scales * crowd)
+    most_probable_shares(densities, prior, steps, shares)
+    for j in range(count):
+        for c in range(centres.shape[0]):
+            about[j, c] = 0.0
+            for k in range(scales):
+                about[j, c] += shares[1 + k] * kernels[k, j, c]
 
 
 @part

@@ -45,7 +45,8 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
         Squared gate, the detection rate, the least visibility of a point with candidates, most candidates about the
         first pose, and the longest step.
     at : tuple
-        Images about T poses, as for `settle`, the predicted pose the first; filled.
+        Images about T + 1 poses, as for `settle`: the predicted one the first, then where each assignment leads to;
+        filled.
     out : tuple
         Assignments (T, n), and their evidence about these poses; filled.
     near : tuple
@@ -110,12 +111,12 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
         total = 0.0
         for i in range(n):
             total += weighed[5][turn, i]
+        # from this pose into the place of the next one
+        step_of_one(turn, weighed[1], rotation, position, longest, rotation[1:], position[1:])
         if matched >= total:  # nothing is left to assign
             return turn + 1, ENDED
         if turn + 1 < assignments.shape[0]:
             for p in range(6):
                 for q in range(6):
                     covariance[p, q] = weighed[2][turn, p, q]
-            # from this pose into the place of the next one
-            step_of_one(turn, weighed[1], rotation, position, longest, rotation[1:], position[1:])
     return assignments.shape[0], ENDED

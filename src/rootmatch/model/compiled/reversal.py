@@ -2,22 +2,86 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, driver
+from rootmatch.jit.decorators import FASTMATH, driver, part
+
+SWEEPS = 8
+"""Rounds of rotations in which a symmetric matrix becomes diagonal: each squares what is left beside the diagonal."""
+
+
+@part
+def least_axis(matrix, axes, out):  # type: ignore[no-untyped-def]
+    """Unit eigenvector (3,) of the least eigenvalue of a symmetric matrix (3, 3), by Jacobi's rotations.
+
+    The matrix becomes diagonal; ``axes`` (3, 3): scratch.
+    """
+    for i in range(3):
+        for j in range(3):
+            axes[i, j] = 1.0 if i == j else 0.0
+    for turn in range(3 * SWEEPS):
+        p = (turn % 3) // 2
+        q = 2 if turn % 3 else 1
+        beside = matrix[p, q]
+        if beside == 0.0:
+            continue
+        half = 0.5 * (matrix[q, q] - matrix[p, p])
+        tangent = beside / (half + math.copysign(math.sqrt(half * half + beside * beside), half))
+        c = 1.0 / math.sqrt(1.0 + tangent * tangent)
+        s = tangent * c
+        for i in range(3):
+            first, second = matrix[i, p], matrix[i, q]
+            matrix[i, p], matrix[i, q] = c * first - s * second, s * first + c * second
+        for i in range(3):
+            first, second = matrix[p, i], matrix[q, i]
+            matrix[p, i], matrix[q, i] = c * first - s * second, s * first + c * second
+            first, second = axes[i, p], axes[i, q]
+            axes[i, p], axes[i, q] = c * first - s * second, s * first + c * second
+        matrix[p, q] = matrix[q, p] = 0.0
+    least = 0
+    for i in range(1, 3):
+        least = i if matrix[i, i] < matrix[least, least] else least
+    for i in range(3):
+        out[i] = axes[i, least]
+
+
+@part
+def plane_of(points, assignment, scratch, centre, normal):  # type: ignore[no-untyped-def]
+    """Centre (3,) and normal (3,) of the plane nearest to the matched points: `starts.planes`, compiled."""
+    scatter, axes = scratch
+    count = 0
+    for p in range(3):
+        centre[p] = 0.0
+        for q in range(3):
+            scatter[p, q] = 0.0
+    for i in range(assignment.shape[0]):
+        if assignment[i] >= 0:
+            count += 1
+            for p in range(3):
+                centre[p] += points[i, p]
+    for p in range(3):
+        centre[p] /= max(count, 1)
+    for i in range(assignment.shape[0]):
+        if assignment[i] >= 0:
+            for p in range(3):
+                for q in range(3):
+                    scatter[p, q] += (points[i, p] - centre[p]) * (points[i, q] - centre[q]) / count
+    least_axis(scatter, axes, normal)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def reverse_depth(assignments, planes, poses, views, out):  # type: ignore[no-untyped-def]
+def reverse_depth(assignments, points, poses, views, out):  # type: ignore[no-untyped-def]
     """Poses that look alike from the camera with most matches; in NumPy and of one camera: `starts.reflected`.
 
     Parameters
     ----------
     assignments : (K, C n) int64 array
         Columns c n to (c + 1) n are sightings by camera c.
-    planes : tuple
-        Centres (K, 3) and normals (K, 3) of the matched points, about the centre of the body.
+    points : (C n, 3) array
+        About the centre of the body.
     poses : tuple
         Rotations (K, 3, 3), and positions (K, 3) of the centre.
     views : tuple
@@ -25,14 +89,15 @@ def reverse_depth(assignments, planes, poses, views, out):  # type: ignore[no-un
     out : tuple
         Such poses, filled.
     """
-    assignments, planes, poses, views, out = borrowed((assignments, planes, poses, views, out))
+    assignments, points, poses, views, out = borrowed((assignments, points, poses, views, out))
     rotations, positions = poses
     turns, shifts = views
     turned, moved = out
     n = assignments.shape[1] // turns.shape[0]
     half, sight, eye = np.empty((3, 3)), np.empty(3), np.empty(3)
+    centre, normal, scratch = np.empty(3), np.empty(3), (np.empty((3, 3)), np.empty((3, 3)))
     for k in range(rotations.shape[0]):
-        centre, normal = planes[0][k], planes[1][k]
+        plane_of(points, assignments[k], scratch, centre, normal)
         most, camera = -1, 0
         for view in range(turns.shape[0]):
             matches = 0

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, driver
+from rootmatch.jit.decorators import FASTMATH, driver, part
 
 TINY = 1e-12
 """Added to the diagonal of a correlation of poses, which may be singular where a vertical is exact."""
@@ -29,6 +29,12 @@ def is_same_pose(first, second, moved, limit):  # type: ignore[no-untyped-def]
         In standard deviations of both poses together.
     """
     first, second, moved = borrowed((first, second, moved))
+    return is_near(first, second, moved, limit)
+
+
+@part
+def is_near(first, second, moved, limit):  # type: ignore[no-untyped-def]
+    """As `is_same_pose`."""
     R, place, covariance = first
     S, other, more = second
     trace = 0.0

@@ -11,18 +11,55 @@ import math
 import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, driver
+from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import scratch_for, weigh_one
 from rootmatch.model.compiled.known_terms import components_about, room_for_terms
 from rootmatch.model.compiled.projection import linearise_one
+from rootmatch.model.compiled.same_pose import is_near
 from rootmatch.model.compiled.steps import step_of_one
 
 POSES, IMAGES, EVIDENCE = range(3)
 """What is given of hypotheses: their poses alone, with the images about these, or with the evidence too."""
 
+ONE = 0.1
+"""Standard deviations within which two fits of the same matches have ended in one minimum. A round value: their last
+steps leave a hundredth of it."""
+
+
+@part
+def drop_behind(log_odds, hopeless, kept):  # type: ignore[no-untyped-def]
+    """Do not keep hypotheses that are no better than ``margin`` below the best, or ``floor``, and than ``enough``."""
+    margin, floor, enough = hopeless
+    best = floor
+    for k in range(kept.shape[0]):
+        best = max(best, log_odds[k])
+    for k in range(kept.shape[0]):
+        kept[k] = log_odds[k] > min(best - margin, enough)
+
+
+@part
+def drop_repeated(assignments, poses, covariances, log_odds, kept):  # type: ignore[no-untyped-def]
+    """Keep one of several hypotheses, the best or the first one, that have the same matches and end in one minimum."""
+    rotations, positions = poses
+    nothing = np.zeros(6)
+    for k in range(kept.shape[0]):
+        for other in range(k):
+            if not (kept[k] and kept[other]):
+                continue
+            same = True
+            for i in range(assignments.shape[1]):
+                if assignments[k, i] != assignments[other, i]:
+                    same = False
+                    break
+            if not same:
+                continue
+            first = rotations[k], positions[k], covariances[k]
+            if is_near(first, (rotations[other], positions[other], covariances[other]), nothing, ONE):
+                kept[other if log_odds[k] > log_odds[other] else k] = False
+
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def settle(assignments, at, scene, known, limits, out):  # type: ignore[no-untyped-def]
+def settle(assignments, at, scene, known, limits, out, after):  # type: ignore[no-untyped-def]
     """Evidence of K assignments about poses, and after steps towards the best ones.
 
     Parameters
@@ -37,14 +74,18 @@ def settle(assignments, at, scene, known, limits, out):  # type: ignore[no-untyp
         The prior, as `prior_terms` takes it.
     limits : tuple
         What is given; most steps, and those of every hypothesis; the decrease of Q from which one is taken among those
-        and later; log-odds behind the best at which a hypothesis has no later ones; and the longest step.
+        and later; log-odds behind the best at which a hypothesis has no later ones; the longest step; and which
+        hypotheses are not fitted, as `drop_behind` takes it.
     out : tuple
         Of `rootmatch.model.evidence.Evidence`; filled.
+    after : tuple
+        Rotations (K, 3, 3) and positions (K, 3) after the last steps, filled; of no rows where they are not asked for.
+        If they are, what is not fitted and what repeats another one has log-odds of −∞ in the end.
     """
-    assignments, at, scene, known, out = borrowed((assignments, at, scene, known, out))
+    assignments, at, scene, known, out, after = borrowed((assignments, at, scene, known, out, after))
     pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
     body, views, image, clutter, rates = scene
-    given, most, first, small, far, behind, longest = limits
+    given, most, first, small, far, behind, longest, hopeless = limits
     log_odds, steps, decrements = out[0], out[1], out[6]
     count = assignments.shape[0]
     poses = rotation, position
@@ -54,14 +95,17 @@ def settle(assignments, at, scene, known, limits, out):  # type: ignore[no-untyp
     room = room_for_terms(known)
     terms = room[0]
     scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0])
-    going = np.ones(count, np.bool_)
+    going, kept = np.ones(count, np.bool_), np.ones(count, np.bool_)
     for turn in range(0 if given == EVIDENCE else -1, most):  # −1: nothing is weighed, so no step is known
         if turn >= 0:
+            if turn == 0 and after[1].shape[0] > 0:
+                drop_behind(log_odds, hopeless, kept)
             highest, some = -math.inf, False
             for k in range(count):
-                highest = max(highest, log_odds[k])
+                if kept[k]:
+                    highest = max(highest, log_odds[k])
             for k in range(count):
-                enough = decrements[k] >= (small if turn < first else far)
+                enough = kept[k] and decrements[k] >= (small if turn < first else far)
                 going[k] = enough and (turn < first or log_odds[k] > highest - behind)
                 some = some or going[k]
             if not some:
@@ -77,3 +121,11 @@ def settle(assignments, at, scene, known, limits, out):  # type: ignore[no-untyp
             if k == pose:
                 components_about(pose, poses, known, room)
             weigh_one(k, pose, assignments, whole, white, terms, image, clutter, rates, scratch, out)
+    if after[1].shape[0] == 0:
+        return
+    for k in range(count):
+        step_of_one(k, steps, rotation, position, longest, after[0], after[1])
+    drop_repeated(assignments, after, out[2], log_odds, kept)
+    for k in range(count):
+        if not kept[k]:
+            log_odds[k] = -math.inf

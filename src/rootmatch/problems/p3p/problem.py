@@ -85,7 +85,7 @@ class P3P(Problem):
             points=places,
             versine=versine,
             rays=np.ascontiguousarray(rays.T),
-            variance=self.camera.angular_noise(points.target, points.target_noise) ** 2,
+            variance=self.camera.angular_noise(points.target, points.target_noise, rays) ** 2,
             normals=known_normals(points),
         )
 

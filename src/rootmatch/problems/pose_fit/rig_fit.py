@@ -12,6 +12,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
+from rootmatch.frozen import copied
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.camera_fit import REWEIGHTED
 from rootmatch.problems.pose_fit.descent import State, covariance_of, descended, lowest_of
@@ -32,20 +33,17 @@ def sightings_in(rig: Rig, points: PointSets) -> tuple[RigImage, PointSets]:
 
     ``points``: n of them, and detections (n', 3) with the index of their camera.
     """
-    rows, cameras = points.target, len(rig.views)
-    image = RigImage(rig, len(points.source), rig.offsets(rows), rows[:, 2].astype(np.int64))
-
-    def in_each(values: Floats | None) -> Floats | None:
-        return None if values is None else np.tile(values, (cameras, *[1] * (values.ndim - 1)))
-
-    return image, replace(
+    rows, n = points.target, len(points.source)
+    image = RigImage(rig, n, rig.offsets(rows), rows[:, 2].astype(np.int64))
+    own = np.arange(n * len(rig.views)) % n
+    return image, copied(
         points,
-        source=np.tile(points.source, (cameras, 1)),
-        target=rig.chart(rows, points.target_noise)[1],
-        source_noise=np.tile(points.source_noise, cameras),
-        normals=in_each(points.normals),
-        view_cosine=in_each(points.view_cosine),
-        source_covariance=in_each(points.source_covariance),
+        source=points.source[own],
+        target=rows[:, :2] + image.offsets[image.camera_of],
+        source_noise=points.source_noise[own],
+        normals=None if points.normals is None else points.normals[own],
+        view_cosine=None if points.view_cosine is None else points.view_cosine[own],
+        source_covariance=None if points.source_covariance is None else points.source_covariance[own],
     )
 
 
