@@ -146,6 +146,11 @@ class Finding:
         """Whether the search of a tracker's frame spent the evaluations that it may take."""
         return self.task.budget is not None and self.evaluated >= self.task.budget
 
+    def is_exchanged(self, mode: int | None) -> bool:
+        """Whether a mode of the posterior is where another body of its family was expected."""
+        every = None if self.posterior is None else self.posterior.exchanged
+        return every is not None and mode is not None and mode < len(every) and bool(every[mode])
+
     def with_facts(self, **facts: Any) -> Self:
         """A copy with some facts changed, from which another status may follow."""
         return copied(self, facts=copied(self.facts, **facts))

@@ -37,6 +37,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, unknown
+from rootmatch.model.prediction import DEFAULT_PREDICTION
 from rootmatch.model.proposals import Proposals
 
 IN_VIEW, DOUBTED = 0.95, 0.9
@@ -184,7 +185,9 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
                 return predicted
             body, before = bodies[part.body], bodies[part.body].candidate
             if not part.rest:  # what the prediction explains may be explained better by a pose elsewhere
-                body.free = np.sum([one.used for one in bodies], axis=0) - body.used < SURE
+                # and what another one holds on to with a few of its points is not its own for certain
+                taken = [one.used for one in bodies if one is not body and shows_most(one.told)]
+                body.free = np.sum(taken, axis=0, initial=0.0) + np.zeros(task.shape[1]) < SURE
             task_of_part = copied(task, search_camera=part.camera)
             body.search(task_of_part, solve, budgets_of(task)[0])
             if body.candidate is not before:
@@ -209,6 +212,14 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
         reason = None if len(body.told.probabilities) else unseen
         found[body.number] = one if one.reason == reason else copied(one, reason=reason)
     return joined(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))
+
+
+def shows_most(told: Posterior, mode: int = 0) -> bool:
+    """Whether a body has detections for most of the points that are visible in one of its poses."""
+    if len(told.probabilities) <= mode:
+        return False
+    matched = np.count_nonzero(told.modes.assignments[mode] >= 0)
+    return bool(matched >= DEFAULT_PREDICTION.complete * float(told.modes.visible[mode].sum()))
 
 
 def _body(task: MatchingTask, number: int) -> _Body:

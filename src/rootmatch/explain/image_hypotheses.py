@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.detection_odds import candidate_log_odds
-from rootmatch.explain.likeness import likenesses
+from rootmatch.explain.likeness import likenesses, place_of
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rivals import DOUBT
@@ -29,6 +29,7 @@ from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import Evidence
+from rootmatch.model.exchanged import beside_others, marked
 from rootmatch.model.gathering import gathered
 from rootmatch.model.known_density import Known
 from rootmatch.model.line_readings import line_readings
@@ -170,27 +171,29 @@ def strongest(tensor: AffinityTensor, shape: tuple[int, int], most: int) -> Inte
 
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
-    every = []
+    every, models = [], []
     for body in bodies:
-        more = []
+        more, others = [], []
         for other in bodies:
             if other is body or not len(other.modes.log_odds):
                 continue
             for image in likenesses(other.task.points.source, body.task.points.source):
                 rows = body.task.sightings_of(image)
                 more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
-        modes = body.modes
+                if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
+                    others.append((place, other.model.prior))
+        modes, model = body.modes, beside_others(body.model, others)
         if more:
-            modes = modes_of(body.model, joined(more), modes, of_several=True, damaged=False)
+            modes = modes_of(model, joined(more), modes, of_several=True, damaged=False)
         every.append(modes)
-    models = [body.model for body in bodies]
+        models.append(model)
     told = joint_posterior(models, every)
     for _ in range(SUMMED):
         known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
         if all(one is before for one, before in zip(known, every, strict=True)):
             break
         every, told = known, joint_posterior(models, known)
-    return told
+    return [marked(*each) for each in zip(models, told, strict=True)]
 
 
 def _with_first_summed(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:

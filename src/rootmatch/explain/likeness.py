@@ -10,12 +10,18 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.explain.body_labels import SAME_SHAPE, twin_points
+from rootmatch.model.exchanged import Places
 from rootmatch.problems.points import PointClouds, distances
+from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.congruent import GATE, congruent_labellings
+from rootmatch.samplers.point_sets.motions import fitted_motions
 
 LEAST, SHARE = 4, 0.5
 """Fewest points that bodies of a family share, as three look like any others, and the least share of the smaller one's.
 A round value."""
+NEARNESS = 0.02, 0.2, 1.0
+"""Parts of `SAME_SHAPE` within which they do: where some points of a body are elsewhere, the others are mostly where
+they were, and a looser motion would fit all of them badly. Round values."""
 MOST_POINTS = 16
 """Number of points beyond which a body is compared with its copies and mirror images alone: ten milliseconds."""
 
@@ -38,12 +44,37 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
 
 @kept_by_values(256)
 def _likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
-    """`likenesses` of bodies of a family."""
-    # a distance agrees within GATE of the deviations of both of its ends
-    variance = 0.5 * (SAME_SHAPE * float(distances(first).max()) / GATE) ** 2
-    noise = np.full(len(first), variance), np.full(len(second), variance)
-    clouds = PointClouds(first, second, *noise, scaled=False, mirror=False)
+    """`likenesses` of bodies of a family: with points that agree as nearly as so many do."""
     least = max(LEAST, SHARE * min(len(first), len(second)))
-    found = congruent_labellings(clouds, False)
-    best = [*found.proper[:1], *found.mirrored[:1]]
-    return tuple(one for one in best if np.count_nonzero(one >= 0) >= least)
+    proper, mirrored = list[Integers](), list[Integers]()
+    for part in NEARNESS:
+        # a distance agrees within GATE of the deviations of both of its ends
+        variance = 0.5 * (part * SAME_SHAPE * float(distances(first).max()) / GATE) ** 2
+        noise = np.full(len(first), variance), np.full(len(second), variance)
+        found = congruent_labellings(PointClouds(first, second, *noise, scaled=False, mirror=False), False)
+        for known, every in (proper, found.proper), (mirrored, found.mirrored):
+            known += [one for one in every[:1] if not known and np.count_nonzero(one >= 0) >= least]
+    return (*proper, *mirrored)
+
+
+@kept_by_values(256)
+def place_of(first: Floats, second: Floats, image: Integers) -> Places | None:
+    """How a second body lies where a first one does if they are alike in a way; None for a mirror image or a copy.
+
+    Of copies no image tells which one it is: their names are a convention.
+
+    Parameters
+    ----------
+    first, second : (n, 3) and (m, 3) arrays
+    image : (n,) int array
+        Of `likenesses`.
+    """
+    own = np.flatnonzero(image >= 0)
+    motion = fitted_motions(second[None, image[own]], first[None, own], scaled=False, mirror=False)
+    R, t = motion.linear[0], motion.shift[0]
+    off, radius = second[image[own]] @ R.T + t - first[own], body_radius(second)
+    is_copy = len(own) == len(first) == len(second)
+    if is_copy or np.abs(off).max() > SAME_SHAPE * 2.0 * radius:
+        return None
+    error = float((off**2).mean())
+    return Places(R, R @ second.mean(axis=0) + t - first.mean(axis=0), error * np.repeat([radius**-2.0, 1.0], 3))

@@ -16,6 +16,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
+from rootmatch.model.exchanged import of_itself
 from rootmatch.model.joint import marginals
 from rootmatch.model.modes import Modes, none_near, same_place
 from rootmatch.model.pose_density import Doubted
@@ -74,7 +75,7 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
     """
     if (uses @ uses.T).all():
         return None
-    mass, prior = modes.log_mass, model.prior
+    mass, prior = modes.log_mass, of_itself(model.prior)
     if not isinstance(prior, Doubted):
         return np.asarray(mass + math.log(COPY))
     at = model.linearised(modes.rotation, modes.position)
@@ -92,7 +93,7 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
 
 def _beside(model: DetectionModel, modes: Modes, uses: Bools) -> Bools:
     """Which modes (M, M) are followed in different places, but share detections; ``uses`` (M, n')."""
-    prior = model.prior
+    prior = of_itself(model.prior)
     if not isinstance(prior, Doubted) or len(prior.predictions) == 1:
         return np.zeros((len(uses), len(uses)), np.bool_)
     followed = prior.prediction_of(modes.rotation, modes.position) >= 0

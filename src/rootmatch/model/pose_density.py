@@ -176,7 +176,7 @@ class Gaussian(Mixed):
     @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
-        return _packed([(self, 0.0)]), Broad().with_share(-math.inf), NO_KNOWLEDGE
+        return packed([(self, 0.0)]), Broad().with_share(-math.inf), NO_KNOWLEDGE
 
     def tail_weight(self, squared: Floats) -> Floats:
         """How much the prediction counts at a squared deviation (K,) from it: 1 up to 6, the mean of six parameters."""
@@ -265,7 +265,7 @@ class Doubted(Mixed):
                 every.append((rotations, directions, places, peaks + share))
         any_turn, field, depth, log_share, radius = self.without.for_kernels[1]
         broad = any_turn, field, depth, log_share + log_doubt, radius
-        return _packed(normal), broad, _joined(every) if every else NO_KNOWLEDGE
+        return packed(normal), broad, _joined(every) if every else NO_KNOWLEDGE
 
     @property
     def _shared(self) -> list[tuple[Mixed, float]]:
@@ -283,7 +283,7 @@ def _log_mass(freedom: float) -> float:
     return math.log(within + tail * math.exp(-3.0) / inner**3)
 
 
-def _packed(predictions: Sequence[tuple[Gaussian, float]]) -> tuple[Floats, ...]:
+def packed(predictions: Sequence[tuple[Gaussian, float]]) -> tuple[Floats, ...]:
     """Predictions with their shares as arrays for the kernel."""
     if not predictions:
         return NO_PREDICTIONS

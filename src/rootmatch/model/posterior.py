@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.frozen import once
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.priors import WRONG_MODEL
@@ -45,12 +45,15 @@ class Posterior:
         Probability that the image does not show the body, or shows too little of it to recognise it.
     few : FewShown, optional
         What tells how probably it shows too little; it is taken to be absent without.
+    exchanged : (M,) bool array, optional
+        Which modes are where another body of its family was expected; none if not given.
     """
 
     modes: Modes
     probabilities: Floats
     clutter: float
     few: FewShown | None = None
+    exchanged: Bools | None = None
 
     @once
     def undetected(self) -> Floats | float:

@@ -19,17 +19,17 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import misfit_of
-from rootmatch.explain.point_set_decision import pose_alone
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copied
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
-from rootmatch.model.priors import COPY, WRONG_MODEL
+from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.flipped_poses import flipped_poses
+from rootmatch.tracking.followed_motion import after_motion
 from rootmatch.tracking.followed_places import (
     IN_VIEW,
     LOOKED_AT,
@@ -83,6 +83,8 @@ class Belief:
     def forget(self) -> None:
         """Give up all, and know nothing of the body any more."""
         self.poses: list[FollowedPose] = []
+        self.others: Sequence[MotionFilter] = ()
+        """Of the body in the places in which others of its family are followed."""
         self.time = -math.inf
         """Of the last frame that was taken in, seconds."""
         self.unfollowed = 0.0
@@ -106,8 +108,10 @@ class Belief:
 
     def certainty_of(self, found: Finding, time: float) -> float:
         """Probability that what holds in a frame is the body, and no pose was left out, as far as no frame tells."""
-        holds = bool(found.prior_holds) and bool(self.poses)
-        absent = log_back(self.poses[0], time) if holds else self._log_absent(time, False)
+        holds, told = bool(found.prior_holds) and bool(self.poses), found.posterior
+        absent = (
+            log_back(self.poses[0], time) if holds else self._log_absent(time, False, found.is_exchanged(found.mode))
+        )
         sure = (1.0 - self.gone.share) / (1.0 + COPY * math.exp(absent))
         if holds:
             sure *= (
@@ -115,7 +119,7 @@ class Belief:
                 * (1.0 - (share_unseen(found, self.poses, self.places) if len(self.poses) > 1 else 0.0))
                 / (1.0 + math.exp(self.poses[0].log_other))
             )
-            sure *= chance_returned(1.0 if found.posterior is None else found.posterior.clutter, self._returned(time))
+            sure *= chance_returned(1.0 if told is None else told.clutter, self._returned(time))
         elif found.pose is not None and self.given_up is not None:
             sure /= 1.0 + math.exp(log_other_in_sight(self.given_up, found.pose, time))
         return sure
@@ -221,7 +225,7 @@ class Belief:
         """Take in a frame's posterior; whether it has something beside what is followed."""
         told, model = found.posterior, found.model
         if found.task.problem.takes_motion_prior:
-            self._take_motion(found, time)
+            self.poses = after_motion(self.poses, found, time, (self.source, self.motion))
         if told is None or model is None or not len(told.probabilities):
             return False
         modes, doubt, shares = told.modes.first(LOOKED_AT), 1.0, self.shares
@@ -242,11 +246,12 @@ class Belief:
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
         weight = log_share[origin] + tempered(each - log_share[origin] - shown, origin, often) + more
-        new = elsewhere & (place != place[first])
+        new = elsewhere & (place != place[first]) & [not found.is_exchanged(k) for k in range(len(origin))]
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         if new.any() and origin[first] >= 0:
-            not_there = np.logaddexp(log_back(self.poses[origin[first]], time), log_lost(holds, alone[first]))
-            weight[new] = weight[first] + not_there + met_beside(model, modes, each, alone, first)[new]
+            lost = np.minimum(log_lost(holds, alone[first]), each - each[first])  # as what is there tells of it now
+            not_there = np.logaddexp(log_back(self.poses[origin[first]], time), lost)
+            weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
         nothing, go_on = float(log_chance(np.array(told.clutter))) - self._returned(time), []
         is_shown = float(told.probabilities.sum()) >= found.facts.min_probability  # whether or not it fits
         for k, of in enumerate(origin.tolist()):
@@ -272,8 +277,8 @@ class Belief:
         least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
-        absent = self._log_absent(time, any(step.origin >= 0 for step in go_on))
-        every = [self._after(step, found, modes, time, absent) for step in likely]
+        seen = any(step.origin >= 0 for step in go_on)
+        every = [self._after(step, found, modes, time, seen) for step in likely]
         every = moved_alike(every, [step.mode for step in likely], model, modes)
         self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)
         stands = origin[0] >= 0 or not is_shown or any(step.mode == 0 for step in go_on)
@@ -305,27 +310,17 @@ class Belief:
                 more += log_gone(last.alone, time - last.filter.time)
         return Step(log_shares[k] + more, shown, k, None, 0.0, place=last.place, alone=last.alone)
 
-    def _take_motion(self, found: Finding, time: float) -> None:
-        """Take in a match of two point sets: only one that is trusted tells a pose."""
-        followed, self.poses = self.poses, self.poses[:1]
-        if found.status is not Status.MATCHED:
-            return
-        if found.prior_holds and found.pose is not None and followed:
-            self.poses = [*(one for one in followed if one.filter.is_near(found.pose, time)), *followed][:1]
-            self.best.update(found.pose, time)
-            return
-        if (pose := pose_alone(found)) is not None:
-            self.poses = [FollowedPose(MotionFilter(self.source, pose, time, self.motion))]
-
-    def _log_absent(self, time: float, seen: bool) -> float:
+    def _log_absent(self, time: float, seen: bool, exchanged: bool = False) -> float:
         """Log-odds that the body is not in view where a new place is found; ``seen``: if it is where it is followed."""
+        if exchanged:  # it was put in the place of another body, and did not come back
+            return -PRESENT_ODDS
         if seen:
             return log_back(self.poses[0], time)
         before, last = (1.0, self.best.time) if self.poses else (self.absent, self.time)
         return log_absent(before, time - last, time - self.excluded)
 
-    def _after(self, step: Step, found: Finding, modes: Modes, time: float, absent: float) -> FollowedPose:
-        """The hypothesis that a step leads to; ``absent``: `FollowedPose.log_absent` of a new one."""
+    def _after(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
+        """The hypothesis that a step leads to; ``seen``: whether the body is where it is followed."""
         model = found.model
         assert model is not None
         if step.mode is None:
@@ -334,6 +329,11 @@ class Belief:
         if step.origin < 0:
             log_other = FLOOR if self.given_up is None else log_other_in_sight(self.given_up, pose, time)
             moving = MotionFilter(self.source, pose, time, self.motion)
+            exchanged = found.is_exchanged(step.mode)
+            if exchanged and (there := next((one for one in self.others if one.is_near(pose, time)), None)):
+                moving = there.copy()  # as what was expected there
+                moving.update(pose, time)
+            absent = self._log_absent(time, seen, exchanged)
             last = FollowedPose(moving, log_other=log_other, since=time, log_absent=absent)
         else:
             last = self.poses[step.origin]

@@ -53,3 +53,13 @@ def expect_exchanged(alike: Sequence[Likeness], bodies: Mapping[Label | None, Fo
         body = bodies[one.label].belief
         if body and one.other in places:
             body.add_place(places[one.other].of_body(one.rotation, one.shift, body.source))
+
+
+def know_others(alike: Sequence[Likeness], bodies: Mapping[Label | None, FollowedBody]) -> None:
+    """Tell each body where it is in the places in which others of its family are followed."""
+    for body in bodies.values():
+        body.belief.others = ()
+    for one in alike:
+        belief, other = bodies[one.label].belief, bodies[one.other].belief
+        if other:
+            belief.others = *belief.others, other.best.of_body(one.rotation, one.shift, belief.source)

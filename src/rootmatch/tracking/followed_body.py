@@ -105,7 +105,7 @@ class FollowedBody:
         self.belief, self.dark = Belief(source, options.motion), DarkPoints()
         self.waiting: list[int | None] = []
         """Images that a search under way has not come to: cameras of a rig, None for a single one."""
-        self.detections = self.searched = self.served = self.confirmed = self.failures = self.agreements = 0
+        self.detections = self.own = self.searched = self.served = self.confirmed = self.failures = self.agreements = 0
         self.left = 0
         """Detections that were left unexplained in the frame of the last search."""
         self.beside = False
@@ -163,12 +163,16 @@ class FollowedBody:
         wait = min(1 << min(self.failures - 1, 30), MISSING) if self.failures else 0
         return frame - self.searched >= wait
 
-    def wants_search(self, found: Finding, frame: int) -> bool:
-        """Whether to search for the body in a frame, judged by the finding about its predicted poses."""
+    def wants_search(self, found: Finding, frame: int, free: int = 0) -> bool:
+        """Whether to search for the body in a frame, judged by the finding about its predicted poses.
+
+        ``free``: detections that no other body has for certain, of several.
+        """
         if not self.belief:
             return found.status is not Status.MATCHED  # what the caller knows may have found it
         if found.status is Status.UNTRUSTED:
-            return found.task.shape[1] >= self.options.present * self.detections
+            shown = found.task.shape[1] >= self.options.present * self.detections
+            return shown or free >= max(self.options.present * self.own, found.task.minimal + 1)
         appeared = self.appeared(found)
         if appeared and not self.beside:  # another one like it: nobody looked
             return True
@@ -185,10 +189,10 @@ class FollowedBody:
         """Frames between searches for poses that may explain more; it doubles with each that found none."""
         return self.options.search_every * min(1 << min(self.agreements, 30), LONGEST)
 
-    def wants_search_of_several(self, found: Finding, frame: int) -> bool:
+    def wants_search_of_several(self, found: Finding, frame: int, free: int = 0) -> bool:
         """Whether a search for the body is due among those for several bodies."""
         if found.status is Status.UNTRUSTED:
-            return self.is_due(frame) and self.wants_search(found, frame)
+            return self.is_due(frame) and self.wants_search(found, frame, free)
         known = self.settled and _is_enough(found, of_several=True)
         return not known and self.wants_search(found, frame)
 
@@ -255,7 +259,7 @@ class FollowedBody:
                 self._lose(1.0 - (found.facts.present or 0.0) if searched else self.belief.absent)
             return
         self.belief.leave_before(time - self.options.coasting)
-        self.missed, self.detections = 0, found.task.shape[1]
+        self.missed, self.detections, self.own = 0, found.task.shape[1], int((found.assignment >= 0).sum())
         least = found.facts.min_probability
         if self.belief and 1.0 - self.belief.unfollowed < least and frame - self.searched >= self.options.search_every:
             self._lose(absent=0.0)  # what is not followed can only be found anew

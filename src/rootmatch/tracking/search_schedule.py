@@ -10,7 +10,7 @@ from rootmatch.arrays import Bools
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_bodies import SearchPart
+from rootmatch.explain.image_bodies import SearchPart, shows_most
 from rootmatch.tracking.followed_body import FollowedBody
 
 LONGEST_SEARCH = 16
@@ -68,12 +68,15 @@ def next_part(
     images; bodies take turns.
     """
     each = list(bodies.values())
-    explained = np.zeros(next(iter(parts.values())).task.shape[1], np.bool_)
+    explained, taken = np.zeros((2, next(iter(parts.values())).task.shape[1]), np.bool_)
     for part in parts.values():
         if part.status is Status.MATCHED:
-            explained[part.assignment[part.assignment >= 0]] = True
+            own = part.assignment[part.assignment >= 0]
+            explained[own] = True
+            taken[own] = part.posterior is None or shows_most(part.posterior, part.mode)
+    free = int(np.count_nonzero(~taken))
     for body, part in zip(each, parts.values(), strict=True):
-        if not body.waiting and body.wants_search_of_several(part, frame):
+        if not body.waiting and body.wants_search_of_several(part, frame, free):
             body.waiting, body.rest = images_of(part, explained), body.appeared(part)
     waiting = [number for number, body in enumerate(each) if body.waiting]
     if not waiting:

@@ -30,7 +30,7 @@ from rootmatch.problems.pose_fit.shared_errors import whole
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
-from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, likenesses_of
+from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, know_others, likenesses_of
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
@@ -309,8 +309,7 @@ max_evaluations
             label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
         }
-        every_one = all(part.status is Status.MATCHED for part in parts.values())
-        self._length.take(every_one, cut=found.is_cut)
+        self._length.take(all(part.status is Status.MATCHED for part in parts.values()), cut=found.is_cut)
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
@@ -319,6 +318,7 @@ max_evaluations
             if any(body.served == self._frame for body in self._bodies.values()):
                 asked = ()  # a frame that was searched takes long enough
             changed = self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
+        know_others(self._alike, self._bodies)
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
             self._noise.take(part, factor)
