@@ -38,7 +38,7 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
     alone = replace(task, options=replace(task.options, motions=1))
     searched: list[Rest] = []
     assignment, labels = np.full((2, task.shape[0]), -1, np.int64)
-    rest = with_missing(alone, solve, assignment, labels, task.options.motions, searched)
+    rest = with_missing(alone, solve, assignment, labels, asked=task.options.motions, searched=searched)
     every = [one.told for one in searched if one.told is not None]
     base = replace(
         nothing_found(task, None),

@@ -213,7 +213,7 @@ def _clutter(
     count = len(target)
     if count < FEW:
         return Clutter(
-            np.zeros((count, count)), np.arange(count), uniform, 1.0,
+            np.zeros((count, count)), np.arange(count), uniform.copy(), 1.0,
             target=target.copy(), sigma=sigma.copy(), shares=np.zeros(0), widths=np.empty((0, len(extents))),
         )  # fmt: skip
     centres = np.arange(count)
