@@ -43,6 +43,9 @@ class PlanarMotion(TwoImageProblem):
     -----
     A hyper-edge of three correspondences has one constraint. Points must lie in front of both cameras.
 
+    The floor is taken to be exact. Where it tilts the camera by some tenths of a degree, which is many pixels, use
+    `ThreePlusOne` with its `axis_noise`.
+
     Degenerate: no motion, or a rotation alone (every pair's quadratic vanishes at the truth twice; residuals fade by
     themselves); points of the plane through the camera centres (the horizon of a level camera): they stay there
     whatever the motion, so their correspondences with each other say nothing; two correspondences on one vertical line
