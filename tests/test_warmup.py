@@ -60,6 +60,8 @@ def flight(body, normals=None):
             shown = shown[::2]
         clutter = 25 if k in (14, 22) else 4 if k >= 20 else 2
         pixels = camera.project(places[shown]) + rng.normal(0.0, 0.3, (len(shown), 2))
+        if k in (10, 11):
+            pixels += rng.normal(0.0, 3.0, pixels.shape) * (np.arange(len(pixels)) % 2)[:, None]  # which is alike
         target = np.concatenate([pixels, rng.uniform((0.0, 0.0), (640.0, 480.0), (clutter, 2))])
         found = tracker.update(target[rng.permutation(len(target))])
         _ = found.score, found.confidence, found.pose, found.alternatives

@@ -169,6 +169,10 @@ def _searched(problem: Problem, body: Body) -> None:
         matcher = Matcher(body.points, problem, noise=view.sigma, **options)
         found = matcher.match(view.frame(0, shown, clutter))
         _ = found.score, found.confidence, found.pose
+    elsewhere = body.points.copy()  # of another body, which is alike
+    half = elsewhere[n // 2 :]
+    half += 0.02 * view.radius * np.random.default_rng(0).normal(size=half.shape)
+    matcher.match(_View(problem, elsewhere).frame(0, n, 2))
 
 
 def _vague(problem: Problem, body: Body) -> None:

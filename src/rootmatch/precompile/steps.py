@@ -7,6 +7,7 @@ soon as a call here reaches it; `tests/test_prebuilt.py` finds what none reaches
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -48,6 +49,15 @@ def in_turn(scene: Sample) -> None:
     matcher = Matcher(scene.source, scene.problem, noise=scene.noise)
     for _ in range(2):
         matcher.match(scene.target)
+
+
+def alike(scene: Sample) -> None:
+    """Matches of another body, which is alike: more and more of its points are elsewhere."""
+    rng = np.random.default_rng(0)
+    for first in (8, 6, 4):
+        source = scene.source.copy()
+        source[first:] += 0.01 * np.ptp(source) * rng.normal(size=source[first:].shape)
+        matched(replace(scene, source=source))
 
 
 def tracked(scene: Sample) -> None:
@@ -109,6 +119,7 @@ def prebuilt_steps() -> dict[str, Step]:
         scene = simulated(name, 12, 8)
         facing = scene.source - scene.source.mean(axis=0)
         steps[f"guided {name} with normals"] = partial(matched, scene, sampler="guided", normals=facing)
+        steps[f"{name} of another body"] = partial(alike, scene)
         steps[f"frames {name}"] = partial(in_turn, sample(name))
         steps[f"tracked {name}"] = partial(tracked, simulated(name, 12, 3))
     everything = np.ones((8, 10), dtype=bool)
