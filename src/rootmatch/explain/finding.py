@@ -22,7 +22,6 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.posterior import Others, Posterior
-from rootmatch.model.two_view_posterior import TwoViewPosterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Alternatives, Solution
@@ -88,8 +87,6 @@ class Finding:
         That model.
     labellings : PointSetPosterior, optional
         Of which it is told, where a model of two point sets decides.
-    relative : TwoViewPosterior, optional
-        Of which it is told, where a model of two views decides.
     parts : dict, optional
         The findings of several bodies by their labels.
     named : sequence of (n,) int64
@@ -128,7 +125,6 @@ class Finding:
     posterior: Posterior | None = None
     model: DetectionModel | None = None
     labellings: PointSetPosterior | None = None
-    relative: TwoViewPosterior | None = None
     parts: dict[Label, Finding] | None = None
     named: Sequence[Integers] = ()
     left: MatchingTask | None = None

@@ -69,12 +69,22 @@ def place_of(first: Floats, second: Floats, image: Integers) -> Places | None:
     image : (n,) int array
         Of `likenesses`.
     """
-    own = np.flatnonzero(image >= 0)
-    motion = fitted_motions(second[None, image[own]], first[None, own], scaled=False, mirror=False)
-    R, t = motion.linear[0], motion.shift[0]
-    off, radius = second[image[own]] @ R.T + t - first[own], body_radius(second)
+    own, radius = np.flatnonzero(image >= 0), body_radius(second)
     is_copy = len(own) == len(first) == len(second)
-    if is_copy or np.abs(off).max() > SAME_SHAPE * 2.0 * radius:
+    laid = None if is_copy else laid_onto(second[image[own]], first[own], radius)
+    if laid is None:
         return None
+    R, t, off = laid
     error = float((off**2).mean())
     return Places(R, R @ second.mean(axis=0) + t - first.mean(axis=0), error * np.repeat([radius**-2.0, 1.0], 3))
+
+
+def laid_onto(points: Floats, others: Floats, radius: float) -> tuple[Floats, Floats, Floats] | None:
+    """The motion (R, t) that takes points (m, 3) onto others, and by how much (m, 3) it misses these.
+
+    None if it misses one by more than bodies of a shape and this radius may differ, as of a mirror image.
+    """
+    motion = fitted_motions(points[None], others[None], scaled=False, mirror=False)
+    R, t = motion.linear[0], motion.shift[0]
+    off = points @ R.T + t - others
+    return None if np.abs(off).max() > SAME_SHAPE * 2.0 * radius else (R, t, off)

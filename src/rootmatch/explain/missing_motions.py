@@ -106,7 +106,7 @@ def with_missing(
     """
     while asked == "auto" or len(np.unique(labels[labels >= 0])) < asked:
         missing = 0 if asked == "auto" else asked - len(np.unique(labels[labels >= 0]))
-        rest = searched_among(alone, solve, assignment, missing)
+        rest = _searched(alone, solve, assignment, missing)
         told = rest.told
         if searched is not None:
             searched.append(rest)
@@ -118,7 +118,7 @@ def with_missing(
     return None
 
 
-def searched_among(
+def _searched(
     alone: MatchingTask, solve: Callable[[MatchingTask], Finding], assignment: Integers, missing: int
 ) -> Rest:
     """What the model of one motion finds among the points and detections that an assignment leaves."""

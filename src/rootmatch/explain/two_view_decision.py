@@ -170,7 +170,6 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals
         others=[other for other, _ in others[: TRUST.alternatives]],
         other_probabilities=[chance for _, chance in others[: TRUST.alternatives]],
         facts=replace(facts, probability=probability),
-        relative=told,
         soft=told.present * told.marginals if base.soft is None else base.soft,
         confidence=confidence,
         log_odds=told.log_odds_of(first),

@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats
-from rootmatch.explain.body_labels import SAME_SHAPE, BodyLabels, Label
-from rootmatch.explain.likeness import likenesses
+from rootmatch.explain.body_labels import BodyLabels, Label
+from rootmatch.explain.likeness import laid_onto, likenesses
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.samplers.point_sets.motions import fitted_motions
 from rootmatch.tracking.followed_body import FollowedBody
 
 
@@ -38,11 +37,9 @@ def likenesses_of(labels: BodyLabels, points: Floats, identical: Sequence[Sequen
             continue
         for image in likenesses(of[label], of[other]):
             own = np.flatnonzero(image >= 0)
-            first, second = of[label][own], of[other][image[own]]
-            motion = fitted_motions(first[None], second[None], scaled=False, mirror=False)
-            R, t = motion.linear[0], motion.shift[0]
-            if np.abs(first @ R.T + t - second).max() <= SAME_SHAPE * 2.0 * body_radius(of[other]):
-                found.append(Likeness(label, other, R, t))
+            laid = laid_onto(of[label][own], of[other][image[own]], body_radius(of[other]))
+            if laid is not None:
+                found.append(Likeness(label, other, *laid[:2]))
     return found
 
 
