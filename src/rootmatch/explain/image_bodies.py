@@ -37,7 +37,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, unknown
-from rootmatch.model.prediction import DEFAULT_PREDICTION
+from rootmatch.model.prediction import COMPLETE
 from rootmatch.model.proposals import Proposals
 
 IN_VIEW, DOUBTED = 0.95, 0.9
@@ -219,7 +219,7 @@ def shows_most(told: Posterior, mode: int = 0) -> bool:
     if len(told.probabilities) <= mode:
         return False
     matched = np.count_nonzero(told.modes.assignments[mode] >= 0)
-    return bool(matched >= DEFAULT_PREDICTION.complete * float(told.modes.visible[mode].sum()))
+    return bool(matched >= COMPLETE * float(told.modes.visible[mode].sum()))
 
 
 def _body(task: MatchingTask, number: int) -> _Body:

@@ -41,7 +41,7 @@ EXACT = ISOTROPIC = np.empty((0, 2, 2))
 HIGHEST_RATE = 0.999
 """Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
 USUAL_RATE = 0.9
-"""Detection rate assumed of each point of a blob, if none is given."""
+"""Detection rate assumed if none is given, where it is not integrated over."""
 
 
 RATE_PRIOR, RATE_PRIOR_WITHOUT_NORMALS = (9.0, 1.0), (1.0, 1.0)
