@@ -9,6 +9,7 @@ from typing import Literal
 from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
+from rootmatch.explain.decide import MIN_PROBABILITY
 from rootmatch.explain.validation import (
     check_callable,
     check_choice,
@@ -116,9 +117,10 @@ class MatchOptions:
             if is_given:
                 raise InputError(f"{name}: not supported for a rig; leave it out")
 
-    def least_probability(self, default: float) -> float:
-        """Probability from which a match is trusted: as given, or this default."""
-        return default if self.min_probability is None else self.min_probability
+    @property
+    def least_probability(self) -> float:
+        """Probability from which a match is trusted."""
+        return MIN_PROBABILITY if self.min_probability is None else self.min_probability
 
     @cached_property
     def in_process(self) -> MatchOptions:

@@ -11,7 +11,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
+from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
@@ -199,7 +199,7 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         Targets of other bodies: the result is a labelling without any of them, or nothing.
     """
     task, present, n = base.task, found.present, len(model.clouds.source)
-    least = task.options.least_probability(MIN_PROBABILITY)
+    least = task.options.least_probability
     first = found if taken is None else found.without(taken)
     is_best = len(first.assignments) == 0 or bool((first.assignments[0] == found.assignments[0]).all())
     if not len(first.assignments):

@@ -13,7 +13,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
+from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
@@ -122,7 +122,7 @@ def reported(told: TwoViewPosterior) -> Integers:
 
 def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior and `rivals_of` it tell them."""
-    least = base.task.options.least_probability(MIN_PROBABILITY)
+    least = base.task.options.least_probability
     present = min(told.present_each)
     facts = Facts(present=present, contested=True, min_probability=least, missed=missed)
     first = reported(told)

@@ -10,7 +10,6 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.body_findings import among_all, of_all_bodies
-from rootmatch.explain.decide import MIN_PROBABILITY
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.missing_motions import Rest, with_missing
 from rootmatch.explain.multi_motion import distinct_hyperedges
@@ -48,7 +47,7 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
         scores=None,
         soft=None,
     )
-    least = task.options.least_probability(MIN_PROBABILITY)
+    least = task.options.least_probability
     try:
         while (weighed := _weighed(alone, searched, assignment, labels)) is not None:
             told, rivals, left = weighed
