@@ -217,25 +217,7 @@ def match(
         with an untrusted match.
     """
     started = time.perf_counter()
-    options = MatchOptions(
-        seed=seed,
-        preset=preset,
-        sampler=sampler,
-        samples=samples,
-        residual=residual,
-        rho=rho,
-        solver=solver,
-        motions=motions,
-        backend=backend,
-        max_hyperedges=max_hyperedges,
-        max_evaluations=max_evaluations,
-        scheduler=scheduler,
-        progress=progress,
-        detection_rate=detection_rate,
-        resolution=resolution,
-        min_probability=min_probability,
-        max_seconds=max_seconds,
-    )
+    options = MatchOptions.among(locals())
     task = MatchingTask.of(
         problem,
         source,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, Self
 
 from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
@@ -61,6 +62,11 @@ class MatchOptions:
     resolution: float | None = None
     max_seconds: float | None = None
     min_probability: float | None = None
+
+    @classmethod
+    def among(cls, arguments: Mapping[str, Any]) -> Self:
+        """Those among the arguments of a call, by their names."""
+        return cls(**{one.name: arguments[one.name] for one in fields(cls) if one.name in arguments})
 
     def __post_init__(self) -> None:
         if self.preset not in (None, "paper"):

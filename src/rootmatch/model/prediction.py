@@ -277,7 +277,7 @@ def _narrowed(model: DetectionModel, looked: _Looked, covariance: Floats) -> lis
         rounded, distinct = np.round(scores, 6).tolist(), dict[float, int]()
         for k in np.argsort(-scores, kind="stable").tolist():
             distinct.setdefault(rounded[k], k)
-        beams = [(steps[k], spreads[k]) for k in list(distinct.values())[: BEAMS]]
+        beams = [(steps[k], spreads[k]) for k in list(distinct.values())[:BEAMS]]
     return beams
 
 
