@@ -304,7 +304,7 @@ max_evaluations
                 self._bodies[label].acquit()
         self._inexact.take(parts.get(None), self._noise.stays)
         name_places(self._identical, self._bodies, parts, when)
-        if self._frame % self.tracking.search_every == 0:
+        if not of_images and self._frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)
         if factor > 1.0:
             parts = {label: copied(part, sequence_factor=factor) for label, part in parts.items()}
