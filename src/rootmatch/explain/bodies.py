@@ -23,6 +23,7 @@ from rootmatch.explain.body_findings import among_all, joined
 from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.samplers.guided.sampler import pays
 
 Solve = Callable[[MatchingTask], Finding]
@@ -157,19 +158,19 @@ def searched_among(
     part = task.body(number)
     if task.deadline.passed():
         return nothing_found(part, LATE), False
-    part = replace(part, deadline=task.deadline.part(BODY))
+    part = copied(part, deadline=task.deadline.part(BODY))
     if len(columns) < task.problem.order:
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
         return nothing_found(part, fault), False
     sub = part.subset(np.arange(part.shape[0]), columns)
     if task.problem.takes_motion_prior:
-        sub = replace(sub, prior_pose=part.prior_pose, rivals=part.rivals)
+        sub = copied(sub, prior_pose=part.prior_pose, rivals=part.rivals)
     try:
         of_rig = sub.rig is not None
         bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
         bounded = bounded and (of_rig or pays(sub.sampling_task))
         if bounded:
-            sub = replace(sub, budget=budget)
+            sub = copied(sub, budget=budget)
         found = solve(sub)
     except UnseenPixelError as error:
         if not task.prior_poses:

@@ -243,11 +243,11 @@ class MatchingTask:
         return None if self.weights is None else np.tile(self.weights, (self.rows // self.shape[0], 1))
 
     def sightings_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Rows of an assignment for some points, those of the first camera first; −1 for a point −1."""
+        """Rows (…, C m) of an assignment for points (…, m), those of the first camera first; −1 for a point −1."""
         if self.rig is None:
             return points
-        first = np.arange(0, self.rows, self.shape[0])[:, None]
-        return np.where(points >= 0, first + points, -1).ravel()
+        first, each = np.arange(0, self.rows, self.shape[0])[:, None], points[..., None, :]
+        return np.where(each >= 0, first + each, -1).reshape(*points.shape[:-1], len(first) * points.shape[-1])
 
     @property
     def has_prior(self) -> bool:

@@ -156,8 +156,8 @@ class DetectionModel:
             n, shown = len(self.points) // len(self.images), np.bincount(self.image_of)[np.flatnonzero(counts == most)]
             if triples_of(n, int(shown.min())) > triples:
                 return False
-        enough = len(np.unique(self.points[used], axis=0)) >= points
-        return bool(enough and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)
+        distinct = np.count_nonzero(used.reshape(len(self.images), -1).any(axis=0))
+        return bool(distinct >= points and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)
 
     @once
     def rays(self) -> Floats:
