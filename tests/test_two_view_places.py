@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from test_two_view_motions import CAMERA, SIGMA, VERTICAL, with_vehicle
 
 import rootmatch as rm
 from rootmatch.model.clutter import clutter_of
 from rootmatch.model.two_view_places import log_density
+from test_two_view_motions import CAMERA, SIGMA, VERTICAL, with_vehicle
 
 
 def crowd_among_others(seed: int) -> tuple[np.ndarray, np.ndarray]:
