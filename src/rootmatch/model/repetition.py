@@ -30,6 +30,8 @@ SHARED = 0.3
 """Share of their matches up to which two labellings are of rival motions. A round value."""
 WIDTHS = 4
 """Widths of a repetition, each half as wide as the one before; the first is a quarter of the targets' spacing."""
+PARTS = 0.25 * 0.5 ** np.arange(WIDTHS)
+"""These, in parts of the spacing."""
 REPETITIONS = 6
 """Most repetitions that are kept. A round value."""
 MORE = math.log(2.0)
@@ -76,7 +78,7 @@ def motions_among(found: Judged, least: float = 0.0) -> Integers:
 def widths_of(clutter: Clutter) -> Floats:
     """Widths (W,) of repetitions, in parts of the edge of what each target has of the box."""
     spacing = float(clutter.uniform[0] * len(clutter.target)) ** (-1.0 / clutter.target.shape[1])
-    return np.asarray(0.25 * spacing * 0.5 ** np.arange(WIDTHS))
+    return np.asarray(spacing * PARTS)
 
 
 def _motions_between(linear: Floats, shift: Floats, *, of_source: bool) -> tuple[Floats, Floats]:
