@@ -64,8 +64,8 @@ class TestMatch:
         record = json.loads(result.stdout)
         assert set(record) == {
             "assignment", "score", "margin", "probability", "log_odds", "confidence", "motion_labels", "alternatives",
-            "status", "converged", "stopped_early", "seconds", "evaluated", "noise", "poses",
-            "other_poses",
+            "status", "converged", "stopped_early", "seconds", "evaluated", "noise", "noise_factor",
+            "point_error", "poses", "other_poses",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth
