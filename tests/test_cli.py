@@ -606,6 +606,8 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
     found = make(
         assignment=np.array([1, -1, 0]),
         score=np.float64("nan"),
+        noise_factor=np.float64("nan"),
+        point_error=0.0,
         margin=0.0,
         probability=None,
         confidence=np.array([0.5, np.nan, 1.0]),
