@@ -77,14 +77,13 @@ class _Off(NamedTuple):
 
     def log_odds_of_grown(self, assignment: Integers) -> float:
         """Log-odds of the best of the assignments (n,) that grow from one."""
-        best, visible = -math.inf, None
+        best = -math.inf
         while True:
             checkpoint()
             found = evidence(self.model, assignment[None], self.at)
-            visible = found.visible[0] if visible is None else visible
             fit = self._fitted(assignment, found)
             best = max(best, float(found.log_odds[0]) + fit.gained)
-            more = self._about(assignment, fit, visible)
+            more = self._about(assignment, fit, found.visible[0])
             if (more == assignment).all():
                 return best
             assignment = more
@@ -114,7 +113,8 @@ class _Off(NamedTuple):
         gained = float(np.log(np.diagonal(apart)).sum() - np.log(np.diagonal(root)).sum())
         gained += 0.5 * float(np.linalg.slogdet(whole)[1] - np.linalg.slogdet(precision)[1])
         gained += 0.5 * (given + freedom) * math.log((given + float(found.squared[0])) / (given + squared))
-        return _Fit(root, rows, offset - rows @ step, step, covariance, gained)
+        left = offset - rows @ step
+        return _Fit(root, rows, residuals=left, step=step, covariance=covariance, gained=gained)
 
     def _about(self, assignment: Integers, fit: _Fit, visible: Floats) -> Integers:
         """An assignment with the surer half of the further matches that it leads to."""
