@@ -129,6 +129,12 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
     """Why a finding is not trusted: the noise, chance, or that nothing was found."""
     task, facts, factor = finding.task, finding.facts, finding.noise_factor
     problem, noise = task.problem, task.noise
+    if finding.point_error:
+        return (
+            f"no trustworthy match: what was found fits if the points of the body are off by {finding.point_error:.2g} "
+            "on each axis, but something else of nearly its shape, or another pose, explains as much; check the model, "
+            "and give `source_noise=`, or a larger `noise=`, if that is realistic"
+        )
     if factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named and _is_noise_larger(finding):
         told = f"noise={factor * noise:.2g}" if isinstance(noise, int | float) else "a larger noise="
         if _is_pose_with_larger_noise(finding):

@@ -166,7 +166,7 @@ def settle(
             return known.get(looked.last.tobytes(), best)
         rounds -= len(looked.settled) + 1
         (at, covariance, gated), looked = looked.torn, None
-        assignment = _assigned(gated)
+        assignment = assigned(gated)
         if not (assignment >= 0).any():
             break
         key = assignment.tobytes()
@@ -180,7 +180,7 @@ def settle(
     return best
 
 
-def _assigned(gated: _Gated) -> Integers:
+def assigned(gated: Gated) -> Integers:
     """The most probable one-to-one assignment (n,) about a pose, with independent pairs."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
@@ -195,7 +195,7 @@ def _assigned(gated: _Gated) -> Integers:
     return assignment
 
 
-class _Gated(NamedTuple):
+class Gated(NamedTuple):
     """Candidates (n, n') about a pose, see `gate`."""
 
     candidates: Bools
@@ -217,7 +217,7 @@ class _Looked(NamedTuple):
     settled: list[Settled]
     last: Integers
     """The last assignment (n,) of single candidates."""
-    torn: tuple[Linearised, Floats, _Gated] | None
+    torn: tuple[Linearised, Floats, Gated] | None
     """Images about the pose where several detections are possible, its covariance, and what is near; None if none
     is."""
 
@@ -237,8 +237,8 @@ def _looked(
     if (prior := mixture_of(model)) is None:
         at = model.linearised(*pose)
         visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
-        unique = gate((*_images_of(model, at), visible), np.array(covariance), _image_of(model), limits, gated)
-        every = at, covariance, _Gated(*gated, unique)
+        unique = gate((*_images_of(model, at), visible), np.array(covariance), image_for_gates(model), limits, gated)
+        every = at, covariance, Gated(*gated, unique)
         return _Looked(at, visible, gated[0], settled=[], last=gated[2], torn=every)
     at = unfilled(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
     found, rows = unweighed(rounds, n), np.empty((rounds, n), np.int64)
@@ -250,7 +250,7 @@ def _looked(
     )  # fmt: skip
     after = at.rotation[1:], at.position[1:]
     settled = [Settled.of(rows[k], found, after, k) for k in range(count)]
-    torn = (at.one(count), covariance, _Gated(*gated, False)) if why == TORN else None
+    torn = (at.one(count), covariance, Gated(*gated, False)) if why == TORN else None
     return _Looked(at, visible, candidates, settled=settled, last=gated[2], torn=torn)
 
 
@@ -260,7 +260,7 @@ def _images_of(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, F
     return at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0])
 
 
-def _image_of(model: DetectionModel) -> tuple[Floats, ...]:
+def image_for_gates(model: DetectionModel) -> tuple[Floats, ...]:
     """Detections, their noise, the log-density of clutter, and the weights of matches, as `gate` takes them."""
     return *model.detections_for_gates, model.clutter.log_density, model.image_for_kernels[2]
 
@@ -270,7 +270,7 @@ def _narrowed(model: DetectionModel, looked: _Looked, covariance: Floats) -> lis
     points = *_images_of(model, looked.at), (model.rate or USUAL_RATE) * looked.visible
     beams = [(np.zeros(6), np.array(covariance))]
     for _ in range(2):
-        every = [_updates(points, about, _image_of(model), looked.candidates) for about in beams]
+        every = [_updates(points, about, image_for_gates(model), looked.candidates) for about in beams]
         steps, spreads, scores = (np.concatenate(part) for part in zip(*every, strict=True))
         if not len(scores):
             break
@@ -314,7 +314,7 @@ def explained(model: DetectionModel, at: Linearised, chance: Floats, step: Float
     of_points = model.of_points(at)
     points = at.pixels, at.jacobian, EXACT[None] if of_points is None else np.array(of_points), chance
     scores = np.empty(len(step))
-    explained_by_each(points, (step, covariance), _image_of(model), scores)
+    explained_by_each(points, (step, covariance), image_for_gates(model), scores)
     return scores
 
 
