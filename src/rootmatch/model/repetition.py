@@ -8,7 +8,8 @@ of descent. A match is then worth by how much it is nearer to its place than tha
 
 Motions that may repeat the targets are those between rival motions of the object. One counts if targets are more
 probable with it by more than the number of motions that can be told apart, which is what it takes to name it. The
-source names those that it has itself: what is beside the object is like it as probably as not.
+source names those that it has itself: what is beside the object is like it as probably as not. So the model with
+repetitions is another one beside that without, and their evidence tells.
 """
 
 from __future__ import annotations
