@@ -9,7 +9,6 @@ import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.point_set_alike import likeness
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.repetition import with_repetition
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.congruent import congruent_labellings
 
@@ -99,18 +98,21 @@ def test_racks_are_matched_where_all_else_in_view_is_alike() -> None:
 def test_an_alike_scene_is_more_probable_than_the_same_where_it_is_another() -> None:
     for same in (True, False):
         lead = []
-        for seed in (1016, 1011, 1012) if same else (1013, 1022, 1010):
+        for seed in (1016, 1011, 1012) if same else (1013, 1022):
             model = model_of(scene := streets(seed, same=same), 0.1)
             proposals = congruent_labellings(model.clouds, mirror=False).proper
             proposals = np.concatenate([scene[2][None], proposals]) if same else proposals
-            model, judged = with_repetition(model, model.judged(proposals))
+            judged = model.judged(proposals)
             told = likeness(model, judged)
             assert np.isfinite(told.log_odds)
             best = judged.log_odds + told.log_factors(judged.fit.assignments)
             lead.append(float(best.max()) - told.log_odds)
             if same:
                 assert (judged.fit.assignments[best.argmax()] == scene[2]).mean() > 0.8
-        assert (np.array(lead) > 4.0).all() if same else (np.array(lead) < 4.0).all()
+        assert (np.array(lead) > 4.0).all() if same else (np.array(lead) < 0.0).all()
+    # where neither is, the labellings of both models are too many for any to be trusted
+    source, target, _ = streets(1010, same=False)
+    assert not rm.match(source, target, rm.Rigid(2), noise=(0.1, 0.1))
 
 
 def test_points_without_a_law_have_nothing_alike() -> None:

@@ -25,7 +25,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import ALIKE
-from rootmatch.model.repetition import PARTS, RIVALS, SHARED, motions_among, widths_of
+from rootmatch.model.repetition import RIVALS, SHARED, motions_among, widths_of
 from rootmatch.problems.points import squared_distances_to
 from rootmatch.samplers.point_sets.congruent import grown
 
@@ -43,6 +43,8 @@ MARGIN = 6.0
 probability by a four-hundredth. A round value; it bounds time."""
 NEIGHBOUR = 2
 """Neighbour whose distance is the spacing about a point. A round value."""
+PARTS = 0.25 * 0.5 ** np.arange(4)
+"""Widths in parts of the spacing about each point: as wide as the widest of all targets', and down to a 32nd."""
 FEWEST = 3
 """Matches that determine a motion."""
 

@@ -42,7 +42,7 @@ from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
-from rootmatch.model.targets_box import WEIGHTS, edges_of, space_of
+from rootmatch.model.targets_box import WEIGHTS, box_of, chances_in_view, edges_of, space_of
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
 
@@ -148,7 +148,8 @@ class PointSetModel:
         known = np.zeros(len(total)) if self.prior is None else total
         matched = (assignments >= 0).sum(axis=1)
         odds = self.log_density(fit) - self.log_volume + self.log_counts[matched] - self._log_clutter(fit)
-        return Judged(fit, np.asarray(odds + self._log_weights(assignments) + total), known, held)
+        odds = odds + self._log_weights(assignments) + self._log_lacked(fit)
+        return Judged(fit, np.asarray(odds + total), known, held)
 
     def judged_one(self, assignment: Integers) -> Judged:
         """The same of one assignment (n,), for which several stages ask."""
@@ -168,6 +169,23 @@ class PointSetModel:
         """
         taken = uses_of(fit.assignments, len(self.clouds.target))
         return self.clutter.log_taken(taken, self.about_points(fit, fit.assignments < 0))
+
+    def _log_lacked(self, fit: PointSetFit) -> Floats:
+        """Logarithm (K,) of the odds that the source lacks so many of what repeats itself where it shows its points.
+
+        Any share of it may be detected in the source, as in the targets, and each choice of as many is as probable. As
+        there, a place beyond the points is in view with a probability.
+        """
+        if self.clutter.repeating is None:
+            return np.zeros(len(fit.scale))
+        from scipy.special import betaln  # slow to import
+
+        clouds, taken = self.clouds, uses_of(fit.assignments, len(self.clouds.target))
+        back = (clouds.target - fit.shift[:, None]) @ fit.rotation / fit.scale[:, None, None]
+        middle, axes, own, _ = box_of(clouds.source, clouds.source_variance)
+        seen = chances_in_view((back - middle) @ axes, own.min(axis=0), own.max(axis=0), len(own))
+        lacked, matched = (np.where(taken, 0.0, self.clutter.repeating) * seen).sum(axis=1), taken.sum(axis=1)
+        return np.asarray(betaln(matched + 1.0, lacked + 1.0) + np.log(matched + 1.0))
 
     def log_more_clutter(self, matched: Floats | Integers | float) -> Floats:
         """Logarithm by which the targets left are too few for crowds about hidden points, by the number of matches."""
@@ -237,16 +255,14 @@ class PointSetModel:
     def _log_in_part(self, along: Floats, assignments: Integers) -> Floats:
         """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
 
-        The window is where targets are; it ends where none of them is seen any more, so that a point e beyond them is
-        in view with the probability (r / (r + e))^(n' − 1) along an axis, as n' points span r. Points that are not in
-        view are not missed: δ is that of the others. The object may be wherever it and the window overlap.
+        The window is where targets are. Points that are not in view are not missed: δ is that of the others. The object
+        may be wherever it and the window overlap.
         """
         from scipy.special import gammaln  # slow to import
 
         low, high = self._box[:2]
         span, n, matched = high - low, len(along), (assignments >= 0).sum(axis=1)
-        off = np.maximum(np.maximum(low - along, along - high), 0.0)
-        seen = (span / (span + off)).prod(axis=2) ** (len(self.clouds.target) - 1)
+        seen = chances_in_view(along, low, high, len(self.clouds.target))
         in_view = np.where(assignments.T >= 0, 1.0, seen).sum(axis=0)
         missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
         missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
