@@ -74,8 +74,7 @@ class MatchingTask:
     prior_freedom : float
         Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`.
     present, present_of : float, optional, and dict
-        Probability that the body, or each of several, is among targets in space, or that two views show the same
-        points; that of the model if not given.
+        Probability that the body, or each of several, is in space, or what two views show; by default the model's.
     weighs_parts : bool
         Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised.
     log_inexact : tuple of float

@@ -16,11 +16,11 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.frozen import copied
 from rootmatch.model.compiled.gating import gate
-from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import Evidence, evidence
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
-from rootmatch.model.prediction import DEFAULT_PREDICTION, HIDDEN, Gated, assigned, image_for_gates
+from rootmatch.model.prediction import GATE, HIDDEN, Gated, assigned, image_for_gates
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 
@@ -119,14 +119,14 @@ class _Off(NamedTuple):
     def _about(self, assignment: Integers, fit: _Fit, visible: Floats) -> Integers:
         """An assignment with the surer half of the further matches that it leads to."""
         used = assignment >= 0
-        n, options = len(used), DEFAULT_PREDICTION
+        n = len(used)
         across = np.linalg.solve(fit.root, self.shared[used].reshape(-1, 2 * n))  # (2 m, 2 n)
         left = self.at.jacobian[0].reshape(-1, 6) - across.T @ fit.rows
         pixels = self.at.pixels[0] + (self.at.jacobian[0] @ fit.step) + (across.T @ fit.residuals).reshape(n, 2)
         spread = (left @ fit.covariance @ left.T - across.T @ across).reshape(n, 2, n, 2) + self.shared
         spread = np.ascontiguousarray(spread[np.arange(n), :, np.arange(n)])
         gated = np.empty(self.model.shape, np.bool_), np.empty(self.model.shape), np.empty(n, np.int64)
-        limits = options.gate**2, self.model.rate or options.usual_rate, HIDDEN
+        limits = GATE**2, self.model.rate or USUAL_RATE, HIDDEN
         points = pixels, np.zeros((n, 2, 6)), spread, np.where(used, 0.0, visible)
         gate(points, np.zeros((6, 6)), image_for_gates(self.model), limits, gated)
         gated[0][:, assignment[used]] = False
