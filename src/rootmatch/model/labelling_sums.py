@@ -115,7 +115,11 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     about = np.flatnonzero((kind * kind[0] > 0.0) & (probabilities > RARE * probabilities[0]))
     fit, share = fit.take(about), probabilities[about] / probabilities[about].sum()
     motions, log_weight = _motions(fit, share, rng)
-    log_weight += np.logaddexp.reduce(model.log_factors(motions), axis=0)
+    # the factor of the best labelling, and how a point's having a target changes it
+    best = np.tile(fit.assignments[0], (SAMPLES, 1))
+    changed = model.log_changes(fit.take(slice(1)))
+    log_weight += np.logaddexp.reduce(model.log_factors(replace(motions, assignments=best)), axis=0)
+    log_weight -= changed[best[0] >= 0].sum()
     # 1 / the factor of the variances, whose prior is a gamma distribution, as is what one labelling tells
     freedom, squares = NOISE_FREEDOM + float(share @ fit.dof), NOISE_FREEDOM + float(share @ fit.chi2)
     exact, log_exact = _gamma(PART * 0.5 * freedom, PART * 0.5 * squares, rng)
@@ -136,7 +140,7 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     more = near * np.exp(model.clutter.log_density - log_clutter)
     log_weight += np.log1p(more).sum(axis=1)
     log_odds = _log_odds(model, motions, exact, (rows, columns)) - (log_clutter + np.log1p(more))[:, columns]
-    log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density) + of_hidden)[:, None]
+    log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density) + of_hidden)[:, None] + changed[rows]
     sums = matchings_in_parts(log_odds, rows, columns, LEAST)
     log_weight += sums.log_total
     known = np.flatnonzero(np.isfinite(log_weight))

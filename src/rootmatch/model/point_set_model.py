@@ -8,7 +8,8 @@ the odds
     ∫ δ^m (1 − δ)^(n − m) dδ · Γ(n' − m + ½) / Γ(n' + ½)
         · ∫ ∏ N(x'_j; s R x_i + t, s² σ_i² + σ_j²) / f(x'_j) dT / (V vol)
 
-- δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points.
+- δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points; or a region of the
+  object and the rest have a rate each (`rootmatch.model.shown_regions`).
 - λ is integrated under Jeffreys' prior λ^(−½): the second factor, about 1/n'^m.
 - f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one; and
   about points of the object that are hidden, as their reflections do, with the same shares and widths.
@@ -30,7 +31,7 @@ and all of the motion is integrated by Laplace's method.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -42,6 +43,7 @@ from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.shown_regions import log_of_regions
 from rootmatch.model.targets_box import WEIGHTS, edges_of, space_of
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
@@ -197,17 +199,32 @@ class PointSetModel:
     def log_factors(self, fit: PointSetFit) -> Floats:
         """Logarithm (predictions + 1, K) of what each prediction of a motion makes of its density, and at last nothing.
 
-        Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part.
+        Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part. And of
+        what regions of the object are shown, which need not have one rate.
         """
         inside, in_part = self._log_placed(fit)
         placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE))
+        shown = np.zeros(len(inside))
+        if self.detection_rate is None:
+            shown = log_of_regions(self.clouds.source, fit.assignments >= 0)
+        placed += shown
         if in_part is not None:
             placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
         if self.prior is None:
             return placed[None]
         factors = self.prior.log_factors(fit, self.log_volume)
+        factors[:-1] += shown
         factors[-1] += placed
         return factors
+
+    def log_changes(self, fit: PointSetFit) -> Floats:
+        """Logarithm (n,) of how `log_factors` of one labelling change if a point has a target, given the others."""
+        n, (assignment,) = fit.assignments.shape[1], fit.assignments
+        changed = np.tile(assignment, (n + 1, 1))
+        changed[np.arange(n), np.arange(n)] = np.where(assignment < 0, 0, -1)
+        every = replace(fit.take(np.zeros(n + 1, np.int64)), assignments=changed)
+        *others, own = np.logaddexp.reduce(self.log_factors(every), axis=0)
+        return np.asarray(np.where(assignment < 0, 1.0, -1.0) * (np.array(others) - own))
 
     def _log_placed(self, fit: PointSetFit) -> tuple[Floats, Floats | None]:
         """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
