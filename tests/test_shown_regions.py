@@ -48,7 +48,7 @@ def test_in_a_region_that_is_shown_a_point_is_hardly_missed() -> None:
     assert np.median(more[truth >= 0]) > 1.0
     away = np.linalg.norm(source - source[truth >= 0].mean(axis=0), axis=1)
     assert more[np.argsort(away)[-20:]].max() < -1.0
-    assert log_of_regions(source, (np.arange(70) % 3 == 0)[None])[0] > -0.7, "points anywhere lose half at most"
+    assert log_of_regions(source, (np.arange(70) % 3 == 0)[None])[0] > -0.23, "points anywhere lose a fifth at most"
 
 
 def test_sums_over_labellings_have_regions_in_them() -> None:

@@ -115,11 +115,11 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     about = np.flatnonzero((kind * kind[0] > 0.0) & (probabilities > RARE * probabilities[0]))
     fit, share = fit.take(about), probabilities[about] / probabilities[about].sum()
     motions, log_weight = _motions(fit, share, rng)
-    # the factor of the best labelling, and how a point's having a target changes it
-    best = np.tile(fit.assignments[0], (SAMPLES, 1))
-    changed = model.log_changes(fit.take(slice(1)))
+    # the factor of the best labelling, and how a point's having a target changes that of regions
+    best = np.tile(assignments[0], (SAMPLES, 1))
+    changed = _log_changes(model, assignments[0])
     log_weight += np.logaddexp.reduce(model.log_factors(replace(motions, assignments=best)), axis=0)
-    log_weight -= changed[best[0] >= 0].sum()
+    log_weight -= changed[assignments[0] >= 0].sum()
     # 1 / the factor of the variances, whose prior is a gamma distribution, as is what one labelling tells
     freedom, squares = NOISE_FREEDOM + float(share @ fit.dof), NOISE_FREEDOM + float(share @ fit.chi2)
     exact, log_exact = _gamma(PART * 0.5 * freedom, PART * 0.5 * squares, rng)
@@ -160,6 +160,15 @@ def _gamma(shape: float, rate: float, rng: np.random.Generator) -> tuple[Floats,
     """Samples of a gamma distribution, and the logarithm of their density, up to a constant."""
     drawn = np.maximum(rng.gamma(shape, 1.0 / rate, SAMPLES), 1e-300)
     return drawn, (shape - 1.0) * np.log(drawn) - rate * drawn
+
+
+def _log_changes(model: PointSetModel, assignment: Integers) -> Floats:
+    """Logarithm (n,) by which a target of each point, given those of the others, changes `log_of_shown`."""
+    n = len(assignment)
+    changed = np.tile(assignment, (n + 1, 1))
+    changed[np.arange(n), np.arange(n)] = np.where(assignment < 0, 0, -1)
+    *others, own = model.log_of_shown(changed)
+    return np.asarray(np.where(assignment < 0, 1.0, -1.0) * (np.array(others) - own))
 
 
 def _likely(model: PointSetModel, fit: PointSetFit) -> Bools:

@@ -31,7 +31,7 @@ and all of the motion is integrated by Laplace's method.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -204,9 +204,7 @@ class PointSetModel:
         """
         inside, in_part = self._log_placed(fit)
         placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE))
-        shown = np.zeros(len(inside))
-        if self.detection_rate is None:
-            shown = log_of_regions(self.clouds.source, fit.assignments >= 0)
+        shown = self.log_of_shown(fit.assignments)
         placed += shown
         if in_part is not None:
             placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
@@ -217,14 +215,11 @@ class PointSetModel:
         factors[-1] += placed
         return factors
 
-    def log_changes(self, fit: PointSetFit) -> Floats:
-        """Logarithm (n,) of how `log_factors` of one labelling change if a point has a target, given the others."""
-        n, (assignment,) = fit.assignments.shape[1], fit.assignments
-        changed = np.tile(assignment, (n + 1, 1))
-        changed[np.arange(n), np.arange(n)] = np.where(assignment < 0, 0, -1)
-        every = replace(fit.take(np.zeros(n + 1, np.int64)), assignments=changed)
-        *others, own = np.logaddexp.reduce(self.log_factors(every), axis=0)
-        return np.asarray(np.where(assignment < 0, 1.0, -1.0) * (np.array(others) - own))
+    def log_of_shown(self, assignments: Integers) -> Floats:
+        """Logarithm (K,) of what regions that are shown make of the odds of assignments (K, n)."""
+        if self.detection_rate is not None:
+            return np.zeros(len(assignments))
+        return log_of_regions(self.clouds.source, assignments >= 0)
 
     def _log_placed(self, fit: PointSetFit) -> tuple[Floats, Floats | None]:
         """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.

@@ -15,8 +15,8 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, kept_by_values
 from rootmatch.problems.points import squared_distances_to
 
-ANYWHERE = 0.5
-"""Prior probability that all points have one rate, as in the search. A round value."""
+BY_REGION = 0.2
+"""Prior probability that a region and the rest have a rate each, as of a window. A round value."""
 PLACES = 64
 """Largest number of places about which regions are, drawn at random if there are more. A round value."""
 FEWEST = 3
@@ -47,7 +47,7 @@ def log_of_regions(source: Floats, matched: Bools) -> Floats:
     odds = sum((log_factorial[one] for one in counts), log_rest)
     top = odds.max(axis=1)
     more = top + np.log(np.exp(odds - top[:, None]).mean(axis=1)) - log_factorial[every] - log_factorial[n - every]
-    return np.asarray(np.logaddexp(math.log(ANYWHERE), math.log1p(-ANYWHERE) + more))
+    return np.asarray(np.logaddexp(math.log1p(-BY_REGION), math.log(BY_REGION) + more))
 
 
 @kept_by_values(8)
