@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.explain.bodies import _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
+from rootmatch.explain.bodies import _Body, _contest, _evidence, _make_exclusive
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.decide import Facts
 from rootmatch.explain.explain import explain
@@ -24,7 +24,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 def judged(found: Finding, status: rm.Status, probability: float | None = None) -> Finding:
     """A finding with facts from which a status follows."""
     facts = {
-        rm.Status.MATCHED: Facts(sure_of_its_detections=True),
+        rm.Status.MATCHED: Facts(sure_of_the_rest=True),
         rm.Status.AMBIGUOUS: Facts(missed=1.0),
         rm.Status.UNTRUSTED: Facts(confirmed=False),
     }[status]
@@ -130,30 +130,6 @@ def test_twins_are_found_whatever_the_order_of_their_points() -> None:
     assert twin_points(shape, shape[1:]) is None
 
 
-@pytest.mark.parametrize("again", [rm.Status.MATCHED, rm.Status.AMBIGUOUS])
-def test_a_search_cut_short_is_confirmed_where_its_detections_allow_no_other_pose(again: rm.Status) -> None:
-    shape = body(1)
-    target, (expected,), _ = image([shape], 3.0, clutter=4, seed=6)
-    task = MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7)
-    found = explain(task.body(0))
-    assert np.array_equal(found.assignment, expected)
-    unsure = judged(found, rm.Status.AMBIGUOUS, found.probability)
-    asked: list[tuple[int, int]] = []
-
-    def solve(part: MatchingTask) -> Finding:
-        asked.append(part.shape)
-        return judged(explain(part), again)
-
-    one = _Body(0, match=unsure, cut=True, budget=1)
-    _confirm(task, one, solve)
-    assert asked == [(7, 7)]  # its own detections, without the clutter
-    assert one.match is not None
-    assert one.match.status is again
-    assert np.array_equal(one.match.assignment, expected)
-    _confirm(task, _Body(0, match=unsure), solve)
-    assert len(asked) == 1  # a search that came to its end has looked for other poses itself
-
-
 def test_what_is_searched_again() -> None:
     shape = body(1)
     target, (expected,), _ = image([shape], 3.0, clutter=4, seed=6)
@@ -178,26 +154,6 @@ def test_what_is_searched_again() -> None:
     assert searched(ambiguous, cut=False, probability=0.5) == [False, False, False, False, True, True]
     assert _Body(0).worth_a_search(free, 100)
     assert not _Body(0, settled=True).worth_a_search(own, 300)
-
-
-def test_a_match_that_was_beyond_chance_stays_so_among_fewer_detections() -> None:
-    shape = body(1)
-    target, _, _ = image([shape], 3.0, clutter=4, seed=6)
-    found = explain(MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7).body(0))
-    untrusted, ambiguous, matched = rm.Status.UNTRUSTED, rm.Status.AMBIGUOUS, rm.Status.MATCHED
-
-    def kept(before: Finding | None, now: rm.Status) -> rm.Status:
-        one = _Body(0, match=judged(found, now))
-        _keep_trusted(one, before)
-        assert one.match is not None
-        return one.match.status
-
-    other = replace(judged(found, ambiguous), assignment=np.roll(found.assignment, 1))
-    assert kept(judged(found, ambiguous), untrusted) is ambiguous
-    assert kept(judged(found, ambiguous), matched) is matched
-    assert kept(judged(found, untrusted), untrusted) is untrusted
-    assert kept(other, untrusted) is untrusted
-    assert kept(None, untrusted) is untrusted
 
 
 def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> None:

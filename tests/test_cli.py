@@ -64,8 +64,8 @@ class TestMatch:
         record = json.loads(result.stdout)
         assert set(record) == {
             "assignment", "score", "margin", "probability", "log_odds", "confidence", "motion_labels", "alternatives",
-            "status", "converged", "stopped_early", "seconds", "evaluated", "noise", "poses",
-            "other_poses",
+            "status", "converged", "stopped_early", "seconds", "evaluated", "noise", "noise_factor",
+            "point_error", "poses", "other_poses",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth
@@ -606,6 +606,8 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
     found = make(
         assignment=np.array([1, -1, 0]),
         score=np.float64("nan"),
+        noise_factor=np.float64("nan"),
+        point_error=0.0,
         margin=0.0,
         probability=None,
         confidence=np.array([0.5, np.nan, 1.0]),

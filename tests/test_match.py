@@ -157,6 +157,17 @@ def test_advice_names_what_the_problem_can_use(problem: rm.Problem) -> None:
     assert "camera" not in distrusted or "camera" in type(problem).__dataclass_fields__
 
 
+def test_advice_tells_of_detections_that_are_reported_twice() -> None:
+    scene = p3p_scene(n=12, outliers=4, noise=0.5, seed=0)
+    again = scene.target + np.random.default_rng(0).normal(0.0, 0.5, scene.target.shape)
+    twice = rm.match(scene.source, np.vstack([scene.target, again]), scene.problem, noise=0.5)
+    assert not twice
+    assert "each thing is reported twice, merge them" in twice.advice
+    some = rm.match(scene.source, scene.target[:5], scene.problem, noise=0.5)
+    assert not some
+    assert "twice" not in some.advice
+
+
 def test_a_symmetric_object_is_called_ambiguous() -> None:
     camera = rm.Camera(1000, 1000, 320, 240)
     square = np.array([[1.0, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0], [0.4, 0, 0], [-0.4, 0, 0]])

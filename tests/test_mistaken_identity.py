@@ -195,3 +195,22 @@ def test_one_image_allows_for_points_that_are_off_by_a_per_cent(off: float, trus
     match = rm.match(BODY, pixels + rng.normal(0.0, 0.3, pixels.shape), rm.P3P(CAMERA), noise=0.3)
     assert bool(match) == trusted
     assert not match or (match.assignment == np.arange(len(BODY))).all()
+
+
+def test_what_is_reported_of_points_that_are_off_is_by_the_noise_that_was_stated() -> None:
+    """Residuals of several σ looked like those of one."""
+    rng = np.random.default_rng(5)
+    body = BODY + rng.normal(0.0, 8e-4, BODY.shape)
+    pixels = CAMERA.project(body @ Rotation.random(random_state=2).as_matrix().T + (0.0, 0.0, 0.8))
+    match = rm.match(BODY, pixels + rng.normal(0.0, 0.3, pixels.shape), rm.P3P(CAMERA), noise=0.3)
+    pose = match.pose
+    assert 2e-4 < match.point_error < 2e-3
+    assert f"{match.point_error:.2g} on each axis" in match.advice
+    assert pose.chi2 == pytest.approx(((pose.residuals / 0.3) ** 2).sum())
+    assert pose.rms_sigma == pytest.approx(math.sqrt(pose.chi2 / pose.dof))
+    assert match.noise_factor == pytest.approx(pose.rms_sigma, rel=0.05)
+    assert match.noise_factor > 1.5
+    stated = rm.match(BODY, match.target, rm.P3P(CAMERA), noise=0.3, source_noise=match.point_error)
+    assert np.allclose(stated.pose.covariance, pose.covariance, rtol=0.05)
+    assert stated.point_error == 0.0
+    assert stated.pose.rms_sigma < 1.5

@@ -7,13 +7,16 @@ import importlib
 import inspect
 import pkgutil
 import textwrap
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
 import rootmatch
 from rootmatch.errors import InputError
+from rootmatch.explain.match_options import MatchOptions
 from rootmatch.options import Options, option
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.solvers import MultiStartAscent
@@ -93,3 +96,12 @@ def test_every_field_is_documented_and_every_default_within_its_range() -> None:
                 if not line.startswith(" ") and " : " in f"{line} : ":
                     documented.update(line.split(" : ")[0].split(", "))
         assert {field.name for field in fields(one)} <= documented, one
+
+
+@pytest.mark.parametrize("call", [rootmatch.match, rootmatch.Matcher, rootmatch.Tracker])
+def test_a_call_hands_on_all_of_its_options(call: Callable[..., Any]) -> None:
+    """They are taken by their names, so one of another name would be lost."""
+    given, own = inspect.signature(call).parameters, {one.name: one.default for one in fields(MatchOptions)}
+    of_points = {"source", "target", "problem", "noise", "normals", "view_angle", "candidates", "bodies", "prior"}
+    assert given.keys() <= own.keys() | of_points | {"source_noise", "tracking"}
+    assert all(given[name].default == own[name] for name in given.keys() & own.keys())

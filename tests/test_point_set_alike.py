@@ -9,7 +9,6 @@ import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.point_set_alike import likeness
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.repetition import with_repetition
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.congruent import congruent_labellings
 
@@ -57,6 +56,20 @@ def racks(seed: int) -> Scene:
     return pair(corners, corners, (middle + 2.0, middle - 2.2), 0.015, rng)
 
 
+def spirals(seed: int) -> Scene:
+    """Two parts of one logarithmic spiral with seven points in common, off by .02 of their spacing, in two sizes."""
+    rng = np.random.default_rng([seed, 5])
+    radius, angle = 10.0 * 1.2 ** np.arange(13), 0.7 * np.arange(13)
+    points = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    points += 0.01 * radius[:, None] * rng.normal(size=points.shape)
+    turn = np.exp(rng.uniform(-1.0, 1.0)) * Rotation.from_euler("z", rng.uniform(-3.0, 3.0)).as_matrix()[:2, :2]
+    others = rng.permutation(np.arange(3, 13))
+    target = points[others] @ turn.T + rng.normal(0.0, 0.3, (10, 2))
+    place = np.full(13, -1)
+    place[others] = np.arange(10)
+    return points[:10], target, place[:10]
+
+
 def model_of(scene: Scene, sigma: float) -> PointSetModel:
     u, v = (np.full(len(points), sigma**2) for points in scene[:2])
     return PointSetModel(PointClouds(scene[0], scene[1], u, v, scaled=False, mirror=False))
@@ -85,18 +98,21 @@ def test_racks_are_matched_where_all_else_in_view_is_alike() -> None:
 def test_an_alike_scene_is_more_probable_than_the_same_where_it_is_another() -> None:
     for same in (True, False):
         lead = []
-        for seed in (1016, 1011, 1012) if same else (1013, 1022, 1010):
+        for seed in (1016, 1011, 1012) if same else (1013, 1022):
             model = model_of(scene := streets(seed, same=same), 0.1)
             proposals = congruent_labellings(model.clouds, mirror=False).proper
             proposals = np.concatenate([scene[2][None], proposals]) if same else proposals
-            model, judged = with_repetition(model, model.judged(proposals))
+            judged = model.judged(proposals)
             told = likeness(model, judged)
             assert np.isfinite(told.log_odds)
             best = judged.log_odds + told.log_factors(judged.fit.assignments)
             lead.append(float(best.max()) - told.log_odds)
             if same:
                 assert (judged.fit.assignments[best.argmax()] == scene[2]).mean() > 0.8
-        assert (np.array(lead) > 4.0).all() if same else (np.array(lead) < 4.0).all()
+        assert (np.array(lead) > 4.0).all() if same else (np.array(lead) < 0.0).all()
+    # where neither is, the labellings of both models are too many for any to be trusted
+    source, target, _ = streets(1010, same=False)
+    assert not rm.match(source, target, rm.Rigid(2), noise=(0.1, 0.1))
 
 
 def test_points_without_a_law_have_nothing_alike() -> None:
@@ -107,3 +123,13 @@ def test_points_without_a_law_have_nothing_alike() -> None:
     told = likeness(model, judged)
     assert told.log_odds < judged.log_odds.max() - 6.0
     assert np.abs(told.log_factors(judged.fit.assignments[:1])).max(initial=0.0) < 0.1
+
+
+def test_what_is_like_itself_in_another_size_is_not_trusted_three_steps_away() -> None:
+    """With deviations as large everywhere 6 of 16 were trusted and wrong."""
+    wrong = 0
+    for seed in range(16):
+        source, target, truth = spirals(seed)
+        match = rm.match(source, target, rm.Similarity(2), noise=0.3)
+        wrong += bool(match) and bool((match.assignment != truth)[match.assignment >= 0].any())
+    assert wrong <= 1

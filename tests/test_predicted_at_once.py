@@ -139,13 +139,14 @@ def test_an_average_is_over_the_changes_of_the_assignment(seed: int) -> None:
     np.testing.assert_allclose((covariance - modes.covariance[0]) / unit, spread / unit, atol=1e-3)
 
 
-def test_a_prediction_with_nothing_near() -> None:
+def test_a_prediction_with_nothing_near(monkeypatch: pytest.MonkeyPatch) -> None:
     model, guess = predicted("normals", 1031, 0.003, shown=0)
     far = replace(model, target=model.target + 5000.0)
     for one in (far, by_numpy(far)):
         assert prediction.proposals_about(one, guess) is None
+    monkeypatch.setattr(prediction, "MOST_PAIRS", 1)
     for one in (model, by_numpy(model)):
-        assert prediction.proposals_about(one, guess, replace(prediction.DEFAULT_PREDICTION, most_pairs=1)) is None
+        assert prediction.proposals_about(one, guess) is None
 
 
 def test_a_pose_with_nothing_possible_stays(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 import rootmatch as rm
 from rootmatch.algebra.rotation import rotation_about_y
+from rootmatch.explain import two_view_decision
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import model_of
+from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_motions import Motion, motions_posterior
-from rootmatch.model.two_view_posterior import posterior
+from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0, size=(1280, 960))
 VERTICAL = (0.0, 1.0, 0.0)
@@ -75,7 +80,7 @@ def test_both_motions_are_trusted_with_their_points(planar: bool) -> None:
             points += own.sum()
             astray += min(moved[own].sum(), (~moved[own]).sum())
     assert trusted >= 4
-    assert astray <= 0.02 * points  # a point may fit both motions, with the same detection
+    assert astray <= 0.03 * points  # a point may fit both motions, with the same detection
 
 
 def test_one_motion_of_two_is_ambiguous() -> None:
@@ -88,6 +93,30 @@ def test_one_motion_of_two_is_ambiguous() -> None:
             partly += "1 of 2 motions were found" in match.advice
             assert not (match.confidence[(match.assignment < 0) & (truth >= 0)] > 0.95).any()
     assert partly >= 3
+
+
+def test_a_motion_that_is_asked_for_is_there_as_probably_as_a_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With one half, as of images nobody asked about, its points were unmatched too surely."""
+    source, target, _, _ = with_vehicle(0, static=12, moved=3)
+    problem, told = rm.ThreePlusOne(CAMERA, axis=VERTICAL, axis2=VERTICAL), two_view_decision.posterior
+    present: list[float] = []
+
+    def noted(model: TwoViewModel, *given: Any, **more: Any) -> TwoViewPosterior:
+        present.append(model.present)
+        return told(model, *given, **more)
+
+    monkeypatch.setattr(two_view_decision, "posterior", noted)
+    for motions, prior in ((1, 0.5), (2, 0.8), ("auto", 0.5)):
+        rm.match(source, target, problem, noise=SIGMA, motions=motions)
+        np.testing.assert_allclose(present, prior)
+        present.clear()
+    nothing = np.full((1, len(source)), -1)
+    task = MatchingTask.of(problem, source, target, noise=SIGMA, options=MatchOptions())
+    model = model_of(task)
+    assert model is not None
+    of_each = [told(replace(model, present=prior, weighs_parts=False), nothing).unmatched for prior in (0.5, 0.8)]
+    # if it is there, a search misses it in one of ten
+    np.testing.assert_allclose(of_each, [[0.999 * 0.5 / 0.55], [0.999 * 0.2 / 0.28]] * np.ones((1, len(source))))
 
 
 def test_nothing_in_common_has_no_motion() -> None:

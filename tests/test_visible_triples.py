@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from functools import partial
 from itertools import permutations
 
+import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -48,6 +49,13 @@ def seen_from_random(
         visible = (towards * normals).sum(axis=1) > 0.1 * np.linalg.norm(towards, axis=1)
         rays = -towards / np.linalg.norm(towards, axis=1, keepdims=True) @ rotation(rng)
         yield visible, image_cells(np.ascontiguousarray(rays.T))
+
+
+def test_a_wave_and_all_of_them_are_of_one_type() -> None:
+    """Those of a wave were read-only: where later frames took all, a kernel was loaded, or compiled, once more."""
+    views, tables = views_of(*ball(5)), tables_of(5, 0)[0]
+    one, every = views.wave(3, tables).prepared, views.whole(tables).prepared
+    assert [numba.typeof(part) for part in one] == [numba.typeof(part) for part in every]
 
 
 def test_what_is_visible_has_a_shape_of_its_table_and_chance_seldom_has() -> None:

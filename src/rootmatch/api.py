@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.strongest import Progress
-from rootmatch.cameras.rig import rig_of
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
@@ -61,7 +60,7 @@ def residuals(
     InputError
         If points or indices cannot be used.
     """
-    if rig_of(problem) is not None:
+    if problem.rig is not None:
         raise InputError("residuals: hyper-edges are within one camera; give that one instead of the rig")
     tables = problem.prepare(source, target, noise)
     n, n_target = len(np.asarray(source)), len(np.asarray(target))
@@ -218,25 +217,7 @@ def match(
         with an untrusted match.
     """
     started = time.perf_counter()
-    options = MatchOptions(
-        seed=seed,
-        preset=preset,
-        sampler=sampler,
-        samples=samples,
-        residual=residual,
-        rho=rho,
-        solver=solver,
-        motions=motions,
-        backend=backend,
-        max_hyperedges=max_hyperedges,
-        max_evaluations=max_evaluations,
-        scheduler=scheduler,
-        progress=progress,
-        detection_rate=detection_rate,
-        resolution=resolution,
-        min_probability=min_probability,
-        max_seconds=max_seconds,
-    )
+    options = MatchOptions.among(locals())
     task = MatchingTask.of(
         problem,
         source,

@@ -15,11 +15,13 @@ def copied(value: Value, **fields: Any) -> Value:
     left behind, as by `dataclasses.replace`.
     """
     known = type(value).__dataclass_fields__  # type: ignore[attr-defined]
-    if not fields.keys() <= known.keys():
-        raise TypeError(f"{type(value).__name__} has no field {', '.join(fields.keys() - known.keys())}")
     out = object.__new__(type(value))
-    state = {name: one for name, one in vars(value).items() if name in known}
-    vars(out).update(state | fields)
+    before, after = value.__dict__, out.__dict__
+    for name in known:
+        after[name] = before[name]
+    after.update(fields)
+    if len(after) > len(known):
+        raise TypeError(f"{type(value).__name__} has no field {', '.join(fields.keys() - known.keys())}")
     return out
 
 

@@ -102,25 +102,7 @@ max_hyperedges, max_evaluations
         self.noise = noise if isinstance(noise, str | int | float) else copy.deepcopy(noise)
         self.labels = None if bodies is None else check_bodies(bodies, self.source, problem.order)
         self.source_noise = None if source_noise is None else check_source_noise(source_noise, self.source)
-        self.options = MatchOptions(
-            seed=seed,
-            preset=preset,
-            sampler=sampler,
-            samples=samples,
-            residual=residual,
-            rho=rho,
-            solver=solver,
-            motions=motions,
-            backend=backend,
-            max_hyperedges=max_hyperedges,
-            max_evaluations=max_evaluations,
-            scheduler=scheduler,
-            progress=progress,
-            detection_rate=detection_rate,
-            resolution=resolution,
-            min_probability=min_probability,
-            max_seconds=max_seconds,
-        )
+        self.options = MatchOptions.among(locals())
 
     def match(
         self,

@@ -18,6 +18,7 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.diagnosis import Diagnosis, diagnosed
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import other_poses
+from rootmatch.explain.inexact_points import noise_factor
 from rootmatch.explain.judged_motions import confidence_of_motions
 from rootmatch.explain.poses import poses_of
 from rootmatch.explain.predicted_poses import agrees_with_prior, fused_pose, labels_of_any, poses_of_finding
@@ -25,6 +26,7 @@ from rootmatch.explain.status_advice import advice, is_undetermined
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.io.pose_files import finite
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.similarity import Similarity
@@ -115,7 +117,7 @@ class Match:
         For several bodies it is the sum, for several motions the evidence of the packing. None if no hyper-edge
         was evaluated: a predicted pose decided, or none of them is possible.
         """
-        return _score(self.shown.score)
+        return finite(self.shown.score)
 
     @property
     def margin(self) -> float:
@@ -130,7 +132,7 @@ class Match:
     @cached_property
     def alternatives(self) -> list[tuple[Integers, float | None]]:
         """The best different assignments and their scores, the most probable first if probabilities are known."""
-        return [(other, _score(score)) for other, score in self.shown.alternatives]
+        return [(other, finite(score)) for other, score in self.shown.alternatives]
 
     @property
     def soft_assignment(self) -> Floats:
@@ -159,12 +161,16 @@ class Match:
 
     @property
     def noise_factor(self) -> float | None:
-        """Ratio of the noise that the residuals about the best pose suggest to the stated ``noise``.
+        """Ratio of the noise that the residuals about the best pose suggest to that stated; None without a pose."""
+        return noise_factor(self.finding)
 
-        It is near 1 if σ is right; None if no pose was fitted. Where a body fits only if its points are off, which the
-        advice says, that is part of the stated noise here.
+    @property
+    def point_error(self) -> float:
+        """Standard deviation of each source coordinate with which a body fits though nobody stated it; 0.0 without.
+
+        Covariances of poses allow for it; `noise_factor`, and ``chi2`` and ``rms_sigma`` of poses, do not.
         """
-        return self.finding.noise_factor
+        return self.finding.point_error
 
     @property
     def prior_holds(self) -> bool | None:
@@ -320,9 +326,8 @@ class Match:
     def report(self, path: str | Path, **options: Any) -> None:
         """Write the match as one self-contained page for the browser, which needs no network.
 
-        It shows points and camera in 3D, the image with reprojections and residuals, the alternatives, poses, settings
-        and versions. It needs the extra ``report``. Options: source_names, target_names, truth, photo, title; see
-        `rootmatch.report.html.write_report`.
+        It shows points and camera in 3D, the image with residuals, the alternatives, poses, settings and versions, and
+        needs the extra ``report``. Options: see `rootmatch.report.html.write_report`.
 
         Raises
         ------
@@ -336,11 +341,6 @@ class Match:
         from rootmatch.report.html import write_report  # plotly and jinja2 are needed here alone
 
         write_report(self, path, **options)
-
-
-def _score(value: float) -> float | None:
-    """A score, or None if no hyper-edge was evaluated."""
-    return None if np.isnan(value) else float(value)
 
 
 def report(finding: Finding, *, seconds: float, stopped_early: bool = False) -> Match:

@@ -212,9 +212,3 @@ def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Floats:
     if array.shape != shape or not np.all(np.isfinite(array)):
         raise InputError(f"rig: {name} has shape {array.shape}, or NaN or infinity; give {shape} finite numbers")
     return array
-
-
-def rig_of(problem: object) -> Rig | None:
-    """The rig whose cameras see the targets of a problem, None if it is one camera or there is none."""
-    camera = getattr(problem, "camera", None)
-    return camera if isinstance(camera, Rig) else None

@@ -142,12 +142,11 @@ def diagnosed(job: Job, image: Path, number: int) -> str:
 
 def _read(job: Job, image: Path) -> Iterator[Frame]:
     """The frames of a file, each with what is known of it."""
-    from rootmatch.cameras.rig import rig_of
     from rootmatch.io.frame_files import read_frames
     from rootmatch.io.known_files import prior_of_frame
 
     dimension = job.problem.target_dimension or job.source.points.shape[1]
-    for frame in read_frames(image, dimension, of_rig=rig_of(job.problem) is not None):
+    for frame in read_frames(image, dimension, of_rig=job.problem.rig is not None):
         yield replace(frame, known=prior_of_frame(job.known, frame.number, frame.time, frame.known))
 
 

@@ -81,7 +81,6 @@ def match(
     """
     given = locals()
     from rootmatch import io
-    from rootmatch.cameras.rig import rig_of
     from rootmatch.io.frame_files import has_frames
 
     of_many = has_frames(image)
@@ -104,7 +103,7 @@ def match(
     else:
         outputs.check(str(problem), inputs, as_json)
     posed = build_problem(str(problem), given)
-    of_rig = rig_of(posed) is not None
+    of_rig = posed.rig is not None
     if of_rig:
         for name, path in (("plot", plot), ("report", report)):
             if path is not None:

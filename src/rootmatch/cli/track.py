@@ -150,7 +150,6 @@ def track(
     """
     given = locals()
     from rootmatch import io
-    from rootmatch.cameras.rig import rig_of
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import STANDARD_INPUT, read_frames
 
@@ -211,7 +210,7 @@ def track(
         table = files.enter_context(closing(AppendedTable(poses, header, delimiter=delimiter))) if poses else None
         printed = csv.writer(sys.stdout, delimiter=delimiter, lineterminator="\n")
         headed = table is not None or as_json
-        for frame in read_frames(frames, posed.target_dimension, of_rig=rig_of(posed) is not None):
+        for frame in read_frames(frames, posed.target_dimension, of_rig=posed.rig is not None):
             timed = frame.time is not None
             if timed and rate is not None:
                 raise InputError(f"--rate: {frames} has a column time; leave one of them out")

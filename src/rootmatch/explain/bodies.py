@@ -23,6 +23,7 @@ from rootmatch.explain.body_findings import among_all, joined
 from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.samplers.guided.sampler import pays
 
 Solve = Callable[[MatchingTask], Finding]
@@ -35,9 +36,6 @@ BUDGET_GROWTH, ROUNDS = 3.0, 4
 """Factor from one round of searches to the next, and the largest number of rounds in which it grows. Round values."""
 SURE = 0.98
 """Probability from which a body takes its detections before the others are known."""
-CONFIRMED = 6
-"""Number of matches from which a certain body whose search was cut short is called matched if its detections allow no
-other pose. A round value; none on the tuning seeds was wrong."""
 BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
 LATE = "max_seconds were over before it was searched for"
@@ -117,11 +115,9 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
     free = np.ones(task.shape[1], np.bool_)
 
     def search(body: _Body, budget: int) -> None:
-        before = body.match
         body.match, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
-        _keep_trusted(body, before)
         body.budget, body.among = budget, int(free.sum())
-        body.evaluated += body.match.evaluated + _confirm(task, body, solve)
+        body.evaluated += body.match.evaluated
         if body.match.status is Status.MATCHED and body.probability >= SURE:
             body.settled = True
             free[body.detections] = False
@@ -162,19 +158,19 @@ def searched_among(
     part = task.body(number)
     if task.deadline.passed():
         return nothing_found(part, LATE), False
-    part = replace(part, deadline=task.deadline.part(BODY))
+    part = copied(part, deadline=task.deadline.part(BODY))
     if len(columns) < task.problem.order:
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
         return nothing_found(part, fault), False
     sub = part.subset(np.arange(part.shape[0]), columns)
     if task.problem.takes_motion_prior:
-        sub = replace(sub, prior_pose=part.prior_pose, rivals=part.rivals)
+        sub = copied(sub, prior_pose=part.prior_pose, rivals=part.rivals)
     try:
         of_rig = sub.rig is not None
         bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
         bounded = bounded and (of_rig or pays(sub.sampling_task))
         if bounded:
-            sub = replace(sub, budget=budget)
+            sub = copied(sub, budget=budget)
         found = solve(sub)
     except UnseenPixelError as error:
         if not task.prior_poses:
@@ -183,35 +179,6 @@ def searched_among(
     # a rig has a budget for each camera
     ended = not found.converged if of_rig else found.evaluated >= budget
     return among_all(found, part, columns), bounded and ended
-
-
-def _keep_trusted(body: _Body, before: Finding | None) -> None:
-    """Leave a match ambiguous that was so among more detections.
-
-    The detections of other bodies are gone. What was beyond chance among them is no accident without them, even if it
-    now looks like a larger share of the rest.
-    """
-    if before is None or body.match is None or before.status is not Status.AMBIGUOUS:
-        return
-    if body.match.status is Status.UNTRUSTED and np.array_equal(before.assignment, body.match.assignment):
-        body.match = body.match.with_facts(was_ambiguous=True)
-
-
-def _confirm(task: MatchingTask, body: _Body, solve: Solve) -> int:
-    """Match a sure body whose search was cut short before it looked for other poses with the same detections.
-
-    Other bodies may be elsewhere, but these detections have one owner, so only they are searched. Returns the number of
-    evaluations.
-    """
-    found = body.match
-    assert found is not None
-    sure = found.status is Status.AMBIGUOUS and body.probability >= SURE
-    if not (sure and body.cut and len(body.detections) >= CONFIRMED):
-        return 0
-    again, _ = searched_among(task, body.number, np.sort(body.detections), body.budget, solve)
-    if again.status is Status.MATCHED and np.array_equal(again.assignment, found.assignment):
-        body.match = found.with_facts(sure_of_its_detections=True)
-    return again.evaluated
 
 
 def _shared(found: Finding, lead: float) -> Finding:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from rootmatch.arrays import Integers
 from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.modes import as_objects
@@ -72,10 +72,10 @@ def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
             assignments=of_all(told.modes.assignments),
             near=as_objects([(of_all(changed), *rest) for changed, *rest in told.modes.near]),
         )
-        told = replace(told, modes=modes)
-    return replace(
+        told = copied(told, modes=modes)
+    return copied(
         found,
-        task=replace(task, noise=found.task.noise),
+        task=copied(task, noise=found.task.noise),
         posterior=told,
         assignment=of_all(found.assignment),
         others=[of_all(other) for other in found.others],

@@ -98,16 +98,12 @@ class Facts:
     """Probability of a pose that explains as much and was never met; 1 of so few matches that no search meets all."""
     confirmed: bool = True
     """False for an assignment about a predicted pose that is not beyond chance."""
-    was_ambiguous: bool = False
-    """Whether it was ambiguous among more detections, some of which other bodies have taken since."""
     contested: bool = False
     """Whether another body that explains its detections as well, or another followed pose, may be the right one."""
     incomplete: bool = False
     """Whether a motion that was asked for was not found, and may be in view."""
     sure_of_the_rest: bool = False
     """Whether its pose is certain and its doubtful matches were left out."""
-    sure_of_its_detections: bool = False
-    """Whether a search among its own detections alone found it again, without a rival."""
 
     @property
     def status(self) -> Status:
@@ -120,10 +116,10 @@ def decide(facts: Facts) -> Status:
     if facts.present is not None and facts.present < facts.min_probability:
         return Status.UNTRUSTED
     if not facts.confirmed or facts.support <= 0.0 or facts.false_alarms > TRUST.false_alarms:
-        return Status.AMBIGUOUS if facts.was_ambiguous else Status.UNTRUSTED
+        return Status.UNTRUSTED
     if facts.contested or facts.incomplete:
         return Status.AMBIGUOUS
-    if facts.sure_of_the_rest or facts.sure_of_its_detections:
+    if facts.sure_of_the_rest:
         return Status.MATCHED
     likely = facts.lead is None or facts.lead >= TRUST.margin
     if facts.probability is not None:

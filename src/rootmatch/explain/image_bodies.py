@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, unknown
-from rootmatch.model.prediction import DEFAULT_PREDICTION
+from rootmatch.model.prediction import COMPLETE
 from rootmatch.model.proposals import Proposals
 
 IN_VIEW, DOUBTED = 0.95, 0.9
@@ -90,6 +90,8 @@ class _Body:
     """Number of free detections at that search; −1 before the first."""
     evaluated: int = 0
     """Evaluations of all its searches."""
+    answer: tuple[tuple[Any, ...], Finding] | None = None
+    """What was last told of it, after what that follows from."""
 
     @property
     def pose(self) -> float:
@@ -150,6 +152,14 @@ class _Body:
         elif found.named:
             self.candidate = self.candidate.also(found.named[:NAMED])
 
+    def tell(self, taken: Bools, of_others: Bools) -> Finding:
+        """What is told of it, see `told_by`; worked out anew if it may be something else than the last time."""
+        given = self.found, self.told, taken.tobytes(), of_others.tobytes()
+        if self.answer is None or self.answer[0] != given:
+            told = told_by(self.found, self.told, self.candidate, taken=taken, of_others=of_others)
+            self.answer = given, told
+        return self.answer[1]
+
 
 def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | None = None) -> Finding:
     """The match of a task of one image whose source points are of several bodies.
@@ -203,10 +213,11 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
 def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     """The finding of all bodies by what is proposed so far, each without the detections of those more certain."""
     taken = np.zeros(task.shape[1], np.bool_)
-    found, used = dict[int, Finding](), np.sum([one.told.used(task.shape[1]) for one in bodies], axis=0)
+    found, each = dict[int, Finding](), {one.number: one.told.used(task.shape[1]) for one in bodies}
+    used = np.sum([*each.values()], axis=0)
     for body in sorted(bodies, key=lambda one: -one.pose):
-        of_others = used - body.told.used(task.shape[1]) >= SURE
-        one = told_by(body.found, body.told, body.candidate, taken=taken, of_others=of_others)
+        of_others = used - each[body.number] >= SURE
+        one = body.tell(taken, of_others)
         taken[one.assignment[one.assignment >= 0]] = True
         unseen = LATE if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen
@@ -219,7 +230,7 @@ def shows_most(told: Posterior, mode: int = 0) -> bool:
     if len(told.probabilities) <= mode:
         return False
     matched = np.count_nonzero(told.modes.assignments[mode] >= 0)
-    return bool(matched >= DEFAULT_PREDICTION.complete * float(told.modes.visible[mode].sum()))
+    return bool(matched >= COMPLETE * float(told.modes.visible[mode].sum()))
 
 
 def _body(task: MatchingTask, number: int) -> _Body:

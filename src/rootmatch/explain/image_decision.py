@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
+from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_hypotheses import Candidate
@@ -104,7 +104,7 @@ def told_by(
     if base.task.weighs_parts:
         told = with_parts(told, model, base.task.minimal, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
-    present, least = float(told.probabilities.sum()), base.task.options.least_probability(MIN_PROBABILITY)
+    present, least = float(told.probabilities.sum()), base.task.options.least_probability
     scoreless, origins = base.evaluated == 0, None
     if isinstance(prior, Doubted):
         origins = prior.prediction_of(modes.rotation, modes.position)

@@ -335,9 +335,9 @@ def few_twins(task: MatchingTask, model: DetectionModel, found: Proposals) -> li
         few = np.flatnonzero((assignment.reshape(-1, task.shape[0]) >= 0).any(axis=0))
         if not task.minimal <= len(few) <= FEW:
             continue
-        images = [task.sightings_of(twin) for twin in twins_of_few(task.points.source, few)]
-        if images:
-            parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, np.array(images)))
+        images = task.sightings_of(twins_of_few(task.points.source, few))
+        if len(images):
+            parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, images))
     return parts
 
 

@@ -14,15 +14,16 @@ from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
-from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.image_decision import misfit_of, told_by
 from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.evidence import residuals_of
-from rootmatch.model.image_alike import ERRORS, LOG_INEXACT, OWN, gains_of_residuals
+from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, gains_of_residuals
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import no_modes
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.smooth_errors import log_odds_if_smooth
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 
@@ -56,7 +57,7 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
     again = told_by(copied(found, task=body.task), body.alone(), body, missed=missed)
     if again.status is Status.UNTRUSTED:
         return found
-    own = _chance(found, again, float(before[which]))
+    own = _chance(found, again, before, which)
     present = None if again.facts.present is None else own * again.facts.present
     return copied(again.with_facts(present=present).less_certain(own), point_error=error)
 
@@ -69,6 +70,13 @@ def gains_of_errors(found: Finding) -> Floats:
     modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * body_radius(model.points)
     _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
     return gains_of_residuals(model, (misfit.squared, moved), misfit.dof, errors)
+
+
+def noise_factor(found: Finding) -> float | None:
+    """`Finding.noise_factor` by the noise that was stated: without the points' errors, which nobody stated."""
+    if not found.point_error or found.model is None or found.posterior is None:
+        return found.noise_factor
+    return misfit_of(copied(found.model, source_covariance=None), found.posterior.modes, found.mode).sigma
 
 
 def _misfit(found: Finding) -> Misfit | None:
@@ -92,16 +100,22 @@ def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     return body.reconsidered(found.posterior.modes)
 
 
-def _chance(found: Finding, again: Finding, log_inexact: float) -> float:
+def _chance(found: Finding, again: Finding, before: Floats, which: int) -> float:
     """Probability of the body with points that are off, against other poses of it as given and something else.
 
-    ``log_inexact``: log-odds of such errors.
+    Either may have errors that are independent or smooth. ``before``: log-odds (OWN,) of errors of the body;
+    ``which``: of them those of ``again``.
     """
     misfit = _misfit(found)
     assert misfit is not None
+    assert found.model is not None
     assert found.posterior is not None
+    assert again.posterior is not None
     modes = found.posterior.modes
     elsewhere = ((modes.assignments >= 0) & (modes.assignments != again.assignment)).any(axis=1)
+    errors = ERRORS * body_radius(found.model.points)
+    smooth = log_odds_if_smooth(found.model, again.posterior.modes, again.mode, errors)
+    own = np.logaddexp.reduce([(again.log_odds or 0.0) + before[which], *(smooth[:OWN] + before)])
     other = (found.log_odds or 0.0) + math.log(WRONG_MODEL * misfit.for_something_else())
-    against = float(np.logaddexp.reduce([*modes.log_mass[elsewhere].tolist(), other]))
-    return 1.0 / (1.0 + math.exp(min(against - (again.log_odds or 0.0) - log_inexact, 700.0)))
+    against = np.logaddexp.reduce([*modes.log_mass[elsewhere].tolist(), other, *(smooth + LOG_ALIKE)])
+    return 1.0 / (1.0 + math.exp(min(float(against - own), 700.0)))

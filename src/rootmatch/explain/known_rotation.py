@@ -17,9 +17,9 @@ from rootmatch.algebra.rotation import rotation_from_vector, rotation_vector
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.known_density import Known
-from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, explained, proposals_of_settled, settle
+from rootmatch.model.prediction import Settled, explained, proposals_of_settled, settle
 from rootmatch.model.proposals import Proposals
 from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
@@ -83,7 +83,7 @@ def assigned_about(
     settled: dict[bytes, Settled] = {}
     for guess in _ranked(model, Known(known, model.centre, body_radius(model.points)), pairs, poses):
         pose = guess.rotation[None], guess.position[None]
-        settle(model, pose, guess.covariance, options=DEFAULT_PREDICTION, known=settled)
+        settle(model, pose, guess.covariance, known=settled)
     return proposals_of_settled(list(settled.values()))
 
 
@@ -221,6 +221,6 @@ def _score(
         chance *= model.rate
     else:  # of many points that face the camera no more are seen than are detected
         shown = np.maximum(chance.sum(axis=1, keepdims=True), 1.0)
-        chance *= np.minimum(DEFAULT_PREDICTION.usual_rate, model.shape[1] / shown)
+        chance *= np.minimum(USUAL_RATE, model.shape[1] / shown)
     score = explained(model, at, chance, step, covariance)
     return score, rotation_from_vector(step[:, :3]) @ rotation, position + step[:, 3:], covariance

@@ -26,6 +26,7 @@ MOST_POINTS = 16
 """Number of points beyond which a body is compared with its copies and mirror images alone: ten milliseconds."""
 
 
+@kept_by_values(256)
 def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
     """For each way in which two bodies are alike, the point (n,) of the second for each of the first; −1 for none.
 
@@ -39,15 +40,9 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
         return (twin,)
     if max(len(first), len(second)) > MOST_POINTS:
         return ()
-    return _likenesses(first, second)
-
-
-@kept_by_values(256)
-def _likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
-    """`likenesses` of bodies of a family: with points that agree as nearly as so many do."""
     least = max(LEAST, SHARE * min(len(first), len(second)))
     proper, mirrored = list[Integers](), list[Integers]()
-    for part in NEARNESS:
+    for part in NEARNESS:  # with points that agree as nearly as so many do
         # a distance agrees within GATE of the deviations of both of its ends
         variance = 0.5 * (part * SAME_SHAPE * float(distances(first).max()) / GATE) ** 2
         noise = np.full(len(first), variance), np.full(len(second), variance)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, Self
 
 from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
+from rootmatch.explain.decide import MIN_PROBABILITY
 from rootmatch.explain.validation import (
     check_callable,
     check_choice,
@@ -60,6 +62,11 @@ class MatchOptions:
     resolution: float | None = None
     max_seconds: float | None = None
     min_probability: float | None = None
+
+    @classmethod
+    def among(cls, arguments: Mapping[str, Any]) -> Self:
+        """Those among the arguments of a call, by their names."""
+        return cls(**{one.name: arguments[one.name] for one in fields(cls) if one.name in arguments})
 
     def __post_init__(self) -> None:
         if self.preset not in (None, "paper"):
@@ -116,9 +123,10 @@ class MatchOptions:
             if is_given:
                 raise InputError(f"{name}: not supported for a rig; leave it out")
 
-    def least_probability(self, default: float) -> float:
-        """Probability from which a match is trusted: as given, or this default."""
-        return default if self.min_probability is None else self.min_probability
+    @property
+    def least_probability(self) -> float:
+        """Probability from which a match is trusted."""
+        return MIN_PROBABILITY if self.min_probability is None else self.min_probability
 
     @cached_property
     def in_process(self) -> MatchOptions:

@@ -11,7 +11,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
+from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
@@ -22,9 +22,10 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
+from rootmatch.model.displaced_motions import with_displaced
 from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances, with_errors_of_source
 from rootmatch.model.point_set_model import PRESENT, Judged, PointSetModel
-from rootmatch.model.point_set_posterior import PointSetPosterior, posterior
+from rootmatch.model.point_set_posterior import PointSetPosterior, mixed, posterior
 from rootmatch.model.repetition import with_repetition
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
@@ -167,7 +168,8 @@ def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, n
     if task.points.source.shape[1] == 3:
         for symmetry in symmetries_of(task.points.source, None):
             every += [np.where(symmetry.image >= 0, one[symmetry.image], -1) for one in every[:LEADING]]
-    return grown(model.clouds, np.array(every), model.mirror, task.allowed)
+    found = model.judged(grown(model.clouds, np.array(every), model.mirror, task.allowed))
+    return with_displaced(model, found).fit.assignments
 
 
 def assessed(
@@ -182,8 +184,13 @@ def assessed(
     _, base = unjudged(task, sampled, None)
     base = replace(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
     proposals = proposals[(proposals >= 0).sum(axis=1) >= LEAST]
-    model, judged = with_repetition(model, model.judged(proposals))
-    return told_by(base, posterior(model, proposals, mirrored, judged), model)
+    judged = model.judged(proposals)
+    found = posterior(model, judged.fit.assignments, mirrored, judged)
+    if (repeated := with_repetition(model, judged)) is not None:
+        again = posterior(repeated.model, judged.fit.assignments, mirrored, repeated.judged)
+        again = replace(again, log_total=again.log_total + repeated.log_odds)
+        model, found = repeated.model if again.log_total > found.log_total else model, mixed([found, again])
+    return told_by(base, found, model)
 
 
 def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> Finding:
@@ -199,7 +206,7 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         Targets of other bodies: the result is a labelling without any of them, or nothing.
     """
     task, present, n = base.task, found.present, len(model.clouds.source)
-    least = task.options.least_probability(MIN_PROBABILITY)
+    least = task.options.least_probability
     first = found if taken is None else found.without(taken)
     is_best = len(first.assignments) == 0 or bool((first.assignments[0] == found.assignments[0]).all())
     if not len(first.assignments):

@@ -15,7 +15,7 @@ from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.blob_labels import resolved
-from rootmatch.model.evidence import errors_by_source
+from rootmatch.model.evidence import errors_by_source, squared_deviations
 from rootmatch.model.known_density import Known
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.problems.base import Problem
@@ -118,7 +118,21 @@ def polished_pose(found: Finding) -> Pose | None:
         vertical = problem.upright if isinstance(problem, UP2P) and prior is None else None  # it may be exact
         camera = problem.camera  # type: ignore[attr-defined]
         fit = camera_poses(points, camera, assignment[None], upright=vertical, prior=prior, start=pose)[0]
-    return None if fit is None else with_shared_errors(found, fit, prior)
+    return None if fit is None else _by_stated_noise(found, with_shared_errors(found, fit, prior))
+
+
+def _by_stated_noise(found: Finding, fit: Pose) -> Pose:
+    """A fit of a finding with χ² by the noise that was stated, where the points are off though nobody said so.
+
+    Its covariance is that of a fit which allows for them.
+    """
+    if not found.point_error or found.model is None or fit.chi2 is None or not fit.dof:
+        return fit
+    model, exact = found.model, copied(found.model, source_covariance=None)
+    at = model.linearised(*model.centred(fit.R[None], fit.t[None]))
+    squared, stated = (squared_deviations(one, found.assignment[None], at)[0] for one in (model, exact))
+    chi2 = max(float(fit.chi2 + stated - squared), 0.0)
+    return replace(fit, chi2=chi2, rms_sigma=math.sqrt(chi2 / fit.dof))
 
 
 def with_shared_errors(found: Finding, fit: Pose, prior: Pose | None) -> Pose:

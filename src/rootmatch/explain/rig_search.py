@@ -7,6 +7,7 @@ cameras; those that it gathers there are what the model of all images judges.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from rootmatch.explain.image_hypotheses import Candidate, is_enough, model_of
 from rootmatch.explain.rig_triples import assignments_of_triples
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
@@ -47,7 +49,7 @@ def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
     """
     sampled, whole = _searched(task, model_of(task), LIMITS if task.budget is None else LIMITS_OF_BOUNDED)
     found = assessed(task, sampled, judging=judging)
-    return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
+    return copied(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
 def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]) -> tuple[SampledTensor, bool]:
@@ -60,7 +62,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     n, n_target = task.shape
     guided = task.options.sampler
     if not isinstance(guided, Guided):
-        guided = Guided(budget=task.budget or BUDGET, hypotheses=limits[0])
+        guided = _guided(task.budget or BUDGET, limits[0])
     indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
     searching = task.deadline.part(SEARCHED)
     views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
@@ -68,7 +70,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     for number, (k, own, part) in enumerate(parts):
         if len(own) < task.minimal or searching.passed():
             continue
-        part = replace(part, deadline=searching.part(1.0 / (len(parts) - number)))
+        part = copied(part, deadline=searching.part(1.0 / (len(parts) - number)))
         if task.search_camera is not None:
             by_triples = _by_triples(part, model, k, own, guided)
             if by_triples is not None:
@@ -92,7 +94,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
-                more, all_triples = _by_triples(replace(part, deadline=searching), model, k, own, guided) or ([], False)
+                more, all_triples = _by_triples(copied(part, deadline=searching), model, k, own, guided) or ([], False)
                 hypotheses += more
                 missed = 0.0 if all_triples else missed
         if len(hypotheses) > met:
@@ -103,12 +105,18 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
 
 
+@lru_cache(maxsize=32)
+def _guided(budget: int, hypotheses: int) -> Guided:
+    """A sampler with these options, checked once and not in every frame."""
+    return Guided(budget=budget, hypotheses=hypotheses)
+
+
 def of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers, MatchingTask]:
     """One camera, its detections (m,) among all, and the task of these."""
     assert task.rig is not None
     own = np.flatnonzero(task.camera_of == k)
     part = task.subset(np.arange(task.shape[0]), own)
-    part = replace(
+    part = copied(
         part,
         problem=task.problem.of_view(task.rig.cameras[k], task.rig.rotations[k]),  # type: ignore[attr-defined]
         points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
@@ -122,7 +130,7 @@ def _by_triples(
 ) -> tuple[list[Integers], bool] | None:
     """See `assignments_of_triples`; a measured vertical has its say in the model."""
     camera = part.problem.camera  # type: ignore[attr-defined]
-    of_triples = part if type(part.problem) is P3P else replace(part, problem=P3P(camera))
+    of_triples = part if type(part.problem) is P3P else copied(part, problem=P3P(camera))
     return assignments_of_triples(of_triples, model, k, own, guided)
 
 

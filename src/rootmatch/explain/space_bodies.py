@@ -14,7 +14,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import CONFIRMED, LATE, SURE, Solve, search_in_turn, searched_among
+from rootmatch.explain.bodies import LATE, SURE, Solve, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
@@ -26,6 +26,10 @@ from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.weighed_labellings import Weighed, nothing_weighed, weighed
 from rootmatch.samplers.base import SampledTensor
+
+CONFIRMED = 6
+"""Number of matches from which a certain body whose search was cut short is called matched if its detections allow no
+other pose. A round value; none on the tuning seeds was wrong."""
 
 
 @dataclass(eq=False)

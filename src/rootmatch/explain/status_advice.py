@@ -40,6 +40,10 @@ NOISY = 1.5
 """Factor on the stated σ that a sequence suggests from which it is told. A round value."""
 UNDETERMINED = 1.0
 """Standard deviation of a rotation, radians, from which a pose does not tell it. A round value."""
+TOGETHER = 4.0
+"""Distance in σ within which .98 of the pairs of detections of one thing lie, by the χ² of their difference."""
+TWICE = 0.5
+"""Share of detections beside another from which advice speaks of it: fewer are neighbours by chance. A round value."""
 
 
 def advice_on(status: Status, problem: Problem, to_tell: str | None = None) -> str:
@@ -90,10 +94,28 @@ def advice(
                 f"; by the frames so far the noise is {finding.sequence_factor:.1f} times as large as given, "
                 "as it also looks if a similar object is followed in place of this one"
             )
+    if finding.status is not Status.MATCHED and _is_detected_twice(finding.task):
+        text += (
+            f"; most detections have another within {TOGETHER:.0f} σ: if each thing is reported twice, merge them "
+            "first, as the second of a pair counts as clutter"
+        )
     if agrees_with_prior(finding) is False:
         text += "; this pose contradicts the prior and was found without it; check the prior and its σ"
     told = "max_seconds" in text or not stopped_early
     return text if told else f"{text}; max_seconds ended it before it was finished"
+
+
+def _is_detected_twice(task: MatchingTask) -> bool:
+    """Whether most detections are as near to another one of their image as two measurements of one thing."""
+    from scipy.spatial import cKDTree  # slow to import
+
+    near = np.zeros(len(task.points.target), bool)
+    for camera in np.unique(task.camera_of):
+        own = task.camera_of == camera
+        target, noise = task.points.target[own], task.points.detection_noise[own]
+        away, other = cKDTree(target).query(target, 2)
+        near[own] = (other[:, 1] < len(target)) & (away[:, 1] < TOGETHER * noise)
+    return bool(near.sum() > TWICE * len(near))
 
 
 def is_undetermined(poses: Sequence[Pose | None]) -> bool:
@@ -129,6 +151,12 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
     """Why a finding is not trusted: the noise, chance, or that nothing was found."""
     task, facts, factor = finding.task, finding.facts, finding.noise_factor
     problem, noise = task.problem, task.noise
+    if finding.point_error:
+        return (
+            f"no trustworthy match: what was found fits if the points of the body are off by {finding.point_error:.2g} "
+            "on each axis, but something else of nearly its shape, or another pose, explains as much; check the model, "
+            "and give `source_noise=`, or a larger `noise=`, if that is realistic"
+        )
     if factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named and _is_noise_larger(finding):
         told = f"noise={factor * noise:.2g}" if isinstance(noise, int | float) else "a larger noise="
         if _is_pose_with_larger_noise(finding):

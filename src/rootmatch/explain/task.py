@@ -74,7 +74,7 @@ class MatchingTask:
     prior_freedom : float
         Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`.
     present, present_of : float, optional, and dict
-        Probability that the body, or each of several, is among targets in space; that of the model if not given.
+        Probability that the body, or each of several, is in space, or what two views show; by default the model's.
     weighs_parts : bool
         Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised.
     log_inexact : tuple of float
@@ -243,11 +243,11 @@ class MatchingTask:
         return None if self.weights is None else np.tile(self.weights, (self.rows // self.shape[0], 1))
 
     def sightings_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Rows of an assignment for some points, those of the first camera first; −1 for a point −1."""
+        """Rows (…, C m) of an assignment for points (…, m), those of the first camera first; −1 for a point −1."""
         if self.rig is None:
             return points
-        first = np.arange(0, self.rows, self.shape[0])[:, None]
-        return np.where(points >= 0, first + points, -1).ravel()
+        first, each = np.arange(0, self.rows, self.shape[0])[:, None], points[..., None, :]
+        return np.where(each >= 0, first + each, -1).reshape(*points.shape[:-1], len(first) * points.shape[-1])
 
     @property
     def has_prior(self) -> bool:

@@ -12,20 +12,22 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.cameras.base import CameraModel
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
+from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import KEPT
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
-from rootmatch.model.clutter import clutter_areas, clutter_of
+from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.posterior import right_together, surest
 from rootmatch.model.priors import COPY
 from rootmatch.model.two_view_losses import log_chance_of_losses
-from rootmatch.model.two_view_model import TwoViewModel
+from rootmatch.model.two_view_model import PRESENT, TwoViewModel
+from rootmatch.model.two_view_places import at_their_places
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared
@@ -51,10 +53,9 @@ def model_of(task: MatchingTask) -> TwoViewModel | None:
     if views is None:
         return None
     tilt = math.sqrt(2.0) * float(getattr(task.problem, "axis_noise", 0.0))
-    pixels, sigma = task.image
-    camera = getattr(task.problem, "camera2", None) or task.problem.camera  # type: ignore[attr-defined]
-    areas = camera.image_areas(task.points.target)
-    clutter = clutter_of(pixels, sigma, clutter_areas(pixels, sigma) if areas is None else areas)
+    camera, points = task.problem.camera, task.points  # type: ignore[attr-defined]
+    crowds, _ = _crowds(camera, points.source, points.source_noise)
+    clutter, sigma = _crowds(getattr(task.problem, "camera2", None) or camera, points.target, points.target_noise)
     log_weights = None if task.weights is None else candidate_log_odds(task.weights)
     if task.allowed is not None:
         log_weights = np.where(task.allowed, 0.0 if log_weights is None else log_weights, -np.inf)
@@ -71,7 +72,16 @@ def model_of(task: MatchingTask) -> TwoViewModel | None:
         log_weights=log_weights,
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
         weighs_parts=task.weighs_parts,
+        present=PRESENT if task.present is None else task.present,
+        crowds=crowds,
     )
+
+
+def _crowds(camera: CameraModel, points: Floats, noise: Floats) -> tuple[Clutter, Floats]:
+    """How points of an image crowd, and their σ in it."""
+    pixels, sigma = camera.chart(points, noise)[1:]
+    areas = camera.image_areas(points)
+    return clutter_of(pixels, sigma, clutter_areas(pixels, sigma) if areas is None else areas), sigma
 
 
 def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, solution: Solution | None) -> Finding:
@@ -79,7 +89,7 @@ def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, so
     named, base = unjudged(task, sampled, solution)
     every = np.array(named, np.int64).reshape(-1, task.shape[0])
     try:
-        told = posterior(model, every, task.options.seed)
+        told = at_their_places(posterior(model, every, task.options.seed))
         rivals = rivals_of(model, told, every if sampled.repeated else every[:0], task.options.seed)
     except OutOfTime:
         return base
@@ -122,7 +132,7 @@ def reported(told: TwoViewPosterior) -> Integers:
 
 def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior and `rivals_of` it tell them."""
-    least = base.task.options.least_probability(MIN_PROBABILITY)
+    least = base.task.options.least_probability
     present = min(told.present_each)
     facts = Facts(present=present, contested=True, min_probability=least, missed=missed)
     first = reported(told)

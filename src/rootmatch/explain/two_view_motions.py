@@ -10,15 +10,15 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.body_findings import among_all, of_all_bodies
-from rootmatch.explain.decide import MIN_PROBABILITY
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.missing_motions import Rest, with_missing
+from rootmatch.explain.missing_motions import ASKED_FOR, Rest, with_missing
 from rootmatch.explain.multi_motion import distinct_hyperedges
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import Rivals, model_of, reported, rivals_of, told_by
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.two_view_motions import Motion, motions_posterior
+from rootmatch.model.two_view_places import at_their_places
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 
 ROUNDS = 3
@@ -36,6 +36,8 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
         The route of a task of one motion.
     """
     alone = replace(task, options=replace(task.options, motions=1))
+    if task.options.motions != "auto":
+        alone = replace(alone, present=ASKED_FOR)
     searched: list[Rest] = []
     assignment, labels = np.full((2, task.shape[0]), -1, np.int64)
     rest = with_missing(alone, solve, assignment, labels, asked=task.options.motions, searched=searched)
@@ -48,7 +50,7 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
         scores=None,
         soft=None,
     )
-    least = task.options.least_probability(MIN_PROBABILITY)
+    least = task.options.least_probability
     try:
         while (weighed := _weighed(alone, searched, assignment, labels)) is not None:
             told, rivals, left = weighed
@@ -98,7 +100,7 @@ def _weighed(
                 motions.append(Motion(told, points, detections))
                 others.append(rivals_of(part, told, named[len(every) - len(rest.told.named) :], alone.options.seed))
         if len(motions) < 2:
-            return (motions[0].told, others[0], left) if motions else None
+            return (at_their_places(motions[0].told), others[0], left) if motions else None
         whole = motions_posterior(model, motions, alone.options.seed)
         first = reported(whole)
         numbers = whole.motions_of(first)

@@ -86,6 +86,8 @@ class Clutter:
         Standard deviations of crowds along each axis.
     repeats : float
         Share of those that repeat others, see `rootmatch.model.repetition`.
+    repeating : (n',) float64, optional
+        Probability that each detection, as clutter, is one of these.
     """
 
     about: Floats
@@ -97,6 +99,7 @@ class Clutter:
     shares: Floats
     widths: Floats
     repeats: float = 0.0
+    repeating: Floats | None = None
 
     @once
     def log_density(self) -> Floats:

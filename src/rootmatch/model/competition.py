@@ -57,7 +57,7 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
     found = []
     for modes, share in zip(parts, each_of, strict=False):  # those of copies follow
         each = (1.0 - WRONG_MODEL) * share
-        order = np.argsort(-each[:-1], kind="stable")
+        order = (-each[:-1]).argsort(kind="stable")
         if (order[1:] > order[:-1]).all():  # as they are, nearly always
             found.append(Posterior(modes, each[:-1], float(each[-1])))
         else:
@@ -140,4 +140,4 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bool
         unmatched=np.where(given, 1.0, part_of.unmatched),
         near=none_near(*assignments.shape),
     )
-    return modes.and_(lost.take(np.flatnonzero(usable)))
+    return modes.and_(lost.take(usable.nonzero()[0]))

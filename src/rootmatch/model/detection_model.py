@@ -41,7 +41,7 @@ EXACT = ISOTROPIC = np.empty((0, 2, 2))
 HIGHEST_RATE = 0.999
 """Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
 USUAL_RATE = 0.9
-"""Detection rate assumed of each point of a blob, if none is given."""
+"""Detection rate assumed if none is given, where it is not integrated over."""
 
 
 RATE_PRIOR, RATE_PRIOR_WITHOUT_NORMALS = (9.0, 1.0), (1.0, 1.0)
@@ -156,8 +156,8 @@ class DetectionModel:
             n, shown = len(self.points) // len(self.images), np.bincount(self.image_of)[np.flatnonzero(counts == most)]
             if triples_of(n, int(shown.min())) > triples:
                 return False
-        enough = len(np.unique(self.points[used], axis=0)) >= points
-        return bool(enough and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)
+        distinct = np.count_nonzero(used.reshape(len(self.images), -1).any(axis=0))
+        return bool(distinct >= points and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)
 
     @once
     def rays(self) -> Floats:

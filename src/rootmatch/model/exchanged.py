@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
+from rootmatch.frozen import copied, once
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.pose_density import Doubted, Gaussian, Mixed, Mixture, PoseDensity, largest, packed
 from rootmatch.model.posterior import Posterior
@@ -68,7 +68,7 @@ class Exchanged(Mixed):
         """See `PoseDensity.least`."""
         return self.known.least
 
-    @cached_property
+    @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         left = math.log1p(-sum(math.exp(share) for _, share in self.others))
@@ -112,4 +112,4 @@ def marked(model: DetectionModel, told: Posterior) -> Posterior:
     """A posterior by `beside_others` that tells which modes are where another body was expected."""
     if not isinstance(model.prior, Exchanged):
         return told
-    return replace(told, exchanged=model.prior.in_other_places(told.modes.rotation, told.modes.position))
+    return copied(told, exchanged=model.prior.in_other_places(told.modes.rotation, told.modes.position))

@@ -18,7 +18,7 @@ from rootmatch.frozen import copied
 from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
 from rootmatch.model.evidence import evidence, residuals_of
 from rootmatch.model.modes import Modes
-from rootmatch.model.prediction import DEFAULT_PREDICTION, HIDDEN, Settled, settle
+from rootmatch.model.prediction import HIDDEN, Settled, settle
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -120,6 +120,6 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     wide = copied(model, source_covariance=covariance, allowed=allowed)
     known: dict[bytes, Settled] = {}
     pose = mode.rotation, mode.position
-    settle(wide, pose, mode.covariance[0], options=DEFAULT_PREDICTION, known=known)
+    settle(wide, pose, mode.covariance[0], known=known)
     matched = evidence(wide, mode.assignments, wide.linearised(*pose))
     return max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])

@@ -44,7 +44,7 @@ def marginals(
         Probability of each hypothesis, and of the body's absence as the last.
     """
     if len(uses) == 1:
-        return [_shares(np.append(masses[0], 0.0))]
+        return [_shares(np.concatenate([masses[0], [0.0]]))]
     count = uses[0].shape[1]
     absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
     taken, value = np.zeros((1, count), np.float32), np.zeros(1)

@@ -23,6 +23,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.matchings import matchings_in_parts
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.shown_regions import log_of_regions
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
 SAMPLES = 128
@@ -163,12 +164,12 @@ def _gamma(shape: float, rate: float, rng: np.random.Generator) -> tuple[Floats,
 
 
 def _log_changes(model: PointSetModel, assignment: Integers) -> Floats:
-    """Logarithm (n,) by which a target of each point, given those of the others, changes `log_of_shown`."""
-    n = len(assignment)
-    changed = np.tile(assignment, (n + 1, 1))
-    changed[np.arange(n), np.arange(n)] = np.where(assignment < 0, 0, -1)
-    *others, own = model.log_of_shown(changed)
-    return np.asarray(np.where(assignment < 0, 1.0, -1.0) * (np.array(others) - own))
+    """Logarithm (n,) by which a target of each point, given those of the others, changes `log_of_regions`."""
+    n, matched = len(assignment), assignment >= 0
+    changed = np.tile(matched, (n + 1, 1))
+    changed[np.arange(n), np.arange(n)] = ~matched
+    *others, own = log_of_regions(model.clouds.source, changed, model.detection_rate)
+    return np.asarray(np.where(matched, -1.0, 1.0) * (np.array(others) - own))
 
 
 def _likely(model: PointSetModel, fit: PointSetFit) -> Bools:

@@ -107,7 +107,7 @@ def modes_of(
     assignments, found, at, poses = _possible(model, proposals, floor, of_copy)
     if twins:
         assignments, found, at, poses = _without_misfits(model, assignments, found, at, poses)
-    order = np.argsort(-found.log_odds, kind="stable")
+    order = (-found.log_odds).argsort(kind="stable")
     for k in order[np.isfinite(found.log_odds[order])].tolist():
         log_odds = float(found.log_odds[k])
         behind = bool(kept) and log_odds < min(kept[0].log_mass - far, enough)
@@ -196,11 +196,11 @@ def _without_misfits(
     model: DetectionModel, assignments: Integers, found: Evidence, at: Linearised, poses: tuple[Floats, Floats]
 ) -> tuple[Integers, Evidence, Linearised, tuple[Floats, Floats]]:
     """Settled hypotheses and their best poses, and those whose matches fit in part without the rest."""
-    (some,) = np.nonzero(np.isfinite(found.log_odds))
+    (some,) = np.isfinite(found.log_odds).nonzero()
     there = at.take(some)
     misfit = (deviations(model, assignments[some], there)[0] ** 2).sum(axis=2) > MISFITTING
     enough = ((assignments[some] >= 0) & ~misfit).sum(axis=1) >= model.prior.least
-    (which,) = np.nonzero(misfit.any(axis=1) & enough)
+    (which,) = (misfit.any(axis=1) & enough).nonzero()
     if not len(which):
         return assignments, found, at, poses
     some, there = some[which], there.take(which)

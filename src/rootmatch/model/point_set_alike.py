@@ -3,9 +3,9 @@
 Two streets whose trees stand every ten metres have many trees near each other at some motion: nearer than by chance,
 but w from their places, where w is larger than the noise. Some of these are within the noise, and at the best of all
 motions many. Against clutter that is evidence for the same points; against an alike scene it is not. So sets may also
-be alike: all points deviate by w more, one of the widths of `rootmatch.model.repetition`. That is no answer, as a
-mirror image is none. Points that have a target near their place, and not in it, tell the one from the other: of the
-same points there are none.
+be alike: all points deviate by w more, one of the widths of `rootmatch.model.repetition`, or by as large a part of the
+spacing about each, as what is like itself in another size does. That is no answer, as a mirror image is none. Points
+that have a target near their place, and not in it, tell the one from the other: of the same points there are none.
 
 Where the source shows the same points, what is beside them may be alike to others of its points, a period away. So the
 odds of a labelling grow by the odds of its matches and all other targets, as an alike scene, over those of its matches
@@ -30,7 +30,7 @@ from rootmatch.problems.points import squared_distances_to
 from rootmatch.samplers.point_sets.congruent import grown
 
 BEYOND = 2.0
-"""Least width, in σ of a match: a deviation that noise explains makes nothing alike. A round value."""
+"""Least width, in σ of a match, at one point: a deviation that noise explains makes nothing alike. A round value."""
 NEAR = 4.0 / math.sqrt(2.0 * math.pi * math.e)
 """Deviation, in the largest width times √k, up to which a target is nearer to a place than by chance: up to there
 N(d; 0, w² I) is above the density of targets for the w that makes it largest."""
@@ -41,6 +41,10 @@ ROUNDS = 3
 MARGIN = 6.0
 """By how much an alike scene has to be less probable than the same points, at best, to be left out: it changes their
 probability by a four-hundredth. A round value; it bounds time."""
+NEIGHBOUR = 2
+"""Neighbour whose distance is the spacing about a point. A round value."""
+PARTS = 0.25 * 0.5 ** np.arange(4)
+"""Widths in parts of the spacing about each point: as wide as the widest of all targets', and down to a 32nd."""
 FEWEST = 3
 """Matches that determine a motion."""
 
@@ -77,32 +81,42 @@ def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     squared = float(found.fit.scale[0]) ** 2
     noise = float(clouds.target_variance.max() + squared * clouds.source_variance.max())
     least, level = BEYOND * math.sqrt(noise), float(found.log_odds[0]) - MARGIN
-    widths = [w for w in widths_of(model.clutter).tolist() if w > least and _most(model, found, w, noise) > level]
+    every = _widths(model, math.sqrt(squared))
+    widths = [one for one in every if one.max() > least and _most(model, found, one, noise) > level]
     if not widths:
         return nothing
     rivals = found.take(np.flatnonzero(found.log_odds > 0.0))
     near = _near(rivals, NEAR * math.sqrt(clouds.target.shape[1]) * float(widths_of(model.clutter)[0]))
     matched = uses_of(rivals.fit.assignments, len(clouds.target))
     judged = [_alike(model, found, (matched | ~near, matched), rivals, w / math.sqrt(squared)) for w in widths]
-    every, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
+    total, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
     # whether the source is like itself: what is alike elsewhere tells; if so, an alike scene is as probable as none
     itself = 1.0 / (1.0 + math.exp(min(math.log(len(widths) / ALIKE) - float(elsewhere), 700.0)))
     gained = np.maximum(more - own, 0.0)
     return Likeness(
-        math.log(ALIKE + itself) + float(every) - math.log(len(widths)),
+        math.log(ALIKE + itself) + float(total) - math.log(len(widths)),
         rivals.fit.assignments,
         np.logaddexp(0.0, math.log(max(itself, 1e-300)) + gained),
     )
 
 
-def _most(model: PointSetModel, found: Judged, width: float, noise: float) -> float:
-    """About the most log-odds of an alike scene of some width: of labellings with all that is near their motions."""
-    fit, size, wider = found.fit, model.clouds.target.shape[1], (noise + width**2) / noise
-    near = squared_distances_to(fit.places[0], fit.clouds.target) < (REACH * width) ** 2
+def _widths(model: PointSetModel, scale: float) -> Floats:
+    """Widths (W, n) at the points of the source: as much everywhere, or in parts of the spacing about each of them."""
+    points, everywhere = model.clouds.source, widths_of(model.clutter)[:, None]
+    squared = squared_distances_to(points[None], points)[0]
+    spacing = scale * np.sqrt(np.sort(squared, axis=1)[:, min(NEIGHBOUR, len(points) - 1)])
+    return np.concatenate([np.repeat(everywhere, len(points), axis=1), PARTS[:, None] * spacing])
+
+
+def _most(model: PointSetModel, found: Judged, width: Floats, noise: float) -> float:
+    """About the most log-odds of an alike scene of some widths: of labellings with all that is near their motions."""
+    fit, size = found.fit, model.clouds.target.shape[1]
+    widest, wider = 1.0 + float(width.max()) ** 2 / noise, 1.0 + float(width.min()) ** 2 / noise
+    near = squared_distances_to(fit.places[0], fit.clouds.target) < (REACH * width[:, None]) ** 2
     near &= ~uses_of(fit.assignments, near.shape[2])[:, None]
     near &= (fit.assignments < 0)[:, :, None]
     others = np.minimum(near.any(axis=2).sum(axis=1), near.any(axis=1).sum(axis=1))
-    most = found.log_odds + 0.5 * fit.chi2 * (1.0 - 1.0 / wider) - 0.5 * fit.dof * math.log(wider)
+    most = found.log_odds + 0.5 * fit.chi2 * (1.0 - 1.0 / widest) - 0.5 * fit.dof * math.log(wider)
     each = model.log_volume - 0.5 * size * (math.log(2.0 * math.pi * noise * wider) + 1.0)
     for k, (matched, more) in enumerate(zip((fit.assignments >= 0).sum(axis=1), others, strict=True)):
         counts = model.log_counts[matched : matched + more + 1]
@@ -111,7 +125,7 @@ def _most(model: PointSetModel, found: Judged, width: float, noise: float) -> fl
 
 
 def _alike(
-    model: PointSetModel, found: Judged, parts: tuple[Bools, Bools], rivals: Judged, width: float
+    model: PointSetModel, found: Judged, parts: tuple[Bools, Bools], rivals: Judged, width: Floats
 ) -> tuple[float, float, Floats, Floats]:
     """Log-odds at one width, in units of the source: of all labellings, and of the best elsewhere than the first.
 

@@ -8,8 +8,7 @@ the odds
     ∫ δ^m (1 − δ)^(n − m) dδ · Γ(n' − m + ½) / Γ(n' + ½)
         · ∫ ∏ N(x'_j; s R x_i + t, s² σ_i² + σ_j²) / f(x'_j) dT / (V vol)
 
-- δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points; or a region of the
-  object and the rest have a rate each (`rootmatch.model.shown_regions`).
+- δ is given, or integrated under a flat prior: every m is as probable, and each subset; see `shown_regions`.
 - λ is integrated under Jeffreys' prior λ^(−½): the second factor, about 1/n'^m.
 - f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one; and
   about points of the object that are hidden, as their reflections do, with the same shares and widths.
@@ -44,14 +43,12 @@ from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.shown_regions import log_of_regions
-from rootmatch.model.targets_box import WEIGHTS, edges_of, space_of
+from rootmatch.model.targets_box import WEIGHTS, box_of, chances_in_view, edges_of, space_of
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
 
 PRESENT = 0.5
 """Prior probability that the object is among the targets. A round value."""
-
-
 INSIDE = 0.5
 """Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
 its middle alone. A round value."""
@@ -150,7 +147,8 @@ class PointSetModel:
         known = np.zeros(len(total)) if self.prior is None else total
         matched = (assignments >= 0).sum(axis=1)
         odds = self.log_density(fit) - self.log_volume + self.log_counts[matched] - self._log_clutter(fit)
-        return Judged(fit, np.asarray(odds + self._log_weights(assignments) + total), known, held)
+        odds = odds + self._log_weights(assignments) + self._log_lacked(fit)
+        return Judged(fit, np.asarray(odds + total), known, held)
 
     def judged_one(self, assignment: Integers) -> Judged:
         """The same of one assignment (n,), for which several stages ask."""
@@ -170,6 +168,23 @@ class PointSetModel:
         """
         taken = uses_of(fit.assignments, len(self.clouds.target))
         return self.clutter.log_taken(taken, self.about_points(fit, fit.assignments < 0))
+
+    def _log_lacked(self, fit: PointSetFit) -> Floats:
+        """Logarithm (K,) of the odds that the source lacks so many of what repeats itself where it shows its points.
+
+        Any share of it may be detected in the source, as in the targets, and each choice of as many is as probable. As
+        there, a place beyond the points is in view with a probability.
+        """
+        if self.clutter.repeating is None:
+            return np.zeros(len(fit.scale))
+        from scipy.special import betaln  # slow to import
+
+        clouds, taken = self.clouds, uses_of(fit.assignments, len(self.clouds.target))
+        back = (clouds.target - fit.shift[:, None]) @ fit.rotation / fit.scale[:, None, None]
+        middle, axes, own, _ = box_of(clouds.source, clouds.source_variance)
+        seen = chances_in_view((back - middle) @ axes, own.min(axis=0), own.max(axis=0), len(own))
+        lacked, matched = (np.where(taken, 0.0, self.clutter.repeating) * seen).sum(axis=1), taken.sum(axis=1)
+        return np.asarray(betaln(matched + 1.0, lacked + 1.0) + np.log(matched + 1.0))
 
     def log_more_clutter(self, matched: Floats | Integers | float) -> Floats:
         """Logarithm by which the targets left are too few for crowds about hidden points, by the number of matches."""
@@ -199,13 +214,11 @@ class PointSetModel:
     def log_factors(self, fit: PointSetFit) -> Floats:
         """Logarithm (predictions + 1, K) of what each prediction of a motion makes of its density, and at last nothing.
 
-        Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part. And of
-        what regions of the object are shown, which need not have one rate.
+        Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part.
         """
         inside, in_part = self._log_placed(fit)
-        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE))
-        shown = self.log_of_shown(fit.assignments)
-        placed += shown
+        shown = log_of_regions(self.clouds.source, fit.assignments >= 0, self.detection_rate)
+        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + shown
         if in_part is not None:
             placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
         if self.prior is None:
@@ -214,12 +227,6 @@ class PointSetModel:
         factors[:-1] += shown
         factors[-1] += placed
         return factors
-
-    def log_of_shown(self, assignments: Integers) -> Floats:
-        """Logarithm (K,) of what regions that are shown make of the odds of assignments (K, n)."""
-        if self.detection_rate is not None:
-            return np.zeros(len(assignments))
-        return log_of_regions(self.clouds.source, assignments >= 0)
 
     def _log_placed(self, fit: PointSetFit) -> tuple[Floats, Floats | None]:
         """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
@@ -249,16 +256,14 @@ class PointSetModel:
     def _log_in_part(self, along: Floats, assignments: Integers) -> Floats:
         """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
 
-        The window is where targets are; it ends where none of them is seen any more, so that a point e beyond them is
-        in view with the probability (r / (r + e))^(n' − 1) along an axis, as n' points span r. Points that are not in
-        view are not missed: δ is that of the others. The object may be wherever it and the window overlap.
+        The window is where targets are. Points that are not in view are not missed: δ is that of the others. The object
+        may be wherever it and the window overlap.
         """
         from scipy.special import gammaln  # slow to import
 
         low, high = self._box[:2]
         span, n, matched = high - low, len(along), (assignments >= 0).sum(axis=1)
-        off = np.maximum(np.maximum(low - along, along - high), 0.0)
-        seen = (span / (span + off)).prod(axis=2) ** (len(self.clouds.target) - 1)
+        seen = chances_in_view(along, low, high, len(self.clouds.target))
         in_view = np.where(assignments.T >= 0, 1.0, seen).sum(axis=0)
         missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
         missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)

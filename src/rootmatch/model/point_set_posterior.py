@@ -30,11 +30,14 @@ class PointSetPosterior:
     sums : sequence of LabellingSums
         Over all labellings about some motions, of which the hypotheses are not nearly all: these have the probability
         of the motion.
+    log_total : float
+        Logarithm of the evidence of all hypotheses, clutter alone among them, against that of all targets as clutter.
     """
 
     assignments: Integers
     probabilities: Floats
     sums: Sequence[LabellingSums] = ()
+    log_total: float = 0.0
 
     @property
     def present(self) -> float:
@@ -148,7 +151,10 @@ class PointSetPosterior:
 
 
 def posterior(
-    model: PointSetModel, proposals: Integers, mirrored: Integers | None = None, judged: Judged | None = None
+    model: PointSetModel,
+    proposals: Integers,
+    mirrored: Integers | None = None,
+    judged: Judged | None = None,
 ) -> PointSetPosterior:
     """The posterior of proposed labellings (K, n), their neighbours by one change, and clutter alone.
 
@@ -163,8 +169,19 @@ def posterior(
     top = max(float(mass.max()), absent)
     weights = np.exp(mass - top)
     others = absent, found.log_mirrored, alike.log_odds + absent + model.log_unnamed
-    other = sum(math.exp(min(one - top, 700.0)) for one in others)
-    return ordered(found.assignments, weights / (weights.sum() + other), found.sums)
+    whole = float(weights.sum()) + sum(math.exp(min(one - top, 700.0)) for one in others)
+    return replace(ordered(found.assignments, weights / whole, found.sums), log_total=top + math.log(whole))
+
+
+def mixed(parts: Sequence[PointSetPosterior]) -> PointSetPosterior:
+    """One posterior of several models that are equally probable before targets are seen, by their evidence."""
+    totals = np.array([one.log_total for one in parts])
+    shares = np.exp(totals - np.logaddexp.reduce(totals))
+    every = np.concatenate([one.assignments for one in parts])
+    weights = np.concatenate([share * one.probabilities for share, one in zip(shares, parts, strict=True)])
+    distinct, label = np.unique(every, axis=0, return_inverse=True)
+    sums = [one for k in np.argsort(-shares, kind="stable") for one in parts[k].sums]
+    return ordered(distinct, np.bincount(label.ravel(), weights, len(distinct)).astype(np.float64), sums)
 
 
 def ordered(assignments: Integers, probabilities: Floats, sums: Sequence[LabellingSums]) -> PointSetPosterior:

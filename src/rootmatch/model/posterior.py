@@ -177,8 +177,8 @@ def surest(confidence: Floats, wrong: float) -> Integers:
 
     As many as leave the expected number of wrong ones at most ``wrong``, or `WRONG` of the m of a large assignment.
     """
-    order = np.argsort(-confidence, kind="stable")
-    return np.asarray(order[np.cumsum(1.0 - confidence[order]) <= max(wrong, WRONG * len(confidence))])
+    order = (-confidence).argsort(kind="stable")
+    return np.asarray(order[(1.0 - confidence[order]).cumsum() <= max(wrong, WRONG * len(confidence))])
 
 
 def right_together(confidence: Floats, min_probability: float) -> Floats:
@@ -186,7 +186,7 @@ def right_together(confidence: Floats, min_probability: float) -> Floats:
 
     Of so many that a thousandth of them is more than may be wrong by ``min_probability``, all but that, rounded up.
     """
-    expected = np.cumsum(1.0 - confidence)
+    expected = (1.0 - confidence).cumsum()
     if WRONG * len(confidence) <= 1.0 - min_probability:
         return np.asarray(1.0 - expected)
     from scipy.special import pdtr  # slow to import

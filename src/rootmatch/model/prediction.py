@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,43 +20,32 @@ from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.looking import TORN, look
 from rootmatch.model.compiled.updates import choose_pairs, explained_by_each, update_with_each
-from rootmatch.model.detection_model import EXACT, DetectionModel
+from rootmatch.model.detection_model import EXACT, USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, evidence, mixture_of, stepped, unweighed
 from rootmatch.model.linearised import Linearised, unfilled
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
-from rootmatch.options import Options, option
 
 ENTRIES = 200_000
 """Densities of detections that are computed between two looks at the time: some milliseconds."""
 
 
-@dataclass(frozen=True)
-class PredictionOptions(Options):
-    """Options for the use of a predicted pose; what it finds and costs: benchmarks/tracking.py."""
-
-    gate: float = option(4.0, above=0.0)
-    """Standard deviations of a prediction, its own and the detection's, within which a detection is a candidate."""
-    most_pairs: int = option(400, least=1)
-    """Candidate pairs in an image beyond which a prediction is too wide to propose anything."""
-    tried: int = option(64, least=1)
-    """Most single correspondences that are tried, those of the points with the fewest candidates. Not tuned."""
-    beams: int = option(4, least=1)
-    """Hypotheses that are settled: four find as much as eight (benchmarks/tracking.py, 6 flights, seeds from 1000)."""
-    complete: float = option(0.8, above=0.0, most=1.0)
-    """Share of the visible points from which the first assignment is accepted without trying others, if it also
-    fits."""
-    fitting: float = option(2.5, above=0.0)
-    """χ² over its degrees of freedom up to which it fits."""
-    enough: int = option(4, least=1)
-    """Fewest matches with which it fits: three fit many poses."""
-    rounds: int = option(5, least=1)
-    """Most assignments and steps in turn."""
-    usual_rate: float = option(0.9, above=0.0, most=1.0)
-    """Detection rate assumed before there is an assignment to estimate it from."""
-
-
-DEFAULT_PREDICTION = PredictionOptions()
+GATE = 4.0
+"""Standard deviations of a prediction, its own and the detection's, within which a detection is a candidate."""
+MOST_PAIRS = 400
+"""Candidate pairs in an image beyond which a prediction is too wide to propose anything."""
+TRIED = 64
+"""Most single correspondences that are tried, those of the points with the fewest candidates. Not tuned."""
+BEAMS = 4
+"""Hypotheses that are settled: four find as much as eight (benchmarks/tracking.py, 6 flights, seeds from 1000)."""
+COMPLETE = 0.8
+"""Share of the visible points from which the first assignment is accepted without trying others, if it also fits."""
+FITTING = 2.5
+"""χ² over its degrees of freedom up to which it fits."""
+ENOUGH = 4
+"""Fewest matches with which it fits: three fit many poses."""
+ROUNDS = 5
+"""Most assignments and steps in turn."""
 NARROWER = 8
 """Looks about a prediction that is too wide, each half as far as the one before: a body is hardly ever as far off as it
 may be. A round value."""
@@ -86,12 +74,13 @@ class Settled(NamedTuple):
             squared=float(found.squared[k]), visible=found.visible[k],
         )  # fmt: skip
 
-    def is_convincing(self, options: PredictionOptions) -> bool:
+    @property
+    def is_convincing(self) -> bool:
         """Whether it explains nearly all that should be visible, and fits."""
         matched = int(np.count_nonzero(self.assignment >= 0))
-        if matched < options.enough or matched < options.complete * float(self.visible.sum()):
+        if matched < ENOUGH or matched < COMPLETE * float(self.visible.sum()):
             return False
-        return self.squared <= options.fitting * 2.0 * matched
+        return self.squared <= FITTING * 2.0 * matched
 
 
 def proposals_of_settled(every: Sequence[Settled]) -> Proposals | None:
@@ -103,9 +92,7 @@ def proposals_of_settled(every: Sequence[Settled]) -> Proposals | None:
     return Proposals(np.array(assignments), np.array(rotations), np.array(positions))
 
 
-def proposals_about(
-    model: DetectionModel, prediction: Gaussian, options: PredictionOptions = DEFAULT_PREDICTION
-) -> Proposals | None:
+def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | None:
     """Assignments about a predicted pose with the poses they lead to, the most probable first.
 
     Parameters
@@ -114,7 +101,6 @@ def proposals_about(
         Whose prior has the prediction in it.
     prediction : Gaussian
         Of all six parameters.
-    options : PredictionOptions
 
     Returns
     -------
@@ -122,16 +108,16 @@ def proposals_about(
         None if the prediction has no candidates, or too many even where it is narrowed.
     """
     pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded
-    most = options.most_pairs * max(len(model.images), 1)
+    most = MOST_PAIRS * max(len(model.images), 1)
     known: dict[bytes, Settled] = {}
     start, torn = None, list[tuple[_Looked, Floats]]()
     for _ in range(NARROWER):
-        looked = _looked(model, pose, covariance, options, rounds=options.rounds, most=most)
+        looked = _looked(model, pose, covariance, rounds=ROUNDS, most=most)
         if not (count := np.count_nonzero(looked.candidates)):
             break
         if count <= most:
             try:
-                start = settle(model, pose, covariance, options=options, known=known, looked=looked)
+                start = settle(model, pose, covariance, known=known, looked=looked)
             except OutOfTime:
                 if not torn:
                     raise
@@ -144,13 +130,13 @@ def proposals_about(
         covariance = 0.25 * covariance
     if not torn:
         return None
-    if start is None or not start.is_convincing(options):
+    if start is None or not start.is_convincing:
         with suppress(OutOfTime):  # what is known by then is handed on
             for looked, covariance in (torn[0], *torn[1:][-1:]):  # the widest and the narrowest
                 first = looked.at.one(0)
-                for step, narrowed in _narrowed(model, looked, covariance, options):
+                for step, narrowed in _narrowed(model, looked, covariance):
                     moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
-                    settle(model, moved, narrowed, options=options, known=known)
+                    settle(model, moved, narrowed, known=known)
     return proposals_of_settled(sorted(known.values(), key=lambda one: -one.log_odds))
 
 
@@ -159,7 +145,6 @@ def settle(
     pose: tuple[Floats, Floats],
     covariance: Floats,
     *,
-    options: PredictionOptions,
     known: dict[bytes, Settled],
     looked: _Looked | None = None,
 ) -> Settled | None:
@@ -167,11 +152,11 @@ def settle(
 
     ``pose``: rotation (1, 3, 3) and position (1, 3); ``looked``: what is seen about it, if that is known.
     """
-    best, rounds = None, options.rounds
+    best, rounds = None, ROUNDS
     while rounds > 0:
         checkpoint()
         if looked is None:
-            looked = _looked(model, pose, covariance, options, rounds=rounds)
+            looked = _looked(model, pose, covariance, rounds=rounds)
         for one in looked.settled:
             key = one.assignment.tobytes()
             if key in known:
@@ -181,7 +166,7 @@ def settle(
             return known.get(looked.last.tobytes(), best)
         rounds -= len(looked.settled) + 1
         (at, covariance, gated), looked = looked.torn, None
-        assignment = _assigned(gated)
+        assignment = assigned(gated)
         if not (assignment >= 0).any():
             break
         key = assignment.tobytes()
@@ -195,7 +180,7 @@ def settle(
     return best
 
 
-def _assigned(gated: _Gated) -> Integers:
+def assigned(gated: Gated) -> Integers:
     """The most probable one-to-one assignment (n,) about a pose, with independent pairs."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
@@ -210,7 +195,7 @@ def _assigned(gated: _Gated) -> Integers:
     return assignment
 
 
-class _Gated(NamedTuple):
+class Gated(NamedTuple):
     """Candidates (n, n') about a pose, see `gate`."""
 
     candidates: Bools
@@ -232,7 +217,7 @@ class _Looked(NamedTuple):
     settled: list[Settled]
     last: Integers
     """The last assignment (n,) of single candidates."""
-    torn: tuple[Linearised, Floats, _Gated] | None
+    torn: tuple[Linearised, Floats, Gated] | None
     """Images about the pose where several detections are possible, its covariance, and what is near; None if none
     is."""
 
@@ -241,7 +226,6 @@ def _looked(
     model: DetectionModel,
     pose: tuple[Floats, Floats],
     covariance: Floats,
-    options: PredictionOptions,
     *,
     rounds: int,
     most: float = math.inf,
@@ -249,12 +233,12 @@ def _looked(
     """What is seen about a pose; nothing follows from it with more than ``most`` candidates."""
     n, _ = shape = model.shape
     gated = np.empty(shape, np.bool_), np.empty(shape), np.empty(n, np.int64)
-    limits = options.gate**2, model.rate or options.usual_rate, HIDDEN
+    limits = GATE**2, model.rate or USUAL_RATE, HIDDEN
     if (prior := mixture_of(model)) is None:
         at = model.linearised(*pose)
         visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
-        unique = gate((*_images_of(model, at), visible), np.array(covariance), _image_of(model), limits, gated)
-        every = at, covariance, _Gated(*gated, unique)
+        unique = gate((*_images_of(model, at), visible), np.array(covariance), image_for_gates(model), limits, gated)
+        every = at, covariance, Gated(*gated, unique)
         return _Looked(at, visible, gated[0], settled=[], last=gated[2], torn=every)
     at = unfilled(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
     found, rows = unweighed(rounds, n), np.empty((rounds, n), np.int64)
@@ -266,7 +250,7 @@ def _looked(
     )  # fmt: skip
     after = at.rotation[1:], at.position[1:]
     settled = [Settled.of(rows[k], found, after, k) for k in range(count)]
-    torn = (at.one(count), covariance, _Gated(*gated, False)) if why == TORN else None
+    torn = (at.one(count), covariance, Gated(*gated, False)) if why == TORN else None
     return _Looked(at, visible, candidates, settled=settled, last=gated[2], torn=torn)
 
 
@@ -276,40 +260,34 @@ def _images_of(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, F
     return at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0])
 
 
-def _image_of(model: DetectionModel) -> tuple[Floats, ...]:
+def image_for_gates(model: DetectionModel) -> tuple[Floats, ...]:
     """Detections, their noise, the log-density of clutter, and the weights of matches, as `gate` takes them."""
     return *model.detections_for_gates, model.clutter.log_density, model.image_for_kernels[2]
 
 
-def _narrowed(
-    model: DetectionModel, looked: _Looked, covariance: Floats, options: PredictionOptions
-) -> list[tuple[Floats, Floats]]:
+def _narrowed(model: DetectionModel, looked: _Looked, covariance: Floats) -> list[tuple[Floats, Floats]]:
     """Steps and covariances after two correspondences each, those that explain most."""
-    points = *_images_of(model, looked.at), (model.rate or options.usual_rate) * looked.visible
+    points = *_images_of(model, looked.at), (model.rate or USUAL_RATE) * looked.visible
     beams = [(np.zeros(6), np.array(covariance))]
     for _ in range(2):
-        every = [_updates(points, about, _image_of(model), looked.candidates, options) for about in beams]
+        every = [_updates(points, about, image_for_gates(model), looked.candidates) for about in beams]
         steps, spreads, scores = (np.concatenate(part) for part in zip(*every, strict=True))
         if not len(scores):
             break
         rounded, distinct = np.round(scores, 6).tolist(), dict[float, int]()
         for k in np.argsort(-scores, kind="stable").tolist():
             distinct.setdefault(rounded[k], k)
-        beams = [(steps[k], spreads[k]) for k in list(distinct.values())[: options.beams]]
+        beams = [(steps[k], spreads[k]) for k in list(distinct.values())[:BEAMS]]
     return beams
 
 
 def _updates(
-    points: tuple[Floats, ...],
-    about: tuple[Floats, Floats],
-    image: tuple[Floats, ...],
-    candidates: Bools,
-    options: PredictionOptions,
+    points: tuple[Floats, ...], about: tuple[Floats, Floats], image: tuple[Floats, ...], candidates: Bools
 ) -> tuple[Floats, Floats, Floats]:
     """Steps (P, 6), covariances (P, 6, 6) and scores (P,) after a Kalman update with each of some candidate pairs."""
     n, n_target = candidates.shape
-    pairs = np.empty((max(options.tried, n_target), 2), np.int64)
-    count = choose_pairs(points, about, image, candidates, (options.gate**2, options.tried), pairs)
+    pairs = np.empty((max(TRIED, n_target), 2), np.int64)
+    count = choose_pairs(points, about, image, candidates, (GATE**2, TRIED), pairs)
     steps, covariances, scores = np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(count)
     most = max(ENTRIES // (n * n_target), 1)
     for begin in range(0, count, most):
@@ -336,7 +314,7 @@ def explained(model: DetectionModel, at: Linearised, chance: Floats, step: Float
     of_points = model.of_points(at)
     points = at.pixels, at.jacobian, EXACT[None] if of_points is None else np.array(of_points), chance
     scores = np.empty(len(step))
-    explained_by_each(points, (step, covariance), _image_of(model), scores)
+    explained_by_each(points, (step, covariance), image_for_gates(model), scores)
     return scores
 
 

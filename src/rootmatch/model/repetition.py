@@ -8,13 +8,15 @@ of descent. A match is then worth by how much it is nearer to its place than tha
 
 Motions that may repeat the targets are those between rival motions of the object. One counts if targets are more
 probable with it by more than the number of motions that can be told apart, which is what it takes to name it. The
-source names those that it has itself: what is beside the object is like it as probably as not.
+source names those that it has itself: what is beside the object is like it as probably as not. So the model with
+repetitions is another one beside that without, and their evidence tells.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,50 +24,58 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.model.clutter import MOST, STEPS, Clutter
 from rootmatch.model.compiled.crowds import shares_of_crowds
 from rootmatch.model.point_set_model import Judged, PointSetModel
+from rootmatch.model.priors import ALIKE
 from rootmatch.model.targets_box import box_of
 
 RIVALS = 8
 """Most motions of the object between which repetitions are sought. A round value."""
 SHARED = 0.3
 """Share of their matches up to which two labellings are of rival motions. A round value."""
-WIDTHS = 4
-"""Widths of a repetition, each half as wide as the one before; the first is a quarter of the targets' spacing."""
+WIDTHS = 12
+"""Most widths of a repetition, each half as wide as the one before, down to σ: the first is a quarter of the targets'
+spacing. A round value."""
+NEAR = 3.0
+"""Deviation in σ up to which images of several targets predict the same one. A round value."""
 REPETITIONS = 6
 """Most repetitions that are kept. A round value."""
-MORE = math.log(2.0)
-"""Logarithm of how much more probable targets have to be with repetitions: where nothing is left, they are as probable
-with and without, but for rates. A round value."""
 TRIED = np.array([0.25, 0.5, 0.75, 0.9])[:, None, None, None]
 """Shares with which a repetition is tried."""
 PSEUDO, PSEUDO_REPEATED = 1.0, 0.1
 """Pseudo-counts of clutter without repetitions and of each of them, as of crowds in space."""
 
 
-def with_repetition(model: PointSetModel, proposals: Judged) -> tuple[PointSetModel, Judged]:
-    """The model with the repetitions among targets that labellings point to, and these by it; as given without any.
+class Repeated(NamedTuple):
+    """A model with repetitions among targets, and what it makes of labellings."""
 
-    What the best labelling leaves has to be more probable with them: the image of an object repeats as it does itself.
+    model: PointSetModel
+    judged: Judged
+    log_odds: float
+    """Logarithm of how much more probable the targets are with them than without, all of them being clutter."""
+
+
+def with_repetition(model: PointSetModel, proposals: Judged) -> Repeated | None:
+    """The model with the repetitions among targets that labellings point to; None without any.
+
+    Either model may be the right one, and what the object explains repeats as it does itself, so both are weighed.
     """
     rivals = motions_among(proposals)
     if len(rivals) < 2 or len(model.clouds.target) > MOST:
-        return model, proposals
+        return None
     found = _repeated(model, proposals.take(rivals))
     if found is None:
-        return model, proposals
+        return None
     own = replace(model, repeated=found[0], log_unnamed=found[2])
-    judged, every = own.judged(proposals.fit.assignments), np.ones((1, len(model.clouds.target)), np.bool_)
-    of_clutter = [one.log_taken(every, np.zeros(every.shape))[0] for one in (model.clutter, found[0])]
-    with_it, without = (float(one.log_odds.max()) for one in (judged, proposals))
-    counts = with_it + of_clutter[1] - found[1] > without + of_clutter[0] + MORE
-    return (own, judged) if counts else (model, proposals)
+    every = np.ones((1, len(model.clouds.target)), np.bool_)
+    without, with_it = (float(one.log_taken(every, np.zeros(every.shape))[0]) for one in (model.clutter, found[0]))
+    return Repeated(own, own.judged(proposals.fit.assignments), with_it - without - found[1])
 
 
-def motions_among(found: Judged, least: float = 0.0) -> Integers:
-    """Labellings of different motions with more than some log-odds, the best first: at most `RIVALS`."""
+def motions_among(found: Judged, least: float = 0.0, most: int = RIVALS) -> Integers:
+    """Labellings of different motions with more than some log-odds, the best first."""
     assignments, kept = found.fit.assignments, list[int]()
     better = np.flatnonzero(found.log_odds > least)
     left = better[np.argsort(-found.log_odds[better], kind="stable")]
-    while len(left) and len(kept) < RIVALS:
+    while len(left) and len(kept) < most:
         one, others = assignments[left[0]], assignments[left]
         kept.append(int(left[0]))
         fewer = np.minimum((others >= 0).sum(axis=1), int((one >= 0).sum()))
@@ -74,9 +84,10 @@ def motions_among(found: Judged, least: float = 0.0) -> Integers:
 
 
 def widths_of(clutter: Clutter) -> Floats:
-    """Widths (W,) of repetitions, in parts of the edge of what each target has of the box."""
+    """Widths (W,) of repetitions, from a part of the edge of what each target has of the box down to its noise."""
     spacing = float(clutter.uniform[0] * len(clutter.target)) ** (-1.0 / clutter.target.shape[1])
-    return np.asarray(0.25 * spacing * 0.5 ** np.arange(WIDTHS))
+    every = 0.25 * spacing * 0.5 ** np.arange(WIDTHS)
+    return np.asarray(every[: 1 + int((every > np.median(clutter.sigma)).sum())])
 
 
 def _motions_between(linear: Floats, shift: Floats, *, of_source: bool) -> tuple[Floats, Floats]:
@@ -100,6 +111,44 @@ def _kernels(points: Floats, variance: Floats, motions: tuple[Floats, Floats], w
     return np.asarray(0.5 * (density + density.swapaxes(2, 3)))  # either of two may be the other's image
 
 
+def _by_all(
+    about: Floats, share: float, target: Floats, sigma: Floats, motions: tuple[Floats, Floats], widths: Floats
+) -> Floats:
+    """Densities (n', n') of targets about the images of others, so that each is predicted by all of these at once.
+
+    What stands by a law is known by all that the law has, and not to the noise of one of them: else points in the place
+    of others of the object would be worth more than what the law says of them, and the motion with the most is best.
+    """
+    (linear, shift), size = motions, target.shape[1]
+    back = np.linalg.inv(linear)
+    linear, shift = np.concatenate([linear, back]), np.concatenate([shift, -(back @ shift[..., None])[..., 0]])
+    images = target @ linear.swapaxes(1, 2) + shift[:, None]
+    off = images[:, None] - target[:, None]  # of each target (n',) by the image of each
+    own, variance = np.arange(len(target)), sigma**2
+    squared = (off**2).sum(axis=3)
+    squared[:, own, own] = np.inf
+    near = squared < NEAR**2 * (variance[:, None] + variance)
+    count = near.sum(axis=(0, 2))
+    known = np.flatnonzero(count)
+    if not len(known):
+        return about
+    mean = (off * near[..., None]).sum(axis=(0, 2))[known] / count[known, None]
+    of_mean = (near * variance).sum(axis=(0, 2))[known] / count[known] ** 2
+    every = np.append(widths, 0.0)[:, None] ** 2 + variance[known] + of_mean
+    log_density = -0.5 * ((mean**2).sum(axis=1) / every + size * np.log(2.0 * math.pi * every))
+    wanted = about.sum(axis=1)
+    wanted[known] = share * np.exp(log_density[log_density.sum(axis=1).argmax()])
+    scale = np.ones(len(target))
+    for _ in range(STEPS):
+        scale *= np.sqrt(wanted / np.maximum(scale * (about @ scale), 1e-300))
+    return np.asarray(scale[:, None] * about * scale)
+
+
+def _log_chance(log_odds: Floats) -> Floats:
+    """Logarithms of probabilities."""
+    return np.asarray(-np.logaddexp(0.0, -log_odds))
+
+
 def _gains(without: Floats, densities: Floats) -> Floats:
     """By how much points are more probable, (G, W), with some share of densities (G, W, n) than without them, (n,)."""
     return np.asarray((np.log((1.0 - TRIED) + TRIED * (densities / without))).sum(axis=3).max(axis=0))
@@ -116,6 +165,12 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     # along the axes of the box, as clutter has them
     middle, axes = model._space[2:]
     linear, shift = rivals.fit.scale[:, None, None] * rivals.fit.rotation, rivals.fit.shift
+    # a motion that leaves the middle of the object in its place is a symmetry, and leads to nothing beside the object
+    centres = linear @ clouds.source.mean(axis=0) + shift
+    first, second = np.triu_indices(len(shift), 1)
+    beside = np.linalg.norm(centres[first] - centres[second], axis=1) > widths[0]
+    if not beside.any():
+        return None
     between = _motions_between(axes.T @ linear, (shift - middle) @ axes, of_source=False)
     kernels = _kernels(target, clutter.sigma**2, between, widths)
     densities = kernels.sum(axis=3) / (count - 1)
@@ -131,11 +186,11 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     )
     n = len(clouds.source)
     anywhere = np.full(n, 1.0 / np.prod(box_of(clouds.source, clouds.source_variance)[3]))
-    unknown = _gains(anywhere, own.sum(axis=3) / (n - 1)) < cost
+    named = np.logaddexp(_log_chance(_gains(anywhere, own.sum(axis=3) / (n - 1)) - cost + math.log(ALIKE)), -cost)
     without = np.exp(clutter.log_density)
     now, chosen, shares = without, list[tuple[int, int]](), np.ones(1)
     while len(chosen) < REPETITIONS:
-        tried = _gains(now, densities) - cost
+        tried = np.where(beside[:, None], _gains(now, densities) - cost, -np.inf)
         best = np.unravel_index(int(tried.argmax()), tried.shape)
         if tried[best] <= 0.0:
             break
@@ -147,9 +202,14 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
         now = shares @ densities_of
     if not chosen:
         return None
-    about = shares[0] * clutter.about + sum(share * kernels[one] for share, one in zip(shares[1:], chosen, strict=True))
-    rest = float(shares[0])
+    repeated = np.asarray(sum(share * kernels[one] for share, one in zip(shares[1:], chosen, strict=True)))
+    which = np.unique([one[0] for one in chosen])
+    motions = between[0][which], between[1][which]
+    repeated, rest = _by_all(repeated, 1.0 - shares[0], target, clutter.sigma, motions, widths), float(shares[0])
     more = replace(
-        clutter, about=about, alone=rest * clutter.alone, shares=rest * clutter.shares, repeats=1.0 - rest,
+        clutter, about=rest * clutter.about + repeated, alone=rest * clutter.alone, shares=rest * clutter.shares,
+        repeats=1.0 - rest,
     )  # fmt: skip
-    return more, float(sum(cost[one[1]] for one in chosen if unknown[one])), float(cost[chosen[0][1]])
+    of_others = repeated.sum(axis=1) / (count - 1)
+    more = replace(more, repeating=of_others * np.exp(-more.log_density))
+    return more, -float(sum(named[one] for one in chosen)), -float(named[chosen[0]])

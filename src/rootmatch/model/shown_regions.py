@@ -26,7 +26,7 @@ LARGER = 1.2
 points at each step, the rims of regions are too far from where they are."""
 
 
-def log_of_regions(source: Floats, matched: Bools) -> Floats:
+def log_of_regions(source: Floats, matched: Bools, rate: float | None = None) -> Floats:
     """Logarithm (K,) of how much more probable it is with regions that these of the points have a target.
 
     All rates are integrated under flat priors.
@@ -36,9 +36,11 @@ def log_of_regions(source: Floats, matched: Bools) -> Floats:
     source : (n, k) array
     matched : (K, n) bool array
         Which points have a target.
+    rate : float, optional
+        Of all points, if it is known: no region has another.
     """
     regions, log_rest, log_factorial = _regions(source)
-    if not len(regions):
+    if rate is not None or not len(regions):
         return np.zeros(len(matched))
     n, every = len(source), matched.sum(axis=1)
     size, inside = regions.sum(axis=1).astype(np.int64), (matched.astype(np.float32) @ regions.T).astype(np.int64)

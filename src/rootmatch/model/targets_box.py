@@ -48,6 +48,16 @@ def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats, Floats, Fl
     return middle, axes, along, np.asarray(np.maximum(extent, _thickness(variance)))
 
 
+def chances_in_view(along: Floats, low: Floats, high: Floats, count: int) -> Floats:
+    """Probability (…,) that places (…, k) are in the view that ``count`` points show, which span ``low`` to ``high``.
+
+    It ends where no point is seen any more: a place e beyond them is in view with (r / (r + e))^(count − 1) along an
+    axis, as the points span r.
+    """
+    span, off = high - low, np.maximum(np.maximum(low - along, along - high), 0.0)
+    return np.asarray((span / (span + off)).prod(axis=-1) ** (count - 1))
+
+
 def _thickness(variance: Floats) -> float:
     """Of the box that points fill whose spread is that of noise."""
     return 2.0 * math.sqrt(2.0 * math.pi * float(variance.max()))

@@ -23,11 +23,14 @@ import numpy as np
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross, rotation_about_y, rotation_from_vector
 from rootmatch.arrays import Floats, Integers
+from rootmatch.model.clutter import Clutter
 
 SCALES = (math.log(1e-3), math.log(10.0))
 """Baselines over distances, from points that hardly move to nearer ones; logarithms. Round values."""
 SPREADS = (math.log(0.05), math.log(1.5))
 """Spread τ of the logarithm of the distances of one scene: from a shell to all within a factor 20. Round values."""
+PRESENT = 0.5
+"""Probability that the two images show the same points, before they are seen. A round value, as of point sets."""
 NOTHING = -30.0
 """Log-odds below which a pair counts for nothing at a sample. By construction: far below `two_view_posterior.LEAST`."""
 PAIRS_PER_THREAD = 200_000
@@ -92,6 +95,10 @@ class TwoViewModel:
         Probability that a point of the first image is in the second; unknown by default.
     weighs_parts : bool
         Whether unmatched points may be those of a motion that shows too few matches to be proposed.
+    present : float
+        Probability that the images show the same points, before they are seen.
+    crowds : Clutter, optional
+        How the points of the first image crowd.
     """
 
     first: Floats
@@ -104,6 +111,8 @@ class TwoViewModel:
     log_weights: Floats | None = None
     detection_rate: float | None = None
     weighs_parts: bool = True
+    present: float = PRESENT
+    crowds: Clutter | None = None
 
     @cached_property
     def views(self) -> tuple[Floats, ...]:

@@ -31,8 +31,6 @@ from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
 
-PRESENT = 0.5
-"""Probability that the two images show the same points, before they are seen. A round value, as of point sets."""
 MISSED = 0.1
 """Probability that a search proposes no pose near the right one. It bounds how sure it is that the images have
 nothing in common: what was missed may explain them. A stated value, not measured."""
@@ -87,9 +85,10 @@ class TwoViewPosterior:
     @property
     def present(self) -> float:
         """Probability that the images show the same points, in a pose near those proposed."""
-        found = self.log_evidence + self.likeness[1] + math.log(PRESENT * (1.0 - MISSED))
-        alike = self.likeness[0] + math.log(1.0 - PRESENT)
-        rest = float(np.logaddexp(math.log(1.0 - PRESENT * (1.0 - MISSED)), alike))
+        present = self.model.present
+        found = self.log_evidence + self.likeness[1] + math.log(present * (1.0 - MISSED))
+        alike = self.likeness[0] + math.log(1.0 - present)
+        rest = float(np.logaddexp(math.log(1.0 - present * (1.0 - MISSED)), alike))
         return (1.0 - WRONG_MODEL) / (1.0 + math.exp(min(rest - found, 700.0)))
 
     @property
@@ -120,8 +119,9 @@ class TwoViewPosterior:
         """Probability (n,) that each point has no match."""
         odds, few = self._shown_in_part
         missed = MISSED * max(1.0 - odds, 0.0)  # of what shows enough
-        unlike = (1.0 - PRESENT) * (1.0 + math.exp(min(self.likeness[0], 700.0)))
-        without = (unlike + PRESENT * odds * few) / (unlike + PRESENT * (odds + missed))
+        present = self.model.present
+        unlike = (1.0 - present) * (1.0 + math.exp(min(self.likeness[0], 700.0)))
+        without = (unlike + present * odds * few) / (unlike + present * (odds + missed))
         absent = (1.0 - WRONG_MODEL - self.present) * without
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel
-from rootmatch.cameras.rig import Rig, rig_of
+from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 from rootmatch.frozen import once
@@ -222,7 +222,8 @@ class Problem(ABC):
     @once
     def rig(self) -> Rig | None:
         """The rig whose cameras see the target; None if it is one camera, or there is none."""
-        return rig_of(self)
+        camera = getattr(self, "camera", None)
+        return camera if isinstance(camera, Rig) else None
 
     @once
     def noise_is_angular(self) -> bool:

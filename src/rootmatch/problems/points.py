@@ -138,12 +138,12 @@ class PointClouds(NamedTuple):
         """The same with the mean noise of the axes, as searches take it."""
         return self._replace(source_covariance=None, target_covariance=None)
 
-    def off_by(self, width: float) -> PointClouds:
-        """The same with source points that deviate by so much more, along each axis."""
-        known = self.source_covariance
+    def off_by(self, width: Floats) -> PointClouds:
+        """The same with source points that deviate by so much (n,) more, along each axis."""
+        known, more = self.source_covariance, width[:, None, None] ** 2 * np.eye(self.source.shape[1])
         return self._replace(
             source_variance=self.source_variance + width**2,
-            source_covariance=None if known is None else known + width**2 * np.eye(self.source.shape[1]),
+            source_covariance=None if known is None else known + more,
         )
 
     def covariances(self, linear: Floats) -> tuple[Floats, Floats]:

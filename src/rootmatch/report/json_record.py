@@ -20,10 +20,11 @@ def match_record(match: Match) -> dict[str, Any]:
     evaluated), ``margin``, ``probability`` and ``log_odds`` (null if there is none), ``confidence`` (list of n, of each
     match or unmatched point), ``alternatives`` (objects with ``assignment`` and ``score``, best first), ``status``
     (``"matched"``, ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``stopped_early`` (whether the time limit ended
-    it), ``seconds``, ``evaluated`` (hyper-edges), ``noise`` (σ in pixels, null if it differs by point), ``poses`` (one
-    for each motion, null if it has none; null for problems that fit no poses; see `rootmatch.io.pose_record`), which
-    alternatives have too, ``other_poses`` (of the same assignment, or null: objects with ``pose`` and
-    ``probability``). Indices are zero-based row numbers. A number that is not finite becomes null.
+    it), ``seconds``, ``evaluated`` (hyper-edges), ``noise`` (σ in pixels, null if it differs by point),
+    ``noise_factor`` and ``point_error`` (see `rootmatch.Match`), ``poses`` (one for each motion, null if it has none;
+    null for problems that fit no poses; see `rootmatch.io.pose_record`), which alternatives have too, ``other_poses``
+    (of the same assignment, or null: objects with ``pose`` and ``probability``). Indices are zero-based row numbers. A
+    number that is not finite becomes null.
     """
     fits = bool(match.problem.least_for_pose)
     others = match.alternative_poses if fits else [None] * len(match.alternatives)
@@ -46,6 +47,8 @@ def match_record(match: Match) -> dict[str, Any]:
         "seconds": finite(match.seconds),
         "evaluated": int(match.evaluated),
         "noise": finite(match.noise) if isinstance(match.noise, int | float) else None,
+        "noise_factor": finite(match.noise_factor),
+        "point_error": finite(match.point_error),
         "poses": _records(match.poses) if fits else None,
         "other_poses": [{"pose": pose_record(pose), "probability": likely} for pose, likely in match.other_poses]
         if fits

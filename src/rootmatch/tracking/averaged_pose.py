@@ -102,7 +102,7 @@ def _weak(covariance: Floats, distance: float) -> Floats:
         return np.empty((6, 0))  # no eigenvalue is larger than the sum of all
     unit = np.repeat([1.0, distance], 3)
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    weak = np.flatnonzero(values >= WEAK**2)[::-1]
+    weak = (values >= WEAK**2).nonzero()[0][::-1]
     return np.asarray(np.sqrt(values[weak]) * unit[:, None] * vectors[:, weak])
 
 

@@ -233,7 +233,7 @@ class Belief:
         if self.poses and isinstance(model.prior, Doubted):
             assert found.origins is not None
             origin, doubt = found.origins[:LOOKED_AT], model.prior.doubt
-        log_share = log_chance(np.append(shares * (1.0 - doubt), doubt))  # the last is that of a new one
+        log_share = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
         shown = modes.detected.copy()
         place, alone, more = in_places(model, modes, origin, self.poses, shown)
         count = int(np.count_nonzero(modes.assignments[0] >= 0))

@@ -58,7 +58,7 @@ class DarkPoints:
         dark = (1.0 - local) * missed(found, lit)
         told = local * lit / np.maximum(local * lit + dark, 1e-300)
         told = np.minimum(told, self.foreign.most(found, lit, time))[matched]
-        less = float(np.prod(told / np.maximum(local[matched], 1e-300)))
+        less = float((told / np.maximum(local[matched], 1e-300)).prod())
         if less > 1.0 - WRONG_MODEL:
             return found
         confidence = sure.copy()

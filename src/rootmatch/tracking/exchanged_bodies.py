@@ -1,7 +1,8 @@
-"""Bodies of a family may have been taken for each other: from time to time each is also expected in the other's place.
+"""Bodies of a family may have been taken for each other: in space each is also expected in the other's place at times.
 
 Two bodies that share most of their points explain each other's detections nearly as well, and a prediction counts for
-whatever was followed. So nothing else notices that a frame which showed little told them the wrong way round.
+whatever was followed. So nothing else notices that a frame which showed little told them the wrong way round. Before
+cameras the prior of every frame has these places: see `rootmatch.model.exchanged`.
 """
 
 from __future__ import annotations

@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.inexact_points import gains_of_errors
@@ -55,8 +53,9 @@ class InexactPoints:
             return
         if not found.point_error:
             if self.log_odds[-1] > LEAST and found.noise_dof and found.noise_factor is not None:
-                told = np.array(self.log_odds) + np.clip(SHARED * gains_of_errors(found), -FRAME, FRAME)
-                self.log_odds = tuple(np.clip(told, LEAST, 0.0).tolist())
+                gains = [min(max(SHARED * gain, -FRAME), FRAME) for gain in gains_of_errors(found).tolist()]
+                told = [one + gain for one, gain in zip(self.log_odds, gains, strict=True)]
+                self.log_odds = tuple(min(max(one, LEAST), 0.0) for one in told)
             return
         self.log_odds = tuple(min(one + FRAME, 0.0) for one in self.log_odds)
         if stays is not None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, kept_by_identity
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point, body_radius
@@ -117,8 +117,8 @@ class MotionFilter:
 
     def __init__(self, source: Floats, pose: Pose, time: float, options: MotionOptions = DEFAULT_MOTION) -> None:
         self.scale = pose.scale
-        self.middle, self.extent, self.radius = _extents(source, self.scale)
-        self.centre = self.middle
+        self.middle, self.extent, radius = _extents(source)
+        self.centre, self.radius = self.middle, self.scale * radius
         if len(np.asarray(pose.covariance)) == 6 and self._is_among(-pose.R.T @ pose.t - self.middle):
             self.centre = -pose.R.T @ pose.t
         self.options, self.time, self.factor = options, time, 1.0
@@ -154,8 +154,8 @@ class MotionFilter:
     def of_body(self, R: Floats, t: Floats, source: Floats) -> MotionFilter:
         """A filter with the same motion for another body of points (n, 3), which x' = R x + t takes to this one's."""
         other = self.copy()
-        other.middle, other.extent, other.radius = _extents(source, self.scale)
-        other.centre = other.middle
+        other.middle, other.extent, radius = _extents(source)
+        other.centre, other.radius = other.middle, self.scale * radius
         other.R = self.R @ R
         other.t = self.t + self.scale * self.R @ (R @ other.centre + t - self.centre)
         if self.shared is not None:  # its points have errors of their own
@@ -302,7 +302,8 @@ class MotionFilter:
         return Pose.unchecked(R.copy(), t, 0.5 * (covariance + covariance.T), self.scale)
 
 
-def _extents(source: Floats, scale: float) -> tuple[Floats, float, float]:
-    """Centre of a body's points (n, 3), how far the farthest is from it, and their radius in the target's unit."""
+@kept_by_identity(64)
+def _extents(source: Floats) -> tuple[Floats, float, float]:
+    """Centre of a body's points (n, 3), how far the farthest is from it, and their radius."""
     middle = source.mean(axis=0)
-    return middle, float(np.linalg.norm(source - middle, axis=1).max()), scale * body_radius(source)
+    return middle, float(np.linalg.norm(source - middle, axis=1).max()), body_radius(source)

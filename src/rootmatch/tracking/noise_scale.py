@@ -219,12 +219,11 @@ class NoiseScale:
             self.stays = 0.5 * freedom * (math.log(size) - changed * (1.0 - 1.0 / size))
         self.fresh = FADES * self.fresh + changed
         self.every = FADES * self.every + 0.5 * sum(each)
-        squared = min(changed, *each) if changed > 2.0 * min(each) else changed  # one of them is of something else
         if self.fresh < 0.5 * self.every:  # they correlate by more than a half: what they are of stays
-            squared = min(squared, self.changes.factor**2)
+            changed = min(changed, self.changes.factor**2)
         left = now.dof / (2.0 * now.matched.sum())
         freedom = count * left
-        chi2 = freedom * min(squared / left, MOST_OF_CHANGES**2)
+        chi2 = freedom * min(changed / left, MOST_OF_CHANGES**2)
         gain = self.new.log_density(chi2, freedom) - self.changes.log_density(chi2, freedom)
         self.log_new += min(max(gain, -MOST_OF_FRAME), MOST_OF_FRAME)
         self.new.take(chi2, freedom)

@@ -105,32 +105,10 @@ max_evaluations
         max_hyperedges: int = 5_000_000,
         max_evaluations: int | None = None,
     ) -> None:
+        given = {name: one for name, one in list(locals().items()) if name not in ("self", "tracking")}
         if isinstance(noise, str):
             raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels; a Matcher can estimate it")
-        self.matcher = Matcher(
-            source,
-            problem,
-            noise=noise,
-            normals=normals,
-            view_angle=view_angle,
-            detection_rate=detection_rate,
-            resolution=resolution,
-            min_probability=min_probability,
-            bodies=bodies,
-            source_noise=source_noise,
-            seed=seed,
-            max_seconds=max_seconds,
-            progress=progress,
-            sampler=sampler,
-            samples=samples,
-            residual=residual,
-            rho=rho,
-            solver=solver,
-            backend=backend,
-            scheduler=scheduler,
-            max_hyperedges=max_hyperedges,
-            max_evaluations=max_evaluations,
-        )
+        self.matcher = Matcher(**given)
         check_followed(self.matcher.problem)
         self.tracking = tracking
         self.labels = self.matcher.labels
@@ -326,7 +304,7 @@ max_evaluations
                 self._bodies[label].acquit()
         self._inexact.take(parts.get(None), self._noise.stays)
         name_places(self._identical, self._bodies, parts, when)
-        if self._frame % self.tracking.search_every == 0:
+        if not of_images and self._frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)
         if factor > 1.0:
             parts = {label: copied(part, sequence_factor=factor) for label, part in parts.items()}

@@ -77,6 +77,7 @@ def facts(match: Match) -> list[tuple[str, str]]:
         "Problem": repr(match.problem),
         "Points": f"{len(match.source)} source, {len(match.target)} target",
         "Noise": f"{noise:.4g}" if isinstance(noise, int | float) else "differs by point",
+        **({"Points off by": f"{match.point_error:.2g} on each axis"} if match.point_error else {}),
         "Hyper-edges evaluated": f"{match.evaluated:,}",
         "Hyper-edges kept": f"{len(match.tensor.weights):,}",
         "Solver": "stopped by its own criterion" if match.converged else "stopped at a limit",

@@ -59,7 +59,7 @@ class ModelViews:
         """The triples of a wave; ``tables`` hold the same points and normals."""
         if number not in self._waves:
             first, last = self.edges[number]
-            points = np.ascontiguousarray(self.ordered[first:last])
+            points = self.ordered[first:last].copy()  # what is read-only is another type to a kernel
             together = within(points, self.visible).astype(np.float32).T @ self.visible.astype(np.float32)
             np.put_along_axis(together, points, -1.0, axis=1)
             others = np.argsort(-together, axis=1, kind="stable")[:, : together.shape[1] - 3]

@@ -75,11 +75,11 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | Non
     clouds = clouds.with_means
     source, target = _alike(clouds, allowed)
     cut = len(source) == MOST_MOTIONS
-    found = grown(clouds, _labelled_by(clouds, _motions(clouds, source, target, mirror), allowed), mirror, allowed)
+    found = grown(clouds, labelled_by(clouds, _motions(clouds, source, target, mirror), allowed), mirror, allowed)
     most = int((found >= 0).sum(axis=1).max(initial=2))
     if mirror or most >= min(len(clouds.source), len(clouds.target)):
         return Labellings(found, found[:0], len(source), cut)
-    mirrored = _labelled_by(clouds, _motions(clouds, source, target, True)[-1:], allowed, most + 1)
+    mirrored = labelled_by(clouds, _motions(clouds, source, target, True)[-1:], allowed, most + 1)
     return Labellings(found, grown(clouds, mirrored, True, allowed), 2 * len(source), cut)
 
 
@@ -206,9 +206,7 @@ def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bo
     return motions
 
 
-def _labelled_by(
-    clouds: PointClouds, kinds: list[Motions], allowed: Bools | None, least: int | None = None
-) -> Integers:
+def labelled_by(clouds: PointClouds, kinds: list[Motions], allowed: Bools | None, least: int | None = None) -> Integers:
     """Distinct labellings (H, n) by motions of triples, of the first of them where a deadline passes.
 
     ``least``: fewest matches; three by default, but where a motion explains more than twice as many points, those that

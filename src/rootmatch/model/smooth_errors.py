@@ -1,0 +1,138 @@
+"""Points that are off alike where they are near each other, as those of a bent body, or of a gear with other teeth.
+
+On each axis the errors are a Gaussian process: two points at the distance d have the covariance τ² exp(−d² / 2 ρ²), ρ
+the body's root mean square radius. So matches tell where the points about them are, and an assignment grows from that
+of a mode over all that lies about it, however far off it is in the end.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rootmatch.arrays import Floats, Integers
+from rootmatch.deadline import checkpoint
+from rootmatch.frozen import copied
+from rootmatch.model.compiled.gating import gate
+from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
+from rootmatch.model.evidence import Evidence, evidence
+from rootmatch.model.linearised import Linearised
+from rootmatch.model.modes import Modes
+from rootmatch.model.prediction import GATE, HIDDEN, Gated, assigned, image_for_gates
+from rootmatch.problems.pose_fit.reference_point import body_radius
+
+
+def log_odds_if_smooth(model: DetectionModel, modes: Modes, k: int, errors: Floats) -> Floats:
+    """Log-odds (W,) against clutter alone of a body whose points have smooth errors (W,), and all that is near it.
+
+    Parameters
+    ----------
+    model : DetectionModel
+        Of one camera.
+    modes : Modes
+    k : int
+        Which of them has the pose and the first matches.
+    errors : (W,) float64 array
+        Standard deviations τ.
+    """
+    at, start = model.linearised(modes.rotation[k : k + 1], modes.position[k : k + 1]), modes.assignments[k]
+    squares = ((model.points[:, None] - model.points) ** 2).sum(axis=2)
+    alike = np.exp(-0.5 * squares / body_radius(model.points) ** 2)
+    image = np.einsum("iac,jbc->iajb", at.by_position[0], at.by_position[0]) * alike[:, None, :, None]
+    out = []
+    for error in np.asarray(errors).tolist():
+        independent = copied(model, source_covariance=np.tile(error**2 * np.eye(3), (len(alike), 1, 1)))
+        off = _Off(independent, at, error**2 * image)
+        out.append(off.log_odds_of_grown(start))
+    return np.array(out)
+
+
+class _Fit(NamedTuple):
+    """An assignment's best pose, to first order, in units of the covariance of its m detections."""
+
+    root: Floats
+    """Lower triangular root (2 m, 2 m) of that covariance, px."""
+    rows: Floats
+    """Jacobian (2 m, 6)."""
+    residuals: Floats
+    """(2 m,), after the step to the best pose."""
+    step: Floats
+    """To that, (6,)."""
+    covariance: Floats
+    """Of that pose, (6, 6)."""
+    gained: float
+    """Logarithm of its evidence, over that with independent errors."""
+
+
+class _Off(NamedTuple):
+    """A body with points that are off, about one pose."""
+
+    model: DetectionModel
+    """With independent errors of the same size."""
+    at: Linearised
+    shared: Floats
+    """Covariance (n, 2, n, 2) of the images of the points, px²."""
+
+    def log_odds_of_grown(self, assignment: Integers) -> float:
+        """Log-odds of the best of the assignments (n,) that grow from one."""
+        best = -math.inf
+        while True:
+            checkpoint()
+            found = evidence(self.model, assignment[None], self.at)
+            fit = self._fitted(assignment, found)
+            best = max(best, float(found.log_odds[0]) + fit.gained)
+            more = self._about(assignment, fit, found.visible[0])
+            if (more == assignment).all():
+                return best
+            assignment = more
+
+    def _fitted(self, assignment: Integers, found: Evidence) -> _Fit:
+        """The best pose of an assignment; ``found``: its evidence with independent errors."""
+        used = assignment >= 0
+        image = assignment[used]
+        own = self.model.own_covariances(self.at, np.maximum(assignment, 0)[None])[0, used]
+        own = np.einsum("iab,ij->iajb", own, np.eye(len(image)))
+        offset = (self.model.target[image] - self.at.pixels[0, used]).ravel()
+        rows, shared = self.at.jacobian[0, used].reshape(-1, 6), self.shared[used][:, :, used]
+        size, freedom, given = len(offset), float(found.freedom[0]), self.model.noise_freedom
+        alone = own + shared * np.eye(len(image))[:, None, :, None]
+        root, apart = (np.linalg.cholesky(one.reshape(size, size)) for one in (own + shared, alone))
+        (rows, offset), (other_rows, other_offset) = (
+            (np.linalg.solve(one, rows), np.linalg.solve(one, offset)) for one in (root, apart)
+        )
+        # what is not of the detections is of the prior
+        whole = np.linalg.inv(found.covariance[0])
+        precision = rows.T @ rows + whole - other_rows.T @ other_rows
+        slope = rows.T @ offset + whole @ found.step[0] - other_rows.T @ other_offset
+        covariance = np.linalg.inv(precision)
+        step = covariance @ slope
+        squared = float(found.squared[0] + found.decrement[0] + offset @ offset - other_offset @ other_offset)
+        squared = max(squared - float(slope @ step), 0.0)
+        gained = float(np.log(np.diagonal(apart)).sum() - np.log(np.diagonal(root)).sum())
+        gained += 0.5 * float(np.linalg.slogdet(whole)[1] - np.linalg.slogdet(precision)[1])
+        gained += 0.5 * (given + freedom) * math.log((given + float(found.squared[0])) / (given + squared))
+        left = offset - rows @ step
+        return _Fit(root, rows, residuals=left, step=step, covariance=covariance, gained=gained)
+
+    def _about(self, assignment: Integers, fit: _Fit, visible: Floats) -> Integers:
+        """An assignment with the surer half of the further matches that it leads to."""
+        used = assignment >= 0
+        n = len(used)
+        across = np.linalg.solve(fit.root, self.shared[used].reshape(-1, 2 * n))  # (2 m, 2 n)
+        left = self.at.jacobian[0].reshape(-1, 6) - across.T @ fit.rows
+        pixels = self.at.pixels[0] + (self.at.jacobian[0] @ fit.step) + (across.T @ fit.residuals).reshape(n, 2)
+        spread = (left @ fit.covariance @ left.T - across.T @ across).reshape(n, 2, n, 2) + self.shared
+        spread = np.ascontiguousarray(spread[np.arange(n), :, np.arange(n)])
+        gated = np.empty(self.model.shape, np.bool_), np.empty(self.model.shape), np.empty(n, np.int64)
+        limits = GATE**2, self.model.rate or USUAL_RATE, HIDDEN
+        points = pixels, np.zeros((n, 2, 6)), spread, np.where(used, 0.0, visible)
+        gate(points, np.zeros((6, 6)), image_for_gates(self.model), limits, gated)
+        gated[0][:, assignment[used]] = False
+        more = assigned(Gated(*gated, False))
+        (which,) = np.nonzero(more >= 0)
+        surer = which[np.argsort(np.linalg.det(spread[which]), kind="stable")[: (len(which) + 1) // 2]]
+        out = assignment.copy()
+        out[surer] = more[surer]
+        return out
