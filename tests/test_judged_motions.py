@@ -53,7 +53,9 @@ def test_the_probability_of_all_is_below_that_of_each() -> None:
     match = rm.match(source, target, rm.Rigid(), noise=(0.0, SIGMA), motions=3)
     alone = rm.match(source[:7], target[:7], rm.Rigid(), noise=(0.0, SIGMA))
     assert alone.probability is not None
-    assert match.probability == pytest.approx(alone.probability**3, abs=1e-3)
+    # alone there are no strays; targets of the other motions make each match a little less sure
+    assert match.probability == pytest.approx(alone.probability**3, abs=2e-3)
+    assert match.probability < alone.probability
 
 
 def test_motions_of_unrelated_points_go() -> None:

@@ -15,6 +15,7 @@ import rootmatch as rm
 from rootmatch.model.labelling_sums import labelling_sums
 from rootmatch.model.point_set_model import IN_PART, INSIDE, PointSetModel
 from rootmatch.model.point_set_posterior import posterior
+from rootmatch.model.shown_regions import log_of_regions
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, fitted_point_sets
 from rootmatch.samplers.point_sets.congruent import congruent_labellings
@@ -206,6 +207,7 @@ def test_a_whole_object_within_the_box_of_clutter_is_integrated() -> None:
             quad(lambda d, k=k, m=matched: d**m * (1.0 - d) ** k, 0.0, 1.0)[0] for k in (missed, 5 - matched)
         )
         placed = np.logaddexp(np.log(INSIDE) + total, np.log1p(-INSIDE))
+        placed += log_of_regions(source, np.arange(5)[None] < matched)[0]
         part += np.log(of_seen / of_all)
         expected.append(np.logaddexp(np.log1p(-IN_PART) + placed, np.log(IN_PART) + part))
     np.testing.assert_allclose(model.log_factors(fit)[-1], expected, atol=0.03)

@@ -339,5 +339,7 @@ def _is_assignment_certain(finding: Finding) -> bool:
 
 def _is_pose_certain(finding: Finding) -> bool:
     """Whether one pose is as probable as a match has to be, whatever its matches."""
+    if finding.labellings is not None:
+        return finding.labellings.motion >= finding.facts.min_probability
     told = finding.posterior
     return told is not None and bool((told.probabilities[:1] >= finding.facts.min_probability).any())

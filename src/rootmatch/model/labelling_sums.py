@@ -23,6 +23,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.matchings import matchings_in_parts
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.shown_regions import log_of_regions
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
 SAMPLES = 128
@@ -115,7 +116,11 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     about = np.flatnonzero((kind * kind[0] > 0.0) & (probabilities > RARE * probabilities[0]))
     fit, share = fit.take(about), probabilities[about] / probabilities[about].sum()
     motions, log_weight = _motions(fit, share, rng)
-    log_weight += np.logaddexp.reduce(model.log_factors(motions), axis=0)
+    # the factor of the best labelling, and how a point's having a target changes that of regions
+    best = np.tile(assignments[0], (SAMPLES, 1))
+    changed = _log_changes(model, assignments[0])
+    log_weight += np.logaddexp.reduce(model.log_factors(replace(motions, assignments=best)), axis=0)
+    log_weight -= changed[assignments[0] >= 0].sum()
     # 1 / the factor of the variances, whose prior is a gamma distribution, as is what one labelling tells
     freedom, squares = NOISE_FREEDOM + float(share @ fit.dof), NOISE_FREEDOM + float(share @ fit.chi2)
     exact, log_exact = _gamma(PART * 0.5 * freedom, PART * 0.5 * squares, rng)
@@ -136,7 +141,7 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     more = near * np.exp(model.clutter.log_density - log_clutter)
     log_weight += np.log1p(more).sum(axis=1)
     log_odds = _log_odds(model, motions, exact, (rows, columns)) - (log_clutter + np.log1p(more))[:, columns]
-    log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density) + of_hidden)[:, None]
+    log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density) + of_hidden)[:, None] + changed[rows]
     sums = matchings_in_parts(log_odds, rows, columns, LEAST)
     log_weight += sums.log_total
     known = np.flatnonzero(np.isfinite(log_weight))
@@ -156,6 +161,15 @@ def _gamma(shape: float, rate: float, rng: np.random.Generator) -> tuple[Floats,
     """Samples of a gamma distribution, and the logarithm of their density, up to a constant."""
     drawn = np.maximum(rng.gamma(shape, 1.0 / rate, SAMPLES), 1e-300)
     return drawn, (shape - 1.0) * np.log(drawn) - rate * drawn
+
+
+def _log_changes(model: PointSetModel, assignment: Integers) -> Floats:
+    """Logarithm (n,) by which a target of each point, given those of the others, changes `log_of_regions`."""
+    n, matched = len(assignment), assignment >= 0
+    changed = np.tile(matched, (n + 1, 1))
+    changed[np.arange(n), np.arange(n)] = ~matched
+    *others, own = log_of_regions(model.clouds.source, changed, model.detection_rate)
+    return np.asarray(np.where(matched, -1.0, 1.0) * (np.array(others) - own))
 
 
 def _likely(model: PointSetModel, fit: PointSetFit) -> Bools:

@@ -8,7 +8,7 @@ the odds
     ∫ δ^m (1 − δ)^(n − m) dδ · Γ(n' − m + ½) / Γ(n' + ½)
         · ∫ ∏ N(x'_j; s R x_i + t, s² σ_i² + σ_j²) / f(x'_j) dT / (V vol)
 
-- δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points.
+- δ is given, or integrated under a flat prior: every m is as probable, and each subset; see `shown_regions`.
 - λ is integrated under Jeffreys' prior λ^(−½): the second factor, about 1/n'^m.
 - f is uniform, or crowds about other targets, as markers of another object do: these are no evidence for this one; and
   about points of the object that are hidden, as their reflections do, with the same shares and widths.
@@ -42,14 +42,13 @@ from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.shown_regions import log_of_regions
 from rootmatch.model.targets_box import WEIGHTS, box_of, chances_in_view, edges_of, space_of
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
 
 PRESENT = 0.5
 """Prior probability that the object is among the targets. A round value."""
-
-
 INSIDE = 0.5
 """Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
 its middle alone. A round value."""
@@ -218,12 +217,14 @@ class PointSetModel:
         Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part.
         """
         inside, in_part = self._log_placed(fit)
-        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE))
+        shown = log_of_regions(self.clouds.source, fit.assignments >= 0, self.detection_rate)
+        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + shown
         if in_part is not None:
             placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
         if self.prior is None:
             return placed[None]
         factors = self.prior.log_factors(fit, self.log_volume)
+        factors[:-1] += shown
         factors[-1] += placed
         return factors
 
