@@ -41,8 +41,8 @@ class UP2PF(Problem):
     centre : two floats
         Principal point in pixels.
     vertical_camera, vertical_world : three floats
-        The same direction (for example down) in the camera frame and in the frame of the points. Any length but 0;
-        there is no default.
+        The same direction (for example down) in the camera frame and in the frame of the points, taken as exact. Any
+        length but 0; there is no default.
 
     Raises
     ------
