@@ -102,7 +102,7 @@ def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
 
 def _widths(model: PointSetModel, scale: float) -> Floats:
     """Widths (W, n) at the points of the source: as much everywhere, or in parts of the spacing about each of them."""
-    points, everywhere = model.clouds.source, widths_of(model.clutter)[:, None]
+    points, everywhere = model.clouds.source, widths_of(model.clutter)[: len(PARTS), None]
     squared = squared_distances_to(points[None], points)[0]
     spacing = scale * np.sqrt(np.sort(squared, axis=1)[:, min(NEIGHBOUR, len(points) - 1)])
     return np.concatenate([np.repeat(everywhere, len(points), axis=1), PARTS[:, None] * spacing])
