@@ -12,6 +12,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import posterior
 from rootmatch.model.repetition import with_repetition
+from rootmatch.model.targets_box import chances_among
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.congruent import MOST_KEPT, congruent_labellings
 
@@ -130,6 +131,16 @@ def test_an_exact_row_is_not_matched_where_it_overlaps_most() -> None:
         wrong += bool(match) and not is_right(match, truth)
     assert right >= 4
     assert wrong <= 1
+
+
+def test_what_is_flat_shows_places_within_the_noise() -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(0.0, 10.0, (30, 2)), np.zeros(30)])
+    places = np.array([[5.0, 5.0, 0.02], [5.0, 5.0, 1.0], [11.5, 5.0, 0.0]])
+    chances = chances_among(places, points, np.full(30, 0.02**2))
+    assert chances[0] == pytest.approx(1.0)
+    assert chances[1] < 1e-3
+    assert 1e-3 < chances[2] < 0.2
 
 
 def test_labellings_that_are_kept_are_near_their_motions() -> None:

@@ -43,7 +43,7 @@ from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.shown_regions import log_of_regions
-from rootmatch.model.targets_box import WEIGHTS, box_of, chances_in_view, edges_of, space_of
+from rootmatch.model.targets_box import WEIGHTS, chances_among, chances_in_view, edges_of, space_of
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
 
@@ -181,8 +181,8 @@ class PointSetModel:
 
         clouds, taken = self.clouds, uses_of(fit.assignments, len(self.clouds.target))
         back = (clouds.target - fit.shift[:, None]) @ fit.rotation / fit.scale[:, None, None]
-        middle, axes, own, _ = box_of(clouds.source, clouds.source_variance)
-        seen = chances_in_view((back - middle) @ axes, own.min(axis=0), own.max(axis=0), len(own))
+        noise = clouds.source_variance + clouds.target_variance.max() / float(fit.scale[0]) ** 2
+        seen = chances_among(back, clouds.source, noise)
         lacked, matched = (np.where(taken, 0.0, self.clutter.repeating) * seen).sum(axis=1), taken.sum(axis=1)
         return np.asarray(betaln(matched + 1.0, lacked + 1.0) + np.log(matched + 1.0))
 

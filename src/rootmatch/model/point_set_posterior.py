@@ -151,10 +151,7 @@ class PointSetPosterior:
 
 
 def posterior(
-    model: PointSetModel,
-    proposals: Integers,
-    mirrored: Integers | None = None,
-    judged: Judged | None = None,
+    model: PointSetModel, proposals: Integers, mirrored: Integers | None = None, judged: Judged | None = None
 ) -> PointSetPosterior:
     """The posterior of proposed labellings (K, n), their neighbours by one change, and clutter alone.
 

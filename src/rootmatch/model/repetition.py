@@ -205,10 +205,8 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     repeated = np.asarray(sum(share * kernels[one] for share, one in zip(shares[1:], chosen, strict=True)))
     which = np.unique([one[0] for one in chosen])
     motions = between[0][which], between[1][which]
-    repeated, rest = (
-        _by_all(repeated, 1.0 - shares[0], target, clutter.sigma, motions=motions, widths=widths),
-        float(shares[0]),
-    )
+    rest = float(shares[0])
+    repeated = _by_all(repeated, 1.0 - rest, target, clutter.sigma, motions=motions, widths=widths)
     more = replace(
         clutter, about=rest * clutter.about + repeated, alone=rest * clutter.alone, shares=rest * clutter.shares,
         repeats=1.0 - rest,

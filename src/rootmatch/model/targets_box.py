@@ -58,6 +58,13 @@ def chances_in_view(along: Floats, low: Floats, high: Floats, count: int) -> Flo
     return np.asarray((span / (span + off)).prod(axis=-1) ** (count - 1))
 
 
+def chances_among(places: Floats, points: Floats, variance: Floats) -> Floats:
+    """The same of places (…, k) and of the points (n, k) themselves; what these span is as thick as the noise."""
+    middle, axes, own, span = box_of(points, variance)
+    centre = 0.5 * (own.min(axis=0) + own.max(axis=0))
+    return chances_in_view((places - middle) @ axes, centre - 0.5 * span, centre + 0.5 * span, len(points))
+
+
 def _thickness(variance: Floats) -> float:
     """Of the box that points fill whose spread is that of noise."""
     return 2.0 * math.sqrt(2.0 * math.pi * float(variance.max()))
