@@ -43,7 +43,9 @@ def log_of_regions(source: Floats, matched: Bools, rate: float | None = None) ->
     if rate is not None or not len(regions):
         return np.zeros(len(matched))
     n, every = len(source), matched.sum(axis=1)
-    size, inside = regions.sum(axis=1).astype(np.int64), (matched.astype(np.float32) @ regions.T).astype(np.int64)
+    with np.errstate(invalid="ignore"):  # BLAS may set the flag for what it pads small matrices with
+        inside = (matched.astype(np.float32) @ regions.T).astype(np.int64)
+    size = regions.sum(axis=1).astype(np.int64)
     outside = every[:, None] - inside
     counts = inside, size - inside, outside, n - size - outside
     odds = sum((log_factorial[one] for one in counts), log_rest)
