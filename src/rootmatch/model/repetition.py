@@ -165,13 +165,15 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     # along the axes of the box, as clutter has them
     middle, axes = model._space[2:]
     linear, shift = rivals.fit.scale[:, None, None] * rivals.fit.rotation, rivals.fit.shift
-    # a motion that leaves the middle of the object in its place is a symmetry, and leads to nothing beside the object
-    centres = linear @ clouds.source.mean(axis=0) + shift
-    first, second = np.triu_indices(len(shift), 1)
-    beside = np.linalg.norm(centres[first] - centres[second], axis=1) > widths[0]
+    between = _motions_between(axes.T @ linear, (shift - middle) @ axes, of_source=False)
+    # a motion that leaves the middle of the object in its place, or brings it back, is a symmetry of it or of a part,
+    # and leads to nothing beside it
+    centres = (linear @ clouds.source.mean(axis=0) + shift - middle) @ axes
+    first, second = (centres[one] for one in np.triu_indices(len(shift), 1))
+    again = (between[0] @ second[..., None])[..., 0] + between[1]
+    beside = np.minimum(np.linalg.norm(second - first, axis=1), np.linalg.norm(again - first, axis=1)) > widths[0]
     if not beside.any():
         return None
-    between = _motions_between(axes.T @ linear, (shift - middle) @ axes, of_source=False)
     kernels = _kernels(target, clutter.sigma**2, between, widths)
     densities = kernels.sum(axis=3) / (count - 1)
     # motions that widths tell apart: places along each axis, and turns
