@@ -43,7 +43,7 @@ MOST_RATIOS = 4_000_000
 NAMED = 5
 """First of the distinct assignments that were named which are fitted. A round value."""
 SAMPLES = 768
-"""Samples that count. A round value; what the mean leaves open is measured in docs/model.md."""
+"""Samples that count. A round value; what the mean leaves open is measured in docs/two-view-model.md."""
 LEAST = math.log(1e-3)
 """Log-odds of a pair below which it counts for nothing. A round value."""
 MARGIN = 3.0
