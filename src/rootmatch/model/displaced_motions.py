@@ -11,13 +11,12 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
+from rootmatch.model.point_set_alike import FEWEST
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.repetition import RIVALS, motions_among
 from rootmatch.samplers.point_sets.congruent import grown, labelled_by
 from rootmatch.samplers.point_sets.motions import Motions
 
-LEAST = 3
-"""Matches that determine a motion."""
 DISPLACED = 64
 """Most displaced labellings that are displaced again. A round value; it bounds time."""
 ROUNDS = 4
@@ -62,5 +61,5 @@ def _labelled(model: PointSetModel, motions: Floats) -> Integers:
     """Labellings (H, n) about motions, given as matrices."""
     linear = motions[:, :-1, :-1]
     scale = np.abs(np.linalg.det(linear)) ** (1.0 / linear.shape[1])
-    found = labelled_by(model.clouds, [Motions(linear, motions[:, :-1, -1], scale)], model.allowed, LEAST)
+    found = labelled_by(model.clouds, [Motions(linear, motions[:, :-1, -1], scale)], model.allowed, FEWEST)
     return grown(model.clouds, found, model.mirror, model.allowed)

@@ -144,11 +144,6 @@ def _by_all(
     return np.asarray(scale[:, None] * about * scale)
 
 
-def _log_chance(log_odds: Floats) -> Floats:
-    """Logarithms of probabilities."""
-    return np.asarray(-np.logaddexp(0.0, -log_odds))
-
-
 def _gains(without: Floats, densities: Floats) -> Floats:
     """By how much points are more probable, (G, W), with some share of densities (G, W, n) than without them, (n,)."""
     return np.asarray((np.log((1.0 - TRIED) + TRIED * (densities / without))).sum(axis=3).max(axis=0))
@@ -174,6 +169,7 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     beside = np.minimum(np.linalg.norm(second - first, axis=1), np.linalg.norm(again - first, axis=1)) > widths[0]
     if not beside.any():
         return None
+    between = between[0][beside], between[1][beside]
     kernels = _kernels(target, clutter.sigma**2, between, widths)
     densities = kernels.sum(axis=3) / (count - 1)
     # motions that widths tell apart: places along each axis, and turns
@@ -183,16 +179,17 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     cost += size * (size - 1) // 2 * np.log(np.maximum(2.0 * math.pi * radius / widths, 1.0))
     # the source shows them as well
     scale = float(rivals.fit.scale[0])
-    own = _kernels(
-        clouds.source, clouds.source_variance, _motions_between(linear, shift, of_source=True), widths / scale
-    )
+    of_source = _motions_between(linear, shift, of_source=True)
+    of_source = of_source[0][beside], of_source[1][beside]
+    own = _kernels(clouds.source, clouds.source_variance, of_source, widths / scale)
     n = len(clouds.source)
     anywhere = np.full(n, 1.0 / np.prod(box_of(clouds.source, clouds.source_variance)[3]))
-    named = np.logaddexp(_log_chance(_gains(anywhere, own.sum(axis=3) / (n - 1)) - cost + math.log(ALIKE)), -cost)
+    own_odds = _gains(anywhere, own.sum(axis=3) / (n - 1)) - cost + math.log(ALIKE)
+    named = np.logaddexp(-np.logaddexp(0.0, -own_odds), -cost)
     without = np.exp(clutter.log_density)
     now, chosen, shares = without, list[tuple[int, int]](), np.ones(1)
     while len(chosen) < REPETITIONS:
-        tried = np.where(beside[:, None], _gains(now, densities) - cost, -np.inf)
+        tried = _gains(now, densities) - cost
         best = np.unravel_index(int(tried.argmax()), tried.shape)
         if tried[best] <= 0.0:
             break
