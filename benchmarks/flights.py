@@ -213,7 +213,7 @@ def fly(
             tally.times.append(1e3 * (time.process_time() - started))
         for place, (label, number) in enumerate(bodies):
             one = match if label is None else match.bodies[label]
-            right, wrong, shown = _judged(frame, number, one, rig=family == "rig")
+            right, wrong, shown = judged(frame, number, one, rig=family == "rig")
             trusted = one.status is rm.Status.MATCHED
             bad = trusted and wrong
             tally.shown += shown
@@ -234,7 +234,7 @@ def fly(
             tally.longest_flipped = max(tally.longest_flipped, flips[place])
 
 
-def _judged(frame: dict[str, Any], number: int, one: Any, rig: bool) -> tuple[bool, bool, bool]:
+def judged(frame: dict[str, Any], number: int, one: Any, rig: bool) -> tuple[bool, bool, bool]:
     """Whether what is told of a body is right, has a match wrong, and whether it shows `FEW` points."""
     mine = [set(owners[owners[:, 0] == number, 1].tolist()) for owners in frame["owners"]]
     count = sum(bool(points) for points in mine)

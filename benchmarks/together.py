@@ -1,0 +1,309 @@
+"""Everything together: what is trusted over all kinds of scenes, how much of it is wrong, and how calibrated it is.
+
+    python benchmarks/together.py --seeds 20 --flights 2 --first-seed 102000 --jobs 2
+
+One scene of each kind of the other benchmarks for each seed, and flights of each family: images, two views, point sets.
+A body counts as shown if a scene shows five of its points or more, four of a set in space. "Right": trusted, no match
+wrong and nine tenths of the shown points matched. "Wrong": trusted, with a match that is not true; "expected": as many
+as the told probabilities say. Of a flight each frame counts, and "run" is the longest one of wrong frames.
+
+Then by tenths of what was told, for each geometry: the probability of trusted matches is right where no match is wrong,
+that of others where the assignment is the truth; the confidence of a point, where its match or its lack of one is true.
+An interval counts scenes, as the points of one are right or wrong together. Scenes without one true answer, such as two
+of the same object of which one is asked for, count in the first table only.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import accuracy_scenes
+import adversary
+import constellations
+import evidence
+import fiducials
+import flights
+import joblib
+import numba
+import numpy as np
+import parts_in_space
+import regular_models
+import strange_scenes
+import unrelated
+from shared import Integers, head, parser, row, scenes_of
+
+import rootmatch as rm
+
+IMAGE, VIEWS, SPACE, FLIGHT = "one image", "two views", "point sets", "flights"
+LEAST = {IMAGE: 5, VIEWS: 8, SPACE: 4, FLIGHT: flights.FEW}
+"""Shown points from which a right answer is asked for."""
+WITHIN = 0.03
+"""Of what was told, the share of a bin that is right is to be, or within its interval."""
+NO_ANSWER = ("tools", "unnamed-copy", "reflection", "near-board", "hidden-wand")
+"""Kinds of strange scenes of which no labelling is the true one, or one of several is."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What was told of one body, and what is true."""
+
+    asked: bool
+    """Whether it shows enough for a right answer."""
+    trusted: bool
+    right: bool
+    wrong: bool
+    probability: float | None
+    as_told: bool
+    points: list[tuple[float, bool]]
+    """Confidence of each point, and whether what is told of it is true; none where no search was worth while."""
+    matched: bool = True
+    counts: bool = True
+    """Whether it counts in calibration."""
+    run: int = 0
+    """Of a flight: how many frames in a row are wrong, this one included."""
+
+
+Scenes = Callable[[int], list[Told]]
+"""The bodies of one seed."""
+
+
+def of_sets(match: rm.Match, own: list[set[int]], least: int, counts: bool = True) -> Told:
+    """A body whose points, or sightings, have any of their own detections."""
+    assignment = (match.assignment if match.sightings is None else match.sightings.assignment).ravel()
+    true = [int(j) in may if j >= 0 else not may for j, may in zip(assignment, own, strict=True)]
+    wrong = any(j >= 0 and not good for j, good in zip(assignment, true, strict=True))
+    shown, matched = len(set().union(*own)), int((assignment >= 0).sum())
+    confidence = match.confidence.ravel()
+    told = len(confidence) == len(true) and not np.isnan(confidence).any()
+    points = list(zip(confidence.tolist(), true, strict=True)) if told else []
+    trusted = bool(match)
+    return Told(
+        shown >= least, trusted, trusted and not wrong and matched >= 0.9 * shown - 1e-9, trusted and wrong,
+        match.probability, not wrong if trusted else all(true), points, matched > 0, counts,
+    )  # fmt: skip
+
+
+def of_one(match: rm.Match, truth: Integers, geometry: str, counts: bool = True) -> Told:
+    """A body whose points have one detection each, −1 for none."""
+    return of_sets(match, [{int(j)} if j >= 0 else set() for j in truth], LEAST[geometry], counts)
+
+
+def of_constellation(scenes: ModuleType, family: str, seed: int) -> list[Told]:
+    told, truth = constellations.arguments(family, seed, scenes)
+    return [of_one(rm.match(**told, seed=seed), truth, IMAGE)]
+
+
+def of_few(xr: ModuleType, family: str, seed: int) -> list[Told]:
+    found = evidence.few_leds(xr, family, seed, None)
+    return [of_one(match, truth, IMAGE) for match, truth in found.values()]
+
+
+def of_strange(kind: str, seed: int) -> list[Told]:
+    scene = strange_scenes.KINDS[kind](np.random.default_rng([seed, list(strange_scenes.KINDS).index(kind)]))
+    match = rm.match(**scene.told, noise=strange_scenes.NOISE, seed=seed)
+    if match.bodies is not None and kind != "tools":
+        labels = scene.told["bodies"]
+        return [of_one(one, scene.truth[0][labels == label], IMAGE) for label, one in match.bodies.items()]
+    if match.sightings is not None:
+        return [of_one(match, np.concatenate(scene.truth), IMAGE)]
+    judged = strange_scenes.bodies_of(kind, scene, match)
+    if kind in NO_ANSWER:
+        return [
+            Told(False, trusted, trusted and full, trusted and bool(wrong), None, False, [], counts=False)
+            for trusted, wrong, full in judged
+        ]
+    return [min((of_one(match, truth, IMAGE) for truth in scene.truth), key=lambda one: (one.wrong, not one.as_told))]
+
+
+def of_adversary(rigs: bool, seed: int) -> list[Told]:
+    if rigs:
+        import adversary_rigs
+
+        scene = adversary_rigs.drawn(seed)
+    else:
+        scene = adversary.drawn(seed)
+    try:
+        match = rm.match(**scene.arguments, max_seconds=5.0)
+    except rm.InputError:  # too few detections for one hyper-edge
+        return []
+    bodies = [match] if match.bodies is None else list(match.bodies.values())
+    return [of_sets(body, truth, LEAST[IMAGE]) for body, truth in zip(bodies, scene.truths, strict=True)]
+
+
+def of_case(case: accuracy_scenes.Case, geometry: str, seed: int) -> list[Told]:
+    made = case.make(seed)
+    match = rm.match(made.source, made.target, made.problem, noise=made.noise, seed=seed, **made.options)
+    return [of_one(match, made.truth, geometry)]
+
+
+def of_regular(kind: str, problem: str, seed: int) -> list[Told]:
+    scene = regular_models.KINDS[kind](np.random.default_rng([seed, *kind.encode()]))
+    if len(scene.target) < 6:
+        return []
+    given = regular_models.problem_of(problem, scene, seed)
+    match = rm.match(scene.lamps, scene.target, given, noise=regular_models.NOISE, seed=seed)
+    return [of_one(match, scene.truth, IMAGE)]
+
+
+def of_fiducials(scenes: ModuleType, arguments: dict[str, Any], seed: int) -> list[Told]:
+    if "tools" in arguments:
+        source, labels, target, truth = scenes.tools(seed, stray=arguments["tools"])
+        match = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.2), bodies=labels)
+        assert match.bodies is not None
+        return [of_one(one, truth[labels == label], SPACE) for label, one in match.bodies.items()]
+    made = scenes.scene(seed=seed, **arguments)
+    truth = np.full(len(made["truth"]), -1) if arguments.get("mirrored") else made["truth"]
+    match = rm.match(made["source"], made["target"], rm.Rigid(), noise=made["noise"])
+    own: list[set[int]] = [{int(j)} if j >= 0 else set() for j in truth]
+    if made["moved"] >= 0 and match.assignment[made["moved"]] < 0:
+        own[made["moved"]] = set()
+    return [of_sets(match, own, LEAST[SPACE])]
+
+
+def of_part(kind: str, seed: int) -> list[Told]:
+    made = parts_in_space.KINDS[kind](np.random.default_rng([seed, list(parts_in_space.KINDS).index(kind)]))
+    return [of_one(rm.match(made.source, made.target, seed=seed, **made.told), made.truth, SPACE)]
+
+
+def of_unrelated(name: str, geometry: str, seed: int) -> list[Told]:
+    source, target, told = unrelated.PROBLEMS[name](np.random.default_rng([seed, len(name)]))
+    return [of_one(rm.match(source, target, **told, seed=seed), np.full(len(source), -1), geometry)]
+
+
+def of_flight(xr: ModuleType, family: str, seed: int) -> list[Told]:
+    tracker, bodies = flights.tracker_of(xr, family, None)
+    out: list[Told] = []
+    runs = [0] * len(bodies)
+    rig = family == "rig"
+    for frame in flights.frames_of(xr, family, seed):
+        frame = flights.merged(frame, 0.0)
+        target: Any = (frame["target"], frame["camera"]) if rig else frame["target"]
+        match = tracker.update(target, time=float(frame["time"]), prior=frame.get("prior"))
+        for place, (label, number) in enumerate(bodies):
+            one = match if label is None else match.bodies[label]  # type: ignore[index]
+            full, bad, shown = flights.judged(frame, number, one, rig=rig)
+            trusted = bool(one)
+            runs[place] = runs[place] + 1 if trusted and bad else 0
+            out.append(
+                Told(
+                    shown, trusted, trusted and full, trusted and bad, one.probability, not bad, [],
+                    counts=trusted, run=runs[place],
+                )
+            )  # fmt: skip
+    return out
+
+
+def kinds_of(folder: str | None) -> Iterator[tuple[str, str, Scenes]]:
+    """Name, geometry and scenes of each row; those whose module of scenes is absent are left out."""
+
+    def bound(make: Callable[..., list[Told]], *given: Any) -> Scenes:
+        return lambda seed: make(*given, seed)
+
+    scenes, xr, space = (scenes_of(name, folder) for name in ("constellations", "xr", "fiducials"))
+    if scenes is not None:
+        for family in constellations.FAMILIES:
+            if family != "real" and not family.startswith("unrelated"):
+                yield f"constellations, {family}", IMAGE, bound(of_constellation, scenes, family)
+    if xr is not None:
+        for family in evidence.FAMILIES:
+            if family.startswith("few"):
+                yield f"few LEDs, {family[4:]}", IMAGE, bound(of_few, xr, family)
+    for kind in strange_scenes.KINDS:
+        yield f"strange scenes, {kind}", IMAGE, bound(of_strange, kind)
+    for kind in regular_models.KINDS:
+        if not kind.startswith("runway"):
+            yield f"regular models, {kind}", IMAGE, bound(of_regular, kind, "up2p 1°")
+    for number in range(10):
+        yield "scenes drawn to break it", IMAGE, bound(lambda k, seed: of_adversary(False, 10 * seed + k), number)
+    for number in range(3):
+        yield "the same with rigs", IMAGE, bound(lambda k, seed: of_adversary(True, 10 * seed + k), number)
+    for case in itertools.chain(accuracy_scenes.simulated(), accuracy_scenes.ambiguous()):
+        if "b 5" in case.name and "prior" in case.name:
+            continue  # it says what is not true
+        geometry = VIEWS if case.table == "two views" else IMAGE
+        yield f"{case.table}, {case.name}", geometry, bound(of_case, case, geometry)
+    if space is not None:
+        for name, arguments in (fiducials.ROWS | fiducials.OTHERS).items():
+            if "unrelated" not in arguments:
+                yield f"fiducials, {name}", SPACE, bound(of_fiducials, space, arguments)
+    for kind in parts_in_space.KINDS:
+        yield f"parts in space, {kind}", SPACE, bound(of_part, kind)
+    for name in unrelated.PROBLEMS:
+        geometry = SPACE if "," in name and "p3p" not in name else VIEWS if name in ("3p1", "planar") else IMAGE
+        yield f"unrelated, {name}", geometry, bound(of_unrelated, name, geometry)
+    if xr is not None:
+        for family in flights.FRAMES:
+            yield f"flights, {family}", FLIGHT, bound(of_flight, xr, family)
+
+
+def results(place: int, seeds: list[int], folder: str | None) -> list[list[Told]]:
+    """The scenes of one row, each with its bodies."""
+    numba.set_num_threads(1)
+    make = next(itertools.islice(kinds_of(folder), place, None))[2]
+    return [make(seed) for seed in seeds]
+
+
+def print_row(name: str, every: list[Told]) -> None:
+    """One row of the first table."""
+    asked, trusted = [one for one in every if one.asked], [one for one in every if one.trusted]
+    expected = sum(1.0 - one.probability for one in trusted if one.probability is not None)
+    row(
+        name, len(every), len(asked), sum(one.right for one in asked), len(trusted), sum(one.wrong for one in every),
+        f"{expected:.1f}", max((one.run for one in every), default=0) or "",
+    )  # fmt: skip
+
+
+def print_bins(name: str, one: evidence.Calibration) -> None:
+    """A table of tenths."""
+    print()
+    head(f"{name} from", "number", "scenes", "mean", "right, ± 95 %")
+    print("\n".join(one.lines()), flush=True)
+
+
+def main() -> None:
+    ask = parser(__doc__, seeds=5, flights=1, first_seed=1000, jobs=1)
+    ask.add_argument("--rows", nargs="+", default=[], help="those whose name contains one of these texts")
+    ask.add_argument("--scenes", help="folder of the scenes")
+    given = ask.parse_args()
+    rows = [
+        (place, name, geometry)
+        for place, (name, geometry, _) in enumerate(kinds_of(given.scenes))
+        if not given.rows or any(text in name for text in given.rows)
+    ]
+    work = [
+        (place, list(range(given.first_seed, given.first_seed + (given.flights if geometry == FLIGHT else given.seeds))))
+        for place, _, geometry in rows
+    ]
+    found = joblib.Parallel(n_jobs=given.jobs, return_as="generator")(
+        joblib.delayed(results)(place, seeds, given.scenes) for place, seeds in work
+    )
+    by_row, by_geometry = defaultdict[str, list[Told]](list), defaultdict[str, list[list[Told]]](list)
+    for (_, name, geometry), scenes in zip(rows, found, strict=True):
+        by_row[name] += itertools.chain.from_iterable(scenes)
+        by_geometry[geometry] += scenes
+    head("scenes", "bodies", "shown", "right of these", "trusted", "wrong", "expected", "run")
+    for name, every in by_row.items():
+        print_row(name, every)
+    for geometry, scenes in by_geometry.items():
+        print_row(f"**{geometry}**", list(itertools.chain.from_iterable(scenes)))
+    print_row("**all**", list(itertools.chain.from_iterable(by_row.values())))
+    for geometry, scenes in by_geometry.items():
+        probability, confidence = evidence.Calibration(), evidence.Calibration()
+        for bodies in scenes:
+            bodies = [one for one in bodies if one.counts]
+            told = [one for one in bodies if one.matched and one.probability is not None]
+            probability.add([one.probability for one in told], [one.as_told for one in told])  # type: ignore[misc]
+            points = [point for one in bodies for point in one.points]
+            confidence.add([one for one, _ in points], [good for _, good in points])
+        print_bins(f"{geometry}: probability", probability)
+        if confidence.told:
+            print_bins(f"{geometry}: confidence", confidence)
+
+
+if __name__ == "__main__":
+    main()
