@@ -276,7 +276,10 @@ def main() -> None:
         if not given.rows or any(text in name for text in given.rows)
     ]
     work = [
-        (place, list(range(given.first_seed, given.first_seed + (given.flights if geometry == FLIGHT else given.seeds))))
+        (
+            place,
+            list(range(given.first_seed, given.first_seed + (given.flights if geometry == FLIGHT else given.seeds))),
+        )
         for place, _, geometry in rows
     ]
     found = joblib.Parallel(n_jobs=given.jobs, return_as="generator")(
@@ -286,8 +289,16 @@ def main() -> None:
     for (_, name, geometry), scenes in zip(rows, found, strict=True):
         by_row[name] += itertools.chain.from_iterable(scenes)
         by_geometry[geometry] += scenes
-    head("scenes", "bodies", "shown", "right of these", "trusted", "wrong", "expected", "run")
+    columns = "scenes", "bodies", "shown", "right of these", "trusted", "wrong", "expected", "run"
+    head(*columns)
     for name, every in by_row.items():
+        print_row(name, every)
+    print()
+    head(*columns)
+    by_kind = defaultdict[str, list[Told]](list)
+    for name, every in by_row.items():
+        by_kind[name if name.startswith("flights") else name.split(",")[0]] += every
+    for name, every in by_kind.items():
         print_row(name, every)
     for geometry, scenes in by_geometry.items():
         print_row(f"**{geometry}**", list(itertools.chain.from_iterable(scenes)))
