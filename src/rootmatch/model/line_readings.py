@@ -7,7 +7,7 @@ of three determines a pose there, so a search meets one of them by chance, or ma
 from __future__ import annotations
 
 import math
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -43,7 +43,7 @@ def line_readings(model: DetectionModel, assignments: Integers) -> Proposals:
         for reading in _readings(model, row):
             (used,) = np.nonzero(reading >= 0)
             origin, axis = _line_through(model.points[used])
-            found, _ = _line_of(model.rays[reading[used]], (model.points[used] - origin) @ axis)
+            found = _line_of(model.rays[reading[used]], (model.points[used] - origin) @ axis)
             if found is not None:
                 parts.append(_about(model, reading, (origin, axis), found))
     return joined(parts)
@@ -65,21 +65,34 @@ def _readings(model: DetectionModel, row: Integers) -> list[Integers]:
     detections, found = row[used], list[tuple[float, Integers]]()
     rays = model.rays[detections]
     in_order = detections[np.argsort(rays @ np.linalg.svd(rays)[2][1])]
-    for line in lines_of(model.points):
-        count = min(len(line), len(detections))
-        if math.comb(len(line), count) * math.comb(len(detections), count) > MOST:
-            continue
-        for points in combinations(line.tolist(), count):
-            for images in combinations(in_order.tolist(), count):
-                reading = np.full_like(row, -1)
-                reading[list(points)] = images
-                for one in (reading, _reversed(model, reading)):
-                    own = np.array(points)
-                    along = (model.points[own] - model.points[own].mean(axis=0)) @ _line_through(model.points[own])[1]
-                    at, misfit = _line_of(model.rays[one[own]], along)
-                    if at is not None:
-                        found.append((misfit, one))
+    for points, images in _choices(model.points, len(detections)):
+        places, seen = model.points[points], in_order[images]
+        own = places - places.mean(axis=1, keepdims=True)
+        axis = np.linalg.eigh(own.swapaxes(1, 2) @ own)[1][:, :, 2:]
+        fits, misfit = _fits(model.rays[seen], (own @ axis)[..., 0])
+        for k in np.flatnonzero(fits)[np.argsort(misfit[fits], kind="stable")][:KEPT]:
+            reading = np.full_like(row, -1)
+            reading[points[k]] = seen[k]
+            found.append((float(misfit[k]), reading))
     return [one for _, one in sorted(found, key=lambda each: each[0])[:KEPT]]
+
+
+@kept_by_values(64)
+def _choices(points: Floats, count: int) -> list[tuple[Integers, Integers]]:
+    """Points on lines of a body (n, 3) and images of these, (B, k) each, as places among so many in order on a line.
+
+    From either end. At least `FOUR` of them: any three on a line look like three others.
+    """
+    of_size: dict[int, tuple[list[list[int]], list[list[int]]]] = {}
+    for line in lines_of(points):
+        size = min(len(line), count)
+        if size < FOUR or math.comb(len(line), size) * math.comb(count, size) > MOST:
+            continue
+        own, images = of_size.setdefault(size, ([], []))
+        for chosen, seen in product(combinations(line.tolist(), size), combinations(range(count), size)):
+            own += [chosen, chosen]
+            images += [seen, seen[::-1]]
+    return [(np.array(own), np.array(images)) for own, images in of_size.values()]
 
 
 def _reversed(model: DetectionModel, row: Integers) -> Integers:
@@ -106,42 +119,53 @@ def _is_line(points: Floats) -> bool:
 @kept_by_values(64)
 def lines_of(points: Floats) -> list[Integers]:
     """The sets of `FOUR` points or more of a body (n, 3) that are on a line, in their order on it."""
-    found = dict[bytes, Integers]()
-    if len(points) > MOST_POINTS:
+    if len(points) > MOST_POINTS or len(points) < FOUR:
         return []
-    for i, j in combinations(range(len(points)), 2):
-        across = points[j] - points[i]
-        length = float(np.linalg.norm(across))
-        off = np.linalg.norm(np.cross(points - points[i], across / length), axis=1)
-        along = (points - points[i]) @ across / length
-        (near,) = np.nonzero(off <= FLAT * max(float(along.max() - along.min()), length))
-        if len(near) >= FOUR and _is_line(points[near]):
-            own = near[np.argsort(along[near])]
+    first, second = np.triu_indices(len(points), 1)
+    across = points[second] - points[first]
+    length = np.linalg.norm(across, axis=1)
+    axis, away = across / length[:, None], points - points[first][:, None]
+    along = (away @ axis[..., None])[..., 0]
+    off = np.linalg.norm(away - along[..., None] * axis[:, None], axis=2)
+    near = off <= FLAT * np.maximum(np.ptp(along, axis=1), length)[:, None]
+    found = dict[bytes, Integers]()
+    for pair in np.flatnonzero(near.sum(axis=1) >= FOUR):
+        (own,) = np.nonzero(near[pair])
+        if _is_line(points[own]):
+            own = own[np.argsort(along[pair, own])]
             own = own if own[0] < own[-1] else own[::-1]
             found[own.tobytes()] = own
     return list(found.values())
 
 
-def _line_of(rays: Floats, along: Floats) -> tuple[tuple[Floats, Floats] | None, float]:
+def _fits(rays: Floats, along: Floats) -> tuple[Bools, Floats]:
+    """Whether lines can have rays (B, k, 3) to points at places (B, k) on them, and the misfits (B,), roots of squares."""
+    squares, vectors = np.linalg.eigh((rows := _rows(rays, along)).swapaxes(1, 2) @ rows)
+    place, direction = vectors[:, :3, 0], vectors[:, 3:, 0]
+    depths = ((place[:, None] + along[..., None] * direction[:, None]) * rays).sum(axis=2)
+    return (depths > 0.0).all(axis=1) | (depths < 0.0).all(axis=1), np.sqrt(np.maximum(squares[:, 0], 0.0))
+
+
+def _rows(rays: Floats, along: Floats) -> Floats:
+    """Rows (…, 3 k, 6) of r × (c + s d) for rays (…, k, 3) and places s (…, k)."""
+    cross = np.cross(rays[..., None, :], np.eye(3)).swapaxes(-1, -2)
+    return np.concatenate([cross, along[..., None, None] * cross], axis=-1).reshape(*rays.shape[:-2], -1, 6)
+
+
+def _line_of(rays: Floats, along: Floats) -> tuple[Floats, Floats] | None:
     """Place (3,) of the origin of a line and its direction (3,) from rays (k, 3) to points at known places on it.
 
     The least squares of r × (c + s d) over unit vectors (c, d), brought to the length of d. None behind the camera.
-    The second value is the root of these squares.
     """
-    zero = np.zeros(len(rays))
-    x, y, z = rays.T
-    cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-    rows = np.concatenate([cross, along[:, None, None] * cross], axis=2).reshape(-1, 6)
-    _, sizes, vectors = np.linalg.svd(rows)
-    solution, misfit = vectors[-1], float(sizes[-1])
+    solution = np.linalg.svd(_rows(rays, along))[2][-1]
     size = float(np.linalg.norm(solution[3:]))
     if not size > 0.0 or not np.isfinite(solution).all():
-        return None, misfit
+        return None
     place, direction = solution[:3] / size, solution[3:] / size
     depths = ((place + along[:, None] * direction) * rays).sum(axis=1)
     if (depths < 0.0).all():
-        return (-place, -direction), misfit
-    return ((place, direction) if (depths > 0.0).all() else None), misfit
+        return -place, -direction
+    return (place, direction) if (depths > 0.0).all() else None
 
 
 def _about(
