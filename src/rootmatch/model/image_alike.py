@@ -57,6 +57,15 @@ def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
         Over the body as given, with all changes of the mode; −∞ where they cannot matter. None where nothing is near a
         visible point that has no match.
     """
+    parts = modes.assignments[k], modes.rotation[k], modes.position[k], modes.log_mass[k], taken
+    key = tuple([None if one is None else one.tobytes() for one in parts])
+    if key not in model.alike:
+        model.alike[key] = _weighed(model, modes, k, taken)
+    return model.alike[key]
+
+
+def _weighed(model: DetectionModel, modes: Modes, k: int, taken: Bools | None) -> Floats | None:
+    """As `log_odds_alike`, worked out."""
     assignment = modes.assignments[k]
     (missed,) = np.nonzero((assignment < 0) & (modes.visible[k] > HIDDEN))
     if not len(missed):
