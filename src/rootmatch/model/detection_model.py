@@ -304,7 +304,7 @@ class DetectionModel:
         return self.about_centre, self._views, self.image_for_kernels, clutter, rates
 
     @once
-    def alike(self) -> dict[tuple[Any, ...], Floats | None]:
+    def alike(self) -> dict[tuple[Any, ...], float]:
         """What `rootmatch.model.image_alike` told of modes: a frame that is searched asks again of those it had."""
         return {}
 
