@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model import image_alike
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, settled_about
 from rootmatch.model.image_alike import ERRORS, log_odds_alike
@@ -95,6 +97,24 @@ def test_the_odds_are_the_evidence_of_points_that_are_off_with_all_that_is_near(
     assert odds[best] > 8.0  # beyond the odds of a wrong model
     matched, _ = about(wide, assignment[None], mode.rotation, mode.position)
     assert matched.log_odds[0] < mode.log_odds[0]  # exact matches alone speak for the body
+
+
+def test_what_is_alike_is_weighed_once_for_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, assignment = exact_and_off(6e-3)
+    mode, settled, work = mode_of(model, assignment), list[DetectionModel](), image_alike.settle
+
+    def counted(wide: DetectionModel, *rest: Any, **named: Any) -> Any:
+        settled.append(wide)
+        return work(wide, *rest, **named)
+
+    monkeypatch.setattr(image_alike, "settle", counted)
+    first = alike(model, mode)
+    assert (count := len(settled)) > 0
+    np.testing.assert_array_equal(alike(model, mode), first)
+    assert len(settled) == count
+    alike(model, mode, np.arange(8) == 4)  # of fewer detections
+    alike(replace(model, prior=Broad(0.1)), mode)
+    assert len(settled) > count + 1
 
 
 def test_what_is_far_from_all_points_tells_nothing_and_is_not_looked_at() -> None:

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.explain.image_hypotheses import model_of, proposals_of, twins_of
+from rootmatch.explain.image_hypotheses import TWINS, Candidate, model_of, proposals_of, twins_of
 from rootmatch.explain.near_symmetries import body_radius
 from rootmatch.explain.similar_subsets import MOST, MOST_POINTS, TOLERANCE, twins_of_few
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.mode_search import modes_of
+from rootmatch.model.modes import Modes
+from rootmatch.model.proposals import Proposals
 
 CAMERA = rm.Camera(500.0, 500.0, 320.0, 240.0)
 
@@ -54,3 +56,22 @@ def test_an_arc_read_from_the_other_end_is_proposed() -> None:
     assert [3, 2, 1, 0, -1, -1, -1, -1, -1] in proposed
     found = rm.match(points, target, rm.P3P(CAMERA), noise=0.3)
     assert found.status is not rm.Status.MATCHED
+
+
+def test_twins_of_a_mode_are_proposed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stairs of five steps, of which three show: each better reading has twins, and those before it had theirs."""
+    steps = np.array([[0.04 * k, 0.03 * k, 0.02 * (k % 2)] for k in range(7)])
+    points = np.concatenate([steps, np.random.default_rng(2).uniform(-0.1, 0.1, (3, 3))])
+    target = CAMERA.project(steps[2:6] + np.array([0.02, 0.01, 0.8]))
+    task, proposed = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.3), list[bytes]()
+    work = Candidate.twins
+
+    def counted(self: Candidate, modes: Modes) -> Proposals:
+        proposed.extend(one.tobytes() for one in modes.rotation)
+        return work(self, modes)
+
+    monkeypatch.setattr(Candidate, "twins", counted)
+    wrong = np.array([0, 1, 2, 3, *6 * [-1]])
+    Candidate.of(task, [wrong])
+    assert len(proposed) > TWINS  # there was a second turn
+    assert len(proposed) == len(set(proposed))

@@ -142,10 +142,12 @@ class Candidate:
 
     def _with_twins(self, modes: Modes, searched: bool = True) -> Modes:
         """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off."""
-        first = b""
-        while len(modes.log_odds) and modes.assignments[0].tobytes() != first:
-            first = modes.assignments[0].tobytes()
-            twins = self.twins(modes) if searched else twins_about_predictions(self.task, self.model, modes)
+        known = set[bytes]()  # of which twins were proposed
+        while len(modes.log_odds) and modes.rotation[0].tobytes() not in known:
+            poses = [one.tobytes() for one in modes.rotation[:TWINS]]
+            new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
+            known.update(poses)
+            twins = self.twins(modes.take(new)) if searched else twins_about_predictions(self.task, self.model, modes)
             modes = modes_of(self.model, twins, modes, twins=True) if len(twins.assignments) else modes
         return modes
 
@@ -156,8 +158,7 @@ class Candidate:
 
     def alone(self) -> Posterior:
         """The body's posterior if the image shows no other known body."""
-        (told,) = competing([self])
-        return told
+        return competing([self])[0]
 
 
 def strongest(tensor: AffinityTensor, shape: tuple[int, int], most: int) -> Integers:

@@ -304,6 +304,11 @@ class DetectionModel:
         return self.about_centre, self._views, self.image_for_kernels, clutter, rates
 
     @once
+    def alike(self) -> dict[tuple[Any, ...], float]:
+        """What `rootmatch.model.image_alike` told of modes: a frame that is searched asks again of those it had."""
+        return {}
+
+    @once
     def image_for_kernels(self) -> tuple[Any, ...]:
         """Detections and what is known of them, as `rootmatch.model.compiled.evidence.weigh` takes it."""
         # copies: what is read-only is another type to a kernel, which would be compiled once more

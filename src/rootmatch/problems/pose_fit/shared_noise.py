@@ -14,14 +14,14 @@ def by_points(rows: Floats, images: int) -> Floats:
     """What sightings (…, C n, k, q) have, point by point: (…, n, C k, q)."""
     *some, count, k, q = rows.shape
     parts = rows.reshape(*some, images, count // images, k, q)
-    return np.moveaxis(parts, -4, -3).reshape(*some, count // images, images * k, q)
+    return parts.swapaxes(-4, -3).reshape(*some, count // images, images * k, q)
 
 
 def of_sightings(rows: Floats, images: int) -> Floats:
     """The inverse of `by_points`."""
     *some, count, size, q = rows.shape
     parts = rows.reshape(*some, count, images, size // images, q)
-    return np.moveaxis(parts, -3, -4).reshape(*some, images * count, size // images, q)
+    return parts.swapaxes(-4, -3).reshape(*some, images * count, size // images, q)
 
 
 def shared_spread(by_point: Floats, covariance: Floats | None, own: Floats, images: int) -> Floats:
@@ -39,8 +39,11 @@ def shared_spread(by_point: Floats, covariance: Floats | None, own: Floats, imag
         C.
     """
     rows, k = by_points(by_point, images), by_point.shape[-2]
-    alone = np.tile(by_points(own, images), images) * np.kron(np.eye(images), np.ones((k, k)))
-    if covariance is None:
-        return np.asarray(alone)
-    count = rows.shape[-3]
-    return np.asarray(rows @ covariance[..., :count, :, :] @ rows.swapaxes(-1, -2) + alone)
+    count, size = rows.shape[-3:-1]
+    spread = np.zeros((*rows.shape[:-1], size))
+    if covariance is not None:
+        spread += rows @ covariance[..., :count, :, :] @ rows.swapaxes(-1, -2)
+    for image in range(images):
+        some = slice(image * k, (image + 1) * k)
+        spread[..., some, some] += own[..., image * count : (image + 1) * count, :, :]
+    return spread
