@@ -83,7 +83,7 @@ def _choices(points: Floats, count: int) -> list[tuple[Integers, Integers]]:
 
     From either end. At least `FOUR` of them: any three on a line look like three others.
     """
-    of_size: dict[int, tuple[list[list[int]], list[list[int]]]] = {}
+    of_size: dict[int, tuple[list[tuple[int, ...]], list[tuple[int, ...]]]] = {}
     for line in lines_of(points):
         size = min(len(line), count)
         if size < FOUR or math.comb(len(line), size) * math.comb(count, size) > MOST:
@@ -139,7 +139,7 @@ def lines_of(points: Floats) -> list[Integers]:
 
 
 def _fits(rays: Floats, along: Floats) -> tuple[Bools, Floats]:
-    """Whether lines can have rays (B, k, 3) to points at places (B, k) on them, and the misfits (B,), roots of squares."""
+    """Whether lines can have rays (B, k, 3) to points at places (B, k) on them, and the misfits (B,)."""
     squares, vectors = np.linalg.eigh((rows := _rows(rays, along)).swapaxes(1, 2) @ rows)
     place, direction = vectors[:, :3, 0], vectors[:, 3:, 0]
     depths = ((place[:, None] + along[..., None] * direction[:, None]) * rays).sum(axis=2)
