@@ -174,7 +174,7 @@ def test_labellings_that_two_motions_share_count_once() -> None:
     used = np.sort(every, axis=1)
     distinct = ~((used[:, 1:] == used[:, :-1]) & (used[:, 1:] >= 0)).any(axis=1)
     odds = logsumexp(model.judged(every[distinct & ((every >= 0).sum(axis=1) >= 3)]).log_odds)
-    found = posterior(model, congruent_labellings(model.clouds, False).proper)
+    found = posterior(model, model.judged(congruent_labellings(model.clouds, False).proper))
     assert found.present < 1.0 / (1.0 + np.exp(-odds)) + 0.2
 
 
