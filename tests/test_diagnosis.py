@@ -285,6 +285,15 @@ def test_axes_are_mirrored_about_the_principal_point() -> None:
     assert [len(one.rivals) for one in halves] == [3, 3]
 
 
+def test_a_larger_noise_is_that_of_all_axes_of_both_sets() -> None:
+    points, axes = np.random.default_rng(1).uniform(-1.0, 1.0, (6, 3)), np.tile([1e-3, 1e-3, 4e-3], (6, 1))
+    match = rm.match(points, points + 1.0, rm.Rigid(), noise=(axes, axes))
+    changed = next(one.change for one in usual_mistakes(match.task) if one.name == "the noise is 10 times as large")
+    before, after = match.task.points, changed(match.task).points
+    for name in ("source_covariance", "target_covariance"):
+        np.testing.assert_allclose(getattr(after, name), 100.0 * getattr(before, name))
+
+
 def test_on_the_command_line(tmp_path: Path) -> None:
     given = mistaken("x and y", 1)
     for name, key, header in (("model", "source", "x,y,z"), ("image", "target", "x,y")):
