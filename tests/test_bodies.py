@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.explain.bodies import _Body, _contest, _evidence, _make_exclusive
+from rootmatch.explain.bodies import _Body, _contest, _make_exclusive
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.decide import Facts
 from rootmatch.explain.explain import explain
@@ -142,7 +142,7 @@ def test_what_is_searched_again() -> None:
 
     def searched(status: rm.Status, cut: bool, probability: float = 1.0) -> list[bool]:
         match = judged(found, status, probability)
-        one = _Body(0, match=match, budget=100, cut=cut, among=len(target))
+        one = _Body(number=0, task=match.task, found=match, budget=100, cut=cut, among=len(target))
         return [one.worth_a_search(left, budget) for left in (free, clutter, own) for budget in (100, 300)]
 
     untrusted, ambiguous = rm.Status.UNTRUSTED, rm.Status.AMBIGUOUS
@@ -152,8 +152,10 @@ def test_what_is_searched_again() -> None:
     assert searched(ambiguous, cut=True, probability=0.95) == [False, True, True, True, True, True]
     assert searched(ambiguous, cut=True, probability=0.5) == [False, False, True, True, True, True]
     assert searched(ambiguous, cut=False, probability=0.5) == [False, False, False, False, True, True]
-    assert _Body(0).worth_a_search(free, 100)
-    assert not _Body(0, settled=True).worth_a_search(own, 300)
+    new = _Body(number=0, task=found.task, found=found)
+    assert new.worth_a_search(free, 100)
+    new.settled = True
+    assert not new.worth_a_search(own, 300)
 
 
 def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> None:
@@ -165,19 +167,14 @@ def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> 
     assert np.array_equal(right.assignment, expected)
     stolen = replace(judged(own, rm.Status.MATCHED, 0.93), assignment=np.append(expected[:6], -1), log_odds=1.0)
     ambiguous = judged(right, rm.Status.AMBIGUOUS, 0.55)
-    bodies = [
-        _Body(0, match=ambiguous),
-        _Body(1, match=stolen),
-    ]
-    assert _evidence(bodies[0]) > _evidence(bodies[1])
-    assert _evidence(_Body(0, match=replace(right, log_odds=None))) == -np.inf
+    bodies = [_Body(number=k, task=one.task, found=one) for k, one in enumerate((ambiguous, stolen))]
+    assert bodies[0].evidence > bodies[1].evidence
+    assert _Body(number=0, task=right.task, found=replace(right, log_odds=None)).evidence == -np.inf
     _make_exclusive(task, bodies, np.ones(len(target), np.bool_), explain, 1000)
     for one, there in zip(bodies, (expected, other), strict=True):
-        assert one.match is not None
-        assert np.array_equal(one.match.assignment, there)
-    _contest(alone := [_Body(1, match=judged(own, rm.Status.MATCHED))])
-    assert alone[0].match is not None
-    assert alone[0].match.status is rm.Status.MATCHED
+        assert np.array_equal(one.found.assignment, there)
+    _contest(alone := [_Body(number=1, task=own.task, found=judged(own, rm.Status.MATCHED))])
+    assert alone[0].found.status is rm.Status.MATCHED
 
 
 @pytest.mark.parametrize(

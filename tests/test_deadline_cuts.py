@@ -217,11 +217,11 @@ def test_neighbours_of_labellings_are_weighed_until_the_deadline() -> None:
     model = point_set_decision.model_of(task)
     assert model is not None
     turned = np.array([4, 5, 0, 1, 6, 7, 2, 3])  # a cube is symmetric: what exchanges labels is looked at too
-    proposals = np.array([np.arange(8), turned])
+    proposals = model.judged(np.array([np.arange(8), turned]))
     free = point_set_posterior.posterior(model, proposals)
     clock = Clock(1.0)
     looks = looks_at(clock, lambda: point_set_posterior.posterior(model, proposals))
-    assert looks > 1 + len(proposals)  # all of them, each one's neighbours, and each exchange
+    assert looks > 1 + len(proposals.log_odds)  # all of them, each one's neighbours, and each exchange
     for most in range(looks):
         with Deadline(most + 0.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
             point_set_posterior.posterior(model, proposals)

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
 UP = np.array([0.0, 1.0, 0.0])
 SEEDS = range(6)
-SEQUENCES = 1005, 1006, 1011, 1013
+SEQUENCES = 1005, 1011
 
 
 def family(kind: str, rng: np.random.Generator) -> tuple[Floats, Floats]:

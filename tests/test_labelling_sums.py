@@ -117,7 +117,7 @@ def test_points_that_overlap_in_part_are_as_doubtful_as_samples_say(seed: int) -
     """σ is not small beside the spacing, and half of the points have no partner: no match is certain."""
     source, target, truth = overlapping(seed, 2.0, 35, 18)
     model = model_of_sets(source, target, (2.0, 2.0))
-    found = posterior(model, truth[None])
+    found = posterior(model, model.judged(truth[None]))
     first = found.assignments[0]
     exact = gibbs_marginals(model, first, 60)
     off = found.confidence[0] - exact[np.arange(len(first)), first]

@@ -283,7 +283,7 @@ def test_posterior_is_the_sum_over_all_labellings() -> None:
         )
         odds = model.judged(every).log_odds
         expected = np.exp(odds - np.logaddexp(logsumexp(odds), np.log(1.0 / PRESENT - 1.0)))
-        found = posterior(model, congruent_labellings(model.clouds, False).proper)
+        found = posterior(model, model.judged(congruent_labellings(model.clouds, False).proper))
         shares = {one.tobytes(): share for one, share in zip(found.assignments, found.probabilities, strict=True)}
         for k in np.argsort(-expected)[:4]:
             assert shares.get(every[k].tobytes(), 0.0) == pytest.approx(expected[k], abs=0.02)

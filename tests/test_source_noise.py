@@ -154,7 +154,7 @@ def test_axes_of_two_point_sets_differ() -> None:
     """A tracker that is ten times worse along its axis: the fit has the right weights, and covers the truth."""
     deviation = np.array([0.1, 0.1, 1.0])
     squared: dict[str, list[float]] = {"axes": [], "mean": []}
-    for seed in range(60):
+    for seed in range(40):
         scene = Scene(seed, clutter=0, covariance=np.zeros((3, 3)))
         rng = np.random.default_rng([seed, 31])
         target = scene.placed + rng.normal(0.0, deviation, scene.placed.shape)
@@ -209,7 +209,7 @@ def cameras_of(kind: str) -> list[tuple[rm.Camera, Floats, Floats]]:
     return [(rm.Camera(1500.0, 1500.0, 640.0, 480.0, lens), np.eye(3), np.zeros(3))]
 
 
-@pytest.mark.parametrize("kind", ["camera", "fisheye", "rig", "half of the points in turn"])
+@pytest.mark.parametrize("kind", ["fisheye", "rig", "half of the points in turn"])
 def test_frames_do_not_average_the_errors_of_a_model_out(kind: str) -> None:
     """They are the same in all frames: after 30 of them, poses are as wrong as their covariance says."""
     views, squared, vague = cameras_of(kind), [], np.diag([0.2**2] * 3 + [50.0**2] * 3)

@@ -174,7 +174,7 @@ def test_labellings_that_two_motions_share_count_once() -> None:
     used = np.sort(every, axis=1)
     distinct = ~((used[:, 1:] == used[:, :-1]) & (used[:, 1:] >= 0)).any(axis=1)
     odds = logsumexp(model.judged(every[distinct & ((every >= 0).sum(axis=1) >= 3)]).log_odds)
-    found = posterior(model, congruent_labellings(model.clouds, False).proper)
+    found = posterior(model, model.judged(congruent_labellings(model.clouds, False).proper))
     assert found.present < 1.0 / (1.0 + np.exp(-odds)) + 0.2
 
 
@@ -219,7 +219,7 @@ def test_probabilities_of_few_points_among_clutter_are_those_that_are_right() ->
     With a translation of which clutter tells nothing, 22 were told .05 to .95, .50 in the mean, and 21 were right.
     """
     told, right = [], []
-    for seed in range(120):
+    for seed in range(80):
         scale = np.exp(np.random.default_rng(seed).uniform(-1.0, 1.0))
         source, target, truth = depth_scene(seed, 6, 8, np.full(3, 0.002))
         other = source if seed % 2 else depth_scene(seed + 1000, 6, 8, np.full(3, 0.002))[0]
@@ -229,5 +229,5 @@ def test_probabilities_of_few_points_among_clutter_are_those_that_are_right() ->
         found = match.assignment >= 0
         right.append(bool(seed % 2 and found.any() and (match.assignment == truth)[found].all()))
     middling = (np.array(told) > 0.05) & (np.array(told) < 0.95)
-    assert middling.sum() >= 15
+    assert middling.sum() >= 10
     assert abs(np.array(told)[middling].mean() - np.array(right)[middling].mean()) < 0.25

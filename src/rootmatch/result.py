@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,7 +27,6 @@ from rootmatch.explain.status_advice import advice, is_undetermined
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.io.pose_files import finite
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.similarity import Similarity
@@ -117,7 +117,7 @@ class Match:
         For several bodies it is the sum, for several motions the evidence of the packing. None if no hyper-edge
         was evaluated: a predicted pose decided, or none of them is possible.
         """
-        return finite(self.shown.score)
+        return None if math.isnan(self.shown.score) else float(self.shown.score)
 
     @property
     def margin(self) -> float:
@@ -132,7 +132,7 @@ class Match:
     @cached_property
     def alternatives(self) -> list[tuple[Integers, float | None]]:
         """The best different assignments and their scores, the most probable first if probabilities are known."""
-        return [(other, finite(score)) for other, score in self.shown.alternatives]
+        return [(other, None if math.isnan(score) else float(score)) for other, score in self.shown.alternatives]
 
     @property
     def soft_assignment(self) -> Floats:

@@ -46,49 +46,64 @@ ORDER = (Status.MATCHED, Status.AMBIGUOUS, Status.UNTRUSTED)
 """Statuses in the order in which uncertain bodies get their detections."""
 
 
-@dataclass(eq=False)
-class _Body:
+@dataclass(eq=False, kw_only=True)
+class SearchedBody:
     """One body in the course of the search."""
 
     number: int
-    match: Finding | None = None
-    """Of its points, all detections and −1 where unmatched."""
+    task: MatchingTask
+    """Of its points and all detections."""
+    found: Finding
+    """Of its last search, or of its prediction."""
     settled: bool = False
     budget: int = 0
     """Of the last search for it."""
     cut: bool = False
     """Whether that ended by its budget."""
-    among: int = 0
-    """Free detections at that search."""
+    among: int = -1
+    """Number of free detections at that search; −1 before the first."""
     evaluated: int = 0
     """Evaluations of all its searches."""
+
+    def search_among(self, task: MatchingTask, free: Bools, solve: Solve, budget: int) -> None:
+        """Search among the free detections (n',) of the task of all bodies."""
+        self.budget, self.among = budget, int(free.sum())
+        self.found, self.cut = searched_among(task, self.number, np.flatnonzero(free), budget, solve)
+        self.evaluated += self.found.evaluated
+
+
+class _Body(SearchedBody):
+    """A body whose findings are matches, each judged by itself."""
 
     @property
     def detections(self) -> Integers:
         """Detections that its assignment uses."""
-        assert self.match is not None
-        return self.match.assignment[self.match.assignment >= 0]
+        return self.found.assignment[self.found.assignment >= 0]
 
     @property
     def probability(self) -> float:
         """Probability of its assignment; 1 for a clear one whose status needed none."""
-        assert self.match is not None
-        known = self.match.probability
-        return 1.0 if known is None else known
+        return 1.0 if self.found.probability is None else self.found.probability
+
+    @property
+    def evidence(self) -> float:
+        """Log-odds of its matches against all detections being clutter; −∞ where they have none."""
+        found = self.found.log_odds
+        return found if found is not None and math.isfinite(found) else -math.inf
 
     def worth_a_search(self, free: Bools, budget: int) -> bool:
         """Whether another search among the free detections, with this budget, may find more than the last one."""
         if self.settled:
             return False
-        if self.match is None:
+        if self.among < 0:
             return True
         fewer = int(free.sum()) < self.among
         if self.cut:
-            doubt = self.match.status is Status.AMBIGUOUS and self.probability < MIN_PROBABILITY
+            doubt = self.found.status is Status.AMBIGUOUS and self.probability < MIN_PROBABILITY
             return fewer or (budget > self.budget and not doubt)
-        if self.match.status is Status.UNTRUSTED:
+        if self.found.status is Status.UNTRUSTED:
             return fewer
-        listed = self.match.every[: 1 + LISTED]
+        listed = self.found.every[: 1 + LISTED]
         return fewer and not all(free[one[one >= 0]].all() for one in listed)
 
 
@@ -103,11 +118,11 @@ def match_bodies(task: MatchingTask, solve: Solve) -> Finding:
         From the task of one body to its match.
     """
     assert task.bodies is not None
-    bodies = [_Body(k) for k in range(len(task.bodies.names))]
+    parts = [task.body(k) for k in range(len(task.bodies.names))]
+    bodies = [_Body(number=k, task=own, found=nothing_found(own, LATE)) for k, own in enumerate(parts)]
     with suppress(OutOfTime):
         _match_each(task, bodies, solve)
-    found = [body.match or nothing_found(task.body(body.number), LATE) for body in bodies]
-    return joined(task, found, sum(body.evaluated for body in bodies))
+    return joined(task, [body.found for body in bodies], sum(body.evaluated for body in bodies))
 
 
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
@@ -115,10 +130,8 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
     free = np.ones(task.shape[1], np.bool_)
 
     def search(body: _Body, budget: int) -> None:
-        body.match, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
-        body.budget, body.among = budget, int(free.sum())
-        body.evaluated += body.match.evaluated
-        if body.match.status is Status.MATCHED and body.probability >= SURE:
+        body.search_among(task, free, solve, budget)
+        if body.found.status is Status.MATCHED and body.probability >= SURE:
             body.settled = True
             free[body.detections] = False
 
@@ -181,48 +194,38 @@ def searched_among(
     return among_all(found, part, columns), bounded and ended
 
 
-def _shared(found: Finding, lead: float) -> Finding:
-    """A body's match made ambiguous by another body on its detections, with the probability that these odds give it."""
-    share = 1.0 / (1.0 + math.exp(min(-lead, 700.0)))
-    known = 1.0 if found.probability is None else found.probability
-    confidence = found.confidence
+def _shared(body: _Body) -> Finding:
+    """A body's match made ambiguous by another body on its detections, which are as probably of either."""
+    found, confidence = body.found, body.found.confidence
     if confidence is not None:
-        confidence = confidence * np.where(found.assignment >= 0, share, 1.0)
-    return replace(found.with_facts(contested=True, probability=known * share), confidence=confidence)
+        confidence = confidence * np.where(found.assignment >= 0, 0.5, 1.0)
+    return replace(found.with_facts(contested=True, probability=0.5 * body.probability), confidence=confidence)
 
 
 def _make_exclusive(task: MatchingTask, bodies: list[_Body], free: Bools, solve: Solve, budget: int) -> None:
     """Give the free detections to the uncertain bodies, first to those whose matches are least likely to be chance."""
     waiting = [body for body in bodies if not body.settled]
     _contest(waiting)
-    evidence = {body.number: _evidence(body) for body in waiting}
+    evidence = {body.number: body.evidence for body in waiting}
     doubtful = np.zeros(task.shape[1], np.bool_)  # taken by a body that may also be elsewhere
     while waiting:
-        waiting.sort(key=lambda body: (ORDER.index(body.match.status), -evidence[body.number]))  # type: ignore[union-attr]
+        waiting.sort(key=lambda body: (ORDER.index(body.found.status), -evidence[body.number]))
         body = waiting.pop(0)
         if not free[body.detections].all():
             contested = doubtful[body.detections].any()
-            body.match, _ = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
-            if contested and body.match.status is Status.MATCHED:
-                body.match = _shared(body.match, 0.0)
+            body.found, _ = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
+            if contested and body.found.status is Status.MATCHED:
+                body.found = _shared(body)
         free[body.detections] = False
-        if body.match is not None and body.match.status is Status.AMBIGUOUS:
+        if body.found.status is Status.AMBIGUOUS:
             doubtful[body.detections] = True
 
 
 def _contest(waiting: list[_Body]) -> None:
     """Call matches ambiguous if another uncertain body may own their detections as well."""
-    trusted = [body for body in waiting if body.match is not None and body.match.status is not Status.UNTRUSTED]
+    trusted = [body for body in waiting if body.found.status is not Status.UNTRUSTED]
     used = [body.detections for body in trusted]
     for k, body in enumerate(trusted):
-        assert body.match is not None
         rivals = np.concatenate([*used[:k], *used[k + 1 :], np.empty(0, np.int64)])
-        if body.match.status is Status.MATCHED and np.isin(body.detections, rivals).any():
-            body.match = body.match.with_facts(contested=True)
-
-
-def _evidence(body: _Body) -> float:
-    """Log-odds of a body's matches against all detections being clutter; −∞ where they have none."""
-    assert body.match is not None
-    found = body.match.log_odds
-    return found if found is not None and math.isfinite(found) else -math.inf
+        if body.found.status is Status.MATCHED and np.isin(body.detections, rivals).any():
+            body.found = body.found.with_facts(contested=True)

@@ -75,11 +75,6 @@ def _named(task: MatchingTask) -> Finding:
     return _explained(task, judging=task.budget is None)
 
 
-def _proposed(task: MatchingTask) -> Finding:
-    """What a search proposes to a route that judges it."""
-    return _explained(task, judging=False)
-
-
 def _proposed_in_space(task: MatchingTask) -> Finding:
     """What the search for one of several bodies in space proposes."""
     try:
@@ -105,7 +100,7 @@ def _found(task: MatchingTask, judging: bool) -> Finding:
         return match_bodies(task, _explained)
     of_camera = task.problem.takes_prior  # two point sets are weighed with all that is known, see `MotionPrior`
     if of_camera and task.known is not None:
-        return match_known(task, _proposed)
+        return match_known(task, lambda part: _explained(part, judging=False))
     if of_camera and task.prior_pose is not None:
         return match_predicted(task, _named)
     if task.rig is not None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import LATE, SURE, Solve, budgets_of, search_in_turn, searched_among
+from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, budgets_of, search_in_turn
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.finding import Finding, nothing_found
@@ -59,15 +59,10 @@ Choice = Callable[[Finding], SearchPart | None]
 """Says what to search, None for nothing, given the finding about predicted poses."""
 
 
-@dataclass(eq=False)
-class _Body:
-    """One body in the course of the search."""
+@dataclass(eq=False, kw_only=True)
+class _Body(SearchedBody):
+    """A body of which everything that was proposed is weighed with all others."""
 
-    number: int
-    task: MatchingTask
-    """Of its points and all detections."""
-    found: Finding
-    """Of its last search, or of its prediction."""
     candidate: Candidate
     told: Posterior
     free: Bools
@@ -79,17 +74,8 @@ class _Body:
     rivals: list[int] = field(default_factory=list)
     """Numbers of the bodies that have to be tried on its detections before it takes them."""
     predicted: Proposals | None = None
-    settled: bool = False
     enough: bool = False
     """Whether its prediction explains so much that no search is needed."""
-    budget: int = 0
-    """Of the last search for it."""
-    cut: bool = False
-    """Whether that ended by its budget."""
-    among: int = -1
-    """Number of free detections at that search; −1 before the first."""
-    evaluated: int = 0
-    """Evaluations of all its searches."""
     answer: tuple[tuple[Any, ...], Finding] | None = None
     """What was last told of it, after what that follows from."""
 
@@ -128,10 +114,11 @@ class _Body:
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
         """Search among the free detections of the task of all bodies, and add what is found."""
-        self.budget, self.among = budget, int(self.free.sum())
-        found, self.cut = searched_among(task, self.number, np.flatnonzero(self.free), budget, solve)
-        self.evaluated += found.evaluated
-        self.propose(found)
+        self.search_among(task, self.free, solve, budget)
+        if self.found.posterior is not None:
+            self.candidate = self.candidate.reconsidered(self.found.posterior.modes)
+        elif self.found.named:
+            self.candidate = self.candidate.also(self.found.named[:NAMED])
 
     def predict(self) -> None:
         """Add what is assigned about the predicted pose, if there is one."""
@@ -143,14 +130,6 @@ class _Body:
             )
         if self.predicted is not None:
             self.candidate = self.candidate.proposed([], self.predicted)
-
-    def propose(self, found: Finding) -> None:
-        """Add what a search found."""
-        self.found = found
-        if found.posterior is not None:
-            self.candidate = self.candidate.reconsidered(found.posterior.modes)
-        elif found.named:
-            self.candidate = self.candidate.also(found.named[:NAMED])
 
     def tell(self, taken: Bools, of_others: Bools) -> Finding:
         """What is told of it, see `told_by`; worked out anew if it may be something else than the last time."""
@@ -236,9 +215,11 @@ def shows_most(told: Posterior, mode: int = 0) -> bool:
 def _body(task: MatchingTask, number: int) -> _Body:
     """A body for which nothing has been found yet."""
     own, count = task.body(number), task.shape[1]
-    free, used = np.ones(count, np.bool_), np.zeros(count)
     nothing, told = nothing_found(own, None), unknown(own.rows)
-    return _Body(number, own, nothing, Candidate.of(own, []), told=told, free=free, used=used)
+    free, used = np.ones(count, np.bool_), np.zeros(count)
+    return _Body(
+        number=number, task=own, found=nothing, candidate=Candidate.of(own, []), told=told, free=free, used=used
+    )
 
 
 def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:

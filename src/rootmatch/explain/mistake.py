@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.points import PointSets
 
 Change = Callable[[MatchingTask], MatchingTask]
 """Corrects a task, by its deadline."""
@@ -15,6 +16,21 @@ Change = Callable[[MatchingTask], MatchingTask]
 def corrected(**changes: Any) -> Change:
     """Other values of some attributes of a task, which is then tried without what is known of the pose."""
     return lambda task: replace(task.without_priors(), **changes)
+
+
+def noisier(points: PointSets, source: float, target: float) -> PointSets:
+    """Points whose noise is so many times as large, that of each set."""
+    covariances = [
+        None if known is None else factor**2 * known
+        for known, factor in ((points.source_covariance, source), (points.target_covariance, target))
+    ]
+    return replace(
+        points,
+        source_noise=source * points.source_noise,
+        target_noise=target * points.target_noise,
+        source_covariance=covariances[0],
+        target_covariance=covariances[1],
+    )
 
 
 class Mistake(NamedTuple):

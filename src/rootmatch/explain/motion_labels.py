@@ -58,12 +58,15 @@ def label_motions(assignment: Integers, tensor: AffinityTensor, motions: int | s
     else:
         groups = fcluster(tree, int(motions), criterion="maxclust")
     groups = _refined(groups, points, weights, tensor.order)
-    sizes = np.bincount(groups)
-    order = np.argsort(-sizes, kind="stable")
-    rank = np.empty(len(sizes), dtype=np.int64)
-    rank[order] = np.arange(len(sizes))
-    labels[matched] = rank[groups]
+    labels[matched] = by_size(groups)
     return labels
+
+
+def by_size(labels: Integers) -> Integers:
+    """Labels (n,) that count from the largest motion on; −1 stays."""
+    sizes = np.bincount(labels[labels >= 0], minlength=1)
+    rank = np.argsort(np.argsort(-sizes, kind="stable"), kind="stable")
+    return np.where(labels >= 0, rank[labels], -1)
 
 
 def _excess(groups: Integers, points: Integers, weights: Floats, order: int) -> float:

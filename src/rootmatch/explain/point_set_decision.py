@@ -97,29 +97,24 @@ def of_one_motion(task: MatchingTask, named: Integers) -> Finding:
 
 def _searched(task: MatchingTask, model: PointSetModel, named: list[Integers], judging: bool = True) -> Finding:
     """The finding of what a search finds, and of named labellings: of all triples of small sets, where they are few."""
-    told = assessed if judging else _unjudged
-    labellings = _labellings(task, model) if is_small(model.clouds) else None
+    labellings, judged = _labellings(task, model) if is_small(model.clouds) else None, None
     if labellings is not None and not labellings.cut:
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.weights)
-        sampled = SampledTensor(tensor, labellings.tried)
-        return told(task, model, sampled, labellings.proper, labellings.mirrored)
-    sampled = sample(task)
-    if labellings is None:
-        return told(task, model, sampled, proposed(task, model, sampled, named))
-    proposals = proposed(task, model, sampled, [*labellings.proper, *named])
-    return told(task, model, sampled, proposals, labellings.mirrored)
+        sampled, every = SampledTensor(tensor, labellings.tried), labellings.proper
+    else:
+        sampled = sample(task)
+        judged = proposed(task, model, sampled, [*([] if labellings is None else labellings.proper), *named])
+        every = judged.fit.assignments
+    mirrored = None if labellings is None else labellings.mirrored
+    if not judging:
+        _, base = unjudged(task, sampled, None)
+        return replace(base, named=list(every), mirrored=[] if mirrored is None else list(mirrored))
+    return assessed(task, model, sampled, judged_of(model, every) if judged is None else judged, mirrored)
 
 
-def _unjudged(
-    task: MatchingTask,
-    model: PointSetModel,
-    sampled: SampledTensor,
-    proposals: Integers,
-    mirrored: Integers | None = None,
-) -> Finding:
-    """The finding of proposed labellings before they are weighed."""
-    _, base = unjudged(task, sampled, None)
-    return replace(base, named=list(proposals), mirrored=[] if mirrored is None else list(mirrored))
+def judged_of(model: PointSetModel, labellings: Integers) -> Judged:
+    """Labellings (K, n), those that determine a motion."""
+    return model.judged(labellings[(labellings >= 0).sum(axis=1) >= LEAST])
 
 
 def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
@@ -127,7 +122,7 @@ def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
     named = wholly_predicted(model)
     if not named:
         return None
-    found = assessed(task, model, SampledTensor(empty_tensor(task), 0), np.array(named))
+    found = assessed(task, model, SampledTensor(empty_tensor(task), 0), model.judged(np.array(named)))
     whole = found.status is Status.MATCHED and bool((found.assignment >= 0).all())
     if not (whole and found.prior_holds):
         return None
@@ -149,8 +144,8 @@ def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTe
     if not is_small(model.clouds):
         return assessed(task, model, sampled, proposed(task, model, sampled, named), soft=solution.soft)
     labellings = _labellings(task, model)
-    proposals = np.concatenate([named, labellings.proper])
-    return assessed(task, model, sampled, proposals, labellings.mirrored, soft=solution.soft)
+    judged = judged_of(model, np.concatenate([named, labellings.proper]))
+    return assessed(task, model, sampled, judged, labellings.mirrored, soft=solution.soft)
 
 
 def _labellings(task: MatchingTask, model: PointSetModel) -> Labellings:
@@ -159,35 +154,32 @@ def _labellings(task: MatchingTask, model: PointSetModel) -> Labellings:
         return congruent_labellings(model.clouds, model.mirror, task.allowed)
 
 
-def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Integers:
-    """Labellings (K, n) of large sets: those of a search, those that self-motions make of them, and named ones."""
+def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Judged:
+    """Labellings of large sets: those of a search, those that self-motions make of them, and named ones."""
     every = [*([] if sampled.assignments is None else sampled.assignments), *named]
     every += [] if model.prior is None else model.prior.labellings(model.clouds)
     if not every:
-        return np.empty((0, task.shape[0]), np.int64)
+        return judged_of(model, np.empty((0, task.shape[0]), np.int64))
     if task.points.source.shape[1] == 3:
         for symmetry in symmetries_of(task.points.source, None):
             every += [np.where(symmetry.image >= 0, one[symmetry.image], -1) for one in every[:LEADING]]
-    found = model.judged(grown(model.clouds, np.array(every), model.mirror, task.allowed))
-    return with_displaced(model, found).fit.assignments
+    return with_displaced(model, judged_of(model, grown(model.clouds, np.array(every), model.mirror, task.allowed)))
 
 
 def assessed(
     task: MatchingTask,
     model: PointSetModel,
     sampled: SampledTensor,
-    proposals: Integers,
+    judged: Judged,
     mirrored: Integers | None = None,
     soft: Floats | None = None,
 ) -> Finding:
     """The finding of proposed labellings; their scores are computed when they are asked for."""
     _, base = unjudged(task, sampled, None)
     base = replace(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
-    proposals = proposals[(proposals >= 0).sum(axis=1) >= LEAST]
-    judged = model.judged(proposals)
-    found = posterior(model, judged.fit.assignments, mirrored, judged)
+    found = posterior(model, judged, mirrored)
     if (repeated := with_repetition(model, judged)) is not None:
-        again = posterior(repeated.model, judged.fit.assignments, mirrored, repeated.judged)
+        again = posterior(repeated.model, repeated.judged, mirrored)
         again = replace(again, log_total=again.log_total + repeated.log_odds)
         model, found = repeated.model if again.log_total > found.log_total else model, mixed([found, again])
     return told_by(base, found, model)

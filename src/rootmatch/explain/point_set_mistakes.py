@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.explain.mistake import Mistake, corrected
+from rootmatch.explain.mistake import Mistake, corrected, noisier
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Rigid, Similarity
 
@@ -71,17 +71,11 @@ def _with_noise_of_units(points: PointSets) -> list[tuple[PointSets, bool]]:
     """
     sizes = [float(np.linalg.norm(some - some.mean(axis=0), axis=1).mean()) for some in (points.source, points.target)]
     ratio = max(sizes[1], 1e-300) / max(sizes[0], 1e-300)
-    given = points.source_noise, points.target_noise
     every: dict[float, tuple[PointSets, bool]] = {}
     for factors in ((1.0, 1.0), (1.0, ratio), (1.0 / ratio, 1.0)):
-        sigmas = [factor * sigma for factor, sigma in zip(factors, given, strict=True)]
+        changed = noisier(points, *factors)
+        sigmas = changed.source_noise, changed.target_noise
         relative = max(float(np.max(sigma)) / max(size, 1e-300) for sigma, size in zip(sigmas, sizes, strict=True))
-        covariances = [
-            None if known is None else factor**2 * known
-            for factor, known in zip(factors, (points.source_covariance, points.target_covariance), strict=True)
-        ]
-        changed = replace(points, source_noise=sigmas[0], target_noise=sigmas[1])
-        changed = replace(changed, source_covariance=covariances[0], target_covariance=covariances[1])
         every.setdefault(relative, (changed, factors == (1.0, 1.0)))
     sound = [relative for relative in every if relative < COARSEST] or [min(every)]
     return [every[relative] for relative in sorted(sound)]

@@ -15,13 +15,13 @@ from rootmatch.deadline import Deadline, OutOfTime
 from rootmatch.errors import InputError
 from rootmatch.explain.task import RESERVE, SAMPLED, MatchingTask
 from rootmatch.explain.validation import check_size
-from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
+from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.residual_dispatch import has_single
-from rootmatch.samplers.base import SampledTensor, SamplingTask
+from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.completion import Completion
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.samplers.guided.sampler import Guided, is_quick, pays, searches_focal_lengths
@@ -100,6 +100,8 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
         if sampled.conclusive or not fallback or sampling.deadline.passed():
             return sampled, selection.chosen(options.backend, 0.0, single)
         searched = sampled.evaluated
+    sizes = sampling.tables, sampling.kind, sampling.affinity, sampling.shape, sampling.order
+    run: Any = {name: getattr(sampling, name) for name in ("candidates", "progress", "deadline")}
     if sampler == "random":
         samples = PAPER_SAMPLES if options.samples is None else int(options.samples)
         most = LIMITS.random if options.max_evaluations is None else options.max_evaluations
@@ -108,35 +110,15 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
                 f"samples: {samples:.3g} given, above the limit of {most:.3g}; take fewer, or raise max_evaluations="
             )
         backend = _backend(task, samples, single)
-        tensor, evaluated = random_tensor(
-            *_sizes(sampling),
-            samples=samples,
-            seed=sampling.seed,
-            candidates=sampling.candidates,
-            backend=backend,
-            progress=sampling.progress,
-            deadline=sampling.deadline,
-        )
+        tensor, evaluated = random_tensor(*sizes, samples=samples, seed=sampling.seed, backend=backend, **run)
         # hyper-edges that were not drawn are not assumed to agree: a score counts as found
         return SampledTensor(tensor, evaluated), backend
     backend = _backend(task, sampling.sweep_cost, single)
     most = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
     most = most if options.max_evaluations is None else options.max_evaluations
     check_size(task.shape, sampling.sweep_cost, most)
-    tensor, evaluated = exhaustive_tensor(
-        *_sizes(sampling),
-        max_hyperedges=options.max_hyperedges,
-        candidates=sampling.candidates,
-        backend=backend,
-        progress=sampling.progress,
-        deadline=sampling.deadline,
-    )
+    tensor, evaluated = exhaustive_tensor(*sizes, max_hyperedges=options.max_hyperedges, backend=backend, **run)
     return SampledTensor(tensor, evaluated + searched), backend
-
-
-def _sizes(sampling: SamplingTask) -> tuple[Any, residual_kinds.Kind, Affinity, tuple[int, int], int]:
-    """What every sweep begins with: tables, kind, affinity, shape and order."""
-    return sampling.tables, sampling.kind, sampling.affinity, sampling.shape, sampling.order
 
 
 def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
@@ -156,18 +138,13 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     fallback = fallback and not searches_focal_lengths(sampling) and not _motions_decide(task)
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
-    if fallback and _searched_first(task):
-        return _guided(max(int(sampling.sweep_cost) // LIMITS.per_searched, LIMITS.quick)), fallback
-    if automatic and _relative_poses_decide(task):
+    if (fallback and _searched_first(task)) or (automatic and _relative_poses_decide(task)):
         sampler = "guided"
     elif automatic and pays(sampling):
         on_device = options.backend in selection.ON_CARD and sampling.sweep_cost <= LIMITS.cheap_on_device
         sampler = "exhaustive" if on_device else "guided"
-    if sampler == "guided":
-        if not fallback:
-            return _guided(None), fallback
-        return _guided(max(int(sampling.sweep_cost) // LIMITS.per_searched, LIMITS.quick)), fallback
-    return sampler, fallback
+    budget = max(int(sampling.sweep_cost) // LIMITS.per_searched, LIMITS.quick) if fallback else None
+    return (_guided(budget) if sampler == "guided" else sampler), fallback
 
 
 @lru_cache(maxsize=16)

@@ -14,11 +14,11 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import LATE, SURE, Solve, search_in_turn, searched_among
+from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
-from rootmatch.explain.point_set_decision import model_of, told_by, wholly_predicted
+from rootmatch.explain.point_set_decision import judged_of, model_of, told_by, wholly_predicted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_bodies import joint_posterior
@@ -32,16 +32,11 @@ CONFIRMED = 6
 other pose. A round value; none on the tuning seeds was wrong."""
 
 
-@dataclass(eq=False)
-class _Body:
-    """One body in the course of the search."""
+@dataclass(eq=False, kw_only=True)
+class _Body(SearchedBody):
+    """A body of which everything that was proposed is weighed with all others."""
 
-    number: int
-    task: MatchingTask
-    """Of its points and all targets."""
     model: PointSetModel
-    found: Finding
-    """Of its last search."""
     weighed: Weighed
     told: PointSetPosterior
     free: Bools
@@ -50,15 +45,6 @@ class _Body:
     """What its searches proposed."""
     enough: bool = False
     """Whether all its points are where it was predicted."""
-    settled: bool = False
-    budget: int = 0
-    """Of the last search for it."""
-    cut: bool = False
-    """Whether that ended by its budget."""
-    among: int = -1
-    """Number of free targets at that search; −1 before the first."""
-    evaluated: int = 0
-    """Evaluations of all its searches."""
 
     def worth_a_search(self, budget: int) -> bool:
         """Whether another search among the free targets, with this budget, may find more than the last one."""
@@ -74,7 +60,7 @@ class _Body:
         if self.named:
             _, base = unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
             self.found = replace(base, scoreless=True)
-            self.weighed = weighed(self.model, np.array(self.named), of_several=True)
+            self.weighed = weighed(self.model, judged_of(self.model, np.array(self.named)), of_several=True)
 
     @property
     def is_as_predicted(self) -> bool:
@@ -85,14 +71,11 @@ class _Body:
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
         """Search among the free targets of the task of all bodies, and add what is found."""
-        self.budget, self.among = budget, int(self.free.sum())
-        self.found, self.cut = searched_among(task, self.number, np.flatnonzero(self.free), budget, solve)
-        self.evaluated += self.found.evaluated
+        self.search_among(task, self.free, solve, budget)
         named = list(self.found.named) or self.found.every
         self.named = list({one.tobytes(): one for one in [*self.named, *named]}.values())
-        every = np.array(self.named)
-        mirrored = np.array(self.found.mirrored, every.dtype).reshape(-1, every.shape[1])
-        self.weighed = weighed(self.model, every, mirrored, of_several=True)
+        mirrored = np.array(self.found.mirrored, np.int64).reshape(-1, self.task.shape[0])
+        self.weighed = weighed(self.model, judged_of(self.model, np.array(self.named)), mirrored, of_several=True)
 
     def confirm(self, task: MatchingTask, solve: Solve) -> None:
         """Search the targets of a sure body again if its search was cut short before it looked for other motions.
@@ -146,7 +129,9 @@ def _body(task: MatchingTask, number: int) -> _Body:
     nothing = nothing_weighed(own.shape[0])
     told = PointSetPosterior(nothing.assignments, nothing.log_mass)
     free = np.ones(task.shape[1], np.bool_)
-    return _Body(number, own, model, nothing_found(own, None), weighed=nothing, told=told, free=free)
+    return _Body(
+        number=number, task=own, found=nothing_found(own, None), model=model, weighed=nothing, told=told, free=free
+    )
 
 
 def _predict(bodies: list[_Body]) -> None:

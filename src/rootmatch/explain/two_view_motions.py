@@ -12,6 +12,7 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.explain.body_findings import among_all, of_all_bodies
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.missing_motions import ASKED_FOR, Rest, with_missing
+from rootmatch.explain.motion_labels import by_size
 from rootmatch.explain.multi_motion import distinct_hyperedges
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import Rivals, model_of, reported, rivals_of, told_by
@@ -63,7 +64,7 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
     if weighed is None:
         return replace(every[0], task=task) if every else base
     found = told_by(base, told, max(every[label].facts.missed for label in left), rivals)
-    numbers, confidence = _by_size(told.motions_of(found.assignment)), told.unmatched
+    numbers, confidence = by_size(told.motions_of(found.assignment)), told.unmatched
     confidence = confidence if found.confidence is None else found.confidence
     incomplete = task.options.motions != "auto" and len(left) < task.options.motions
     if rest is not None:
@@ -137,10 +138,3 @@ def _hyperedges(alone: MatchingTask, searched: list[Rest]) -> AffinityTensor:
         if one.told is not None:
             found.append((one.points, among_all(one.told, alone.subset(one.points, detections), one.detections)))
     return distinct_hyperedges(of_all_bodies(alone, found))
-
-
-def _by_size(labels: Integers) -> Integers:
-    """Labels (n,) that count from the largest motion on."""
-    sizes = np.bincount(labels[labels >= 0], minlength=1)
-    rank = np.argsort(np.argsort(-sizes, kind="stable"), kind="stable")
-    return np.where(labels >= 0, rank[labels], -1)

@@ -17,11 +17,10 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.explain.displaced_cameras import displaced_cameras
-from rootmatch.explain.mistake import Change, Mistake
+from rootmatch.explain.mistake import Change, Mistake, corrected, noisier
 from rootmatch.explain.point_set_mistakes import of_point_sets
 from rootmatch.explain.prior_mistakes import LENGTHS, of_priors
 from rootmatch.explain.task import MatchingTask
-from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Similarity
 
 FACTORS = (3.0, 10.0)
@@ -36,10 +35,10 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     problem, points = given.problem, given.points
 
     def pointed(**changes: Any) -> Change:
-        return lambda task: replace(task.without_priors(), points=replace(points, **changes))
+        return corrected(points=replace(points, **changes))
 
     def posed(**changes: Any) -> Change:
-        return lambda task: replace(task.without_priors(), problem=replace(problem, **changes))  # type: ignore[type-var]
+        return corrected(problem=replace(problem, **changes))  # type: ignore[type-var]
 
     names = [name for name in ("camera", "camera2") if getattr(problem, name, None) is not None]
     cameras = {name: getattr(problem, name) for name in names}
@@ -67,9 +66,10 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
             unit = math.radians(1.0)
             remedy = "give the noise of rays in radians: np.radians(...)"
             yield Mistake("the noise is in degrees", remedy, pointed(target_noise=unit * points.target_noise))
+        of_both = problem.noisy_source
         for mistake, factor in NOISIER.items():
             remedy = f"give noise={_so_much(given.noise, factor)}{factor:g} times as large"
-            yield Mistake(mistake, remedy, pointed(**_noisier(points, factor)))
+            yield Mistake(mistake, remedy, corrected(points=noisier(points, factor if of_both else 1.0, factor)))
 
 
 def _so_much(noise: Any, factor: float) -> str:
@@ -77,16 +77,6 @@ def _so_much(noise: Any, factor: float) -> str:
     if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
         return f"({', '.join(f'{factor * one:.3g}' for one in noise)}), "
     return f"{factor * noise:.3g}, " if isinstance(noise, int | float) else " "
-
-
-def _noisier(points: PointSets, factor: float) -> dict[str, Any]:
-    """The noise of both sets, so many times as large."""
-    known = points.target_covariance
-    return {
-        "source_noise": factor * points.source_noise,
-        "target_noise": factor * points.target_noise,
-        "target_covariance": None if known is None else factor**2 * known,
-    }
 
 
 def _of_axes(
@@ -112,7 +102,9 @@ def _of_axes(
         for factor, (wrong, right) in LENGTHS.items():
             name = f"the model is in {wrong}, the rig in {right}"
             remedy = "use one unit for the points and the rig's translations"
-            yield Mistake(name, remedy, pointed(**_in_unit(points, factor)))
+            yield Mistake(
+                name, remedy, corrected(points=replace(noisier(points, factor, 1.0), source=factor * points.source))
+            )
         yield from displaced_cameras(task)
         return
     centres = [_centre(cameras.get("camera2") or camera, task), _centre(camera, task)]
@@ -168,16 +160,6 @@ def _changed(camera: Any, change: Callable[[Camera], Camera]) -> Any:
     if isinstance(camera, Rig):
         return Rig([(_changed(own, change), R, t) for own, R, t in camera.views], camera.sizes)
     return change(camera) if isinstance(camera, Camera) else camera
-
-
-def _in_unit(points: PointSets, factor: float) -> dict[str, Any]:
-    """Source points and their noise in another unit."""
-    known = points.source_covariance
-    return {
-        "source": factor * points.source,
-        "source_noise": factor * points.source_noise,
-        "source_covariance": None if known is None else factor**2 * known,
-    }
 
 
 def _centre(camera: Any, task: MatchingTask) -> tuple[float, float]:

@@ -150,17 +150,12 @@ class PointSetPosterior:
         return odds
 
 
-def posterior(
-    model: PointSetModel, proposals: Integers, mirrored: Integers | None = None, judged: Judged | None = None
-) -> PointSetPosterior:
-    """The posterior of proposed labellings (K, n), their neighbours by one change, and clutter alone.
-
-    See `weighed`; ``mirrored`` and ``judged`` as there.
-    """
-    found = weighed(model, proposals, mirrored, judged=judged)
+def posterior(model: PointSetModel, proposals: Judged, mirrored: Integers | None = None) -> PointSetPosterior:
+    """The posterior of proposed labellings, their neighbours by one change, and clutter alone; see `weighed`."""
+    found = weighed(model, proposals, mirrored)
     if not len(found.assignments):
         return PointSetPosterior(found.assignments, found.log_mass)
-    alike = likeness(model, model.judged(proposals) if judged is None else judged)
+    alike = likeness(model, proposals)
     mass = found.log_mass + _log_beside(model, found, alike)
     absent = model.log_absent
     top = max(float(mass.max()), absent)

@@ -80,30 +80,23 @@ def nothing_weighed(n: int) -> Weighed:
 
 
 def weighed(
-    model: PointSetModel,
-    proposals: Integers,
-    mirrored: Integers | None = None,
-    *,
-    judged: Judged | None = None,
-    of_several: bool = False,
+    model: PointSetModel, proposals: Judged, mirrored: Integers | None = None, *, of_several: bool = False
 ) -> Weighed:
-    """Proposed labellings (K, n) and their neighbours by one change, the best ones of them.
+    """Proposed labellings of three matches or more and their neighbours by one change, the best ones of them.
 
     Neighbours are weighed by fits of their own. Labellings that a self-motion of the source exchanges become equally
     probable to the degree that the source is exactly symmetric under it. ``mirrored``: labellings (M, n) by
-    reflections, which are not answers. ``judged``: the proposals, if they are already. ``of_several``: whether other
-    bodies may take what the best ones need.
+    reflections, which are not answers. ``of_several``: whether other bodies may take what the best ones need.
 
     Raises
     ------
     OutOfTime
         If the deadline in force passes: without its neighbours a labelling would look more certain than it is.
     """
-    proposals = proposals[(proposals >= 0).sum(axis=1) >= 3]
-    if not len(proposals):
+    if not len(proposals.log_odds):
         return nothing_weighed(len(model.clouds.source))
     checkpoint()
-    found = _best(model.judged(proposals) if judged is None else judged, of_several)
+    found = _best(proposals, of_several)
     known_ones = {one.tobytes() for one in found.fit.assignments}
     expanded: set[bytes] = set()
     for _ in range(ROUNDS):
@@ -132,7 +125,8 @@ def weighed(
     most = float(odds.max())
     equal = _exchanged(model, assignments, np.exp(odds - most))
     mass = np.log(np.maximum(equal, 1e-300)) + known + most
-    image = _mirrored(model, [] if mirrored is None else [mirrored, proposals], assignments, found.log_odds)
+    images = [] if mirrored is None else [mirrored, proposals.fit.assignments]
+    image = _mirrored(model, images, assignments, found.log_odds)
     sums = []
     in_question = np.logaddexp.reduce(mass) > max(image[1], model.log_absent) - WORTH
     if in_question and len(odds) >= KEPT and np.sort(odds)[-KEPT] > most - NEGLIGIBLE:
