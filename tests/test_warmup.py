@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rig_scenes import VIEW, controllers, headset
 from rootmatch.precompile import ahead_of_time
-from rootmatch.precompile.ahead_of_time import load_tracker
+from rootmatch.precompile.ahead_of_time import _View, load_tracker
+from rootmatch.samplers.guided.detection_grid import grid_of
 
 FLIGHTS = """
 import sys
@@ -91,6 +92,19 @@ def kernels_met(problem: str) -> list[str]:
 @pytest.mark.parametrize("problem", ["p3p", "up2p"])
 def test_flights_compile_nothing_after_a_warm_up(problem: str) -> None:
     assert kernels_met(problem) == []
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_a_warm_up_of_a_wide_lens_has_detections_all_around(wide: bool) -> None:
+    """Its grid of detections is of another type: a rig's flight had to load the search's kernel for it."""
+    matrix = np.array([[330.0, 0.0, 640.0], [0.0, 330.0, 480.0], [0.0, 0.0, 1.0]])
+    camera = rm.Camera.from_opencv_fisheye(matrix, [0.08, -0.02, 0.004, -0.0008]) if wide else rm.Camera(900, 900, 0, 0)
+    view = _View(rm.P3P(camera), np.random.default_rng(0).normal(size=(7, 3)))
+    for anywhere in (False, True):
+        rays = camera.bearings(view.frame(0, 7, 60, wide=anywhere)).T
+        assert bool(grid_of(np.ascontiguousarray(rays), np.full(rays.shape[1], 1e-3), narrow=False).whole) == (
+            wide and anywhere
+        )
 
 
 TRACKED = """

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.arrays import Floats
 from rootmatch.backends.strongest import Progress
+from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.explain.validation import check_problem
@@ -37,6 +38,9 @@ SMALL, LARGE, DENSE = 12, 60, 120
 image is dense."""
 BUDGET = 100_000
 """Evaluations of a search: all its kernels are met long before."""
+WIDEST = 1.3
+"""Focal lengths from its middle to which an image may extend: 52° without distortion, 74° of an equidistant fisheye. A
+round value."""
 LONGEST = 2.0
 """Seconds that a frame may be searched that loads kernels for others. A round value."""
 
@@ -169,6 +173,7 @@ def _searched(problem: Problem, body: Body) -> None:
         matcher = Matcher(body.points, problem, noise=view.sigma, **options)
         found = matcher.match(view.frame(0, shown, clutter))
         _ = found.score, found.confidence, found.pose
+    matcher.match(view.frame(0, n, 60, wide=True))
     elsewhere = body.points.copy()  # of another body, which is alike
     half = elsewhere[n // 2 :]
     half += 0.02 * view.radius * np.random.default_rng(0).normal(size=half.shape)
@@ -228,8 +233,8 @@ class _View:
         ahead = np.array([0.002 * number, 0.0, DISTANCE]) * self.radius
         return R, rotation.T @ (ahead - translation) - R @ self.centre
 
-    def frame(self, number: int, shown: int, clutter: int) -> Any:
-        """Detections of a frame: a number of points in each camera, and clutter."""
+    def frame(self, number: int, shown: int, clutter: int, *, wide: bool = False) -> Any:
+        """Detections of a frame: a number of points in each camera, and clutter about them, or wherever it sees."""
         rng, (R, t) = np.random.default_rng(number), self.pose(number)
         rows, index = [], []
         for k, (camera, turn, move) in enumerate(self.cameras):
@@ -247,9 +252,21 @@ class _View:
             low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else np.zeros((2, pixels.shape[1]))
             many = (clutter if len(known) else 0, pixels.shape[1])
             more = rng.uniform(low - 9 * self.sigma, high + 9 * self.sigma, many)
+            if wide:
+                more = self._anywhere(camera, rng.normal(size=(2 * clutter, 3)))
             rows.append(np.concatenate([noisy, more]))
             index.append(np.full(len(rows[-1]), k))
         target = np.concatenate(rows)
         if self.of_rays:
             return target / np.linalg.norm(target, axis=1, keepdims=True)
         return (target, np.concatenate(index)) if self.rig else target
+
+    def _anywhere(self, camera: CameraModel, directions: Floats) -> Floats:
+        """Those of some directions (k, 3) that an image can show; that of a wide lens shows more than 60°."""
+        if self.of_rays:
+            return directions
+        with np.errstate(all="ignore"):
+            middle, beside = camera.project(np.array([[0.0, 0.0, 1.0], [0.01, 0.0, 1.0]]))
+            away = camera.project(directions)
+            near = np.linalg.norm(away - middle, axis=1) < WIDEST * np.linalg.norm(beside - middle) / 0.01
+        return np.asarray(away[near & camera.sees(directions)])
