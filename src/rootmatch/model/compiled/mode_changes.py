@@ -160,10 +160,10 @@ def sum_over(assignment, columns, gains, independent, local, unmatched):  # type
     for k in range(gains.shape[0]):
         weight = math.exp(min(gains[k], 0.0))
         own[columns[0, k]] += weight
+        if columns[1, k] < 0:  # whether or not another point has its detection then
+            left_out[columns[0, k]] += weight
         if columns[2, k] >= 0:
             local[columns[2, k]] += weight
-        elif columns[1, k] < 0:
-            left_out[columns[0, k]] += weight
     product, every = 0.0, 1.0
     for i in range(n):
         matched += 1 if assignment[i] >= 0 else 0
