@@ -26,8 +26,8 @@ from rootmatch.samplers.guided.triangle_shapes import CELLS, image_cells
 from rootmatch.samplers.guided.visibility import DETECTED, FACING, MISSED, seen_together
 from rootmatch.samplers.guided.visible_triples import VisibleSets, run_visible_tests
 
-MOST_DETECTIONS = 128
-"""Detections beyond which the cells of their triples take too much memory: 4 MB."""
+MOST_DETECTIONS = 256
+"""Detections beyond which the cells of their triples take too much memory: 34 MB."""
 
 SHAPES_PER_SOLVED = 16
 """Image triples whose shape is looked up in the time of one that is solved."""
@@ -54,12 +54,14 @@ def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) ->
     """The search that suits a task.
 
     Where nearly all points are seen together their normals tell a search nothing; the judge of what it finds has them.
+    Nor is there time to list the shapes of all triples of images if that takes longer than the search may.
     """
     tables = task.tables
     normals = bool(tables.normals[:3].any())
     if normals and task.motions == 1:
         if seen_together(np.ascontiguousarray(tables.normals[:3].T), task.view_cosine) < TOGETHER:
-            return (VisibleSearch if ranks_triples(task) else Search)(task, options, deadline)
+            listed = task.shape[1] ** 3 <= SHAPES_PER_SOLVED * options.budget
+            return (VisibleSearch if listed and ranks_triples(task) else Search)(task, options, deadline)
         task, normals = replace(task, tables=tables._replace(normals=np.zeros_like(tables.normals))), False
     if task.motions == 1 and not normals and has_listed(type(tables)) and task.shape[0] >= LEAST:
         rays, sigma = np.ascontiguousarray(tables.rays.T), np.sqrt(tables.variance)
