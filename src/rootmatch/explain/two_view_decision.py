@@ -25,10 +25,13 @@ from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.posterior import right_together, surest
 from rootmatch.model.priors import COPY
+from rootmatch.model.two_view_displaced import displaced
+from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_losses import log_chance_of_losses
 from rootmatch.model.two_view_model import PRESENT, TwoViewModel
 from rootmatch.model.two_view_places import at_their_places
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
+from rootmatch.model.two_view_samples import likeliest_fits, log_values
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared
 from rootmatch.solvers.base import Solution
@@ -37,6 +40,8 @@ LEAST = math.log(1e-6)
 """Log-odds of rivals below which there are none. By construction: far below what is told."""
 Rivals = tuple[Integers, Floats]
 """Labellings (K, n) that may be right in the place of the one reported, and the odds (K,) of each."""
+BESIDE = 2
+"""First distinct ones that a search named which are fitted beside displaced ones. A round value."""
 AGREED = 0.5
 """Probability from which the likeliest assignment is told; else the one with the most matches expected to be right."""
 
@@ -100,27 +105,40 @@ def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, so
 def rivals_of(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> Rivals:
     """Labellings (K, n) that may be right and not the one reported, a period away or half a turn, and their odds (K,).
 
-    Of what a search named (M, n), those that have little in common with it. If the images show the same points in such
-    a pose beyond any accident, either may be right, however much better one fits, up to the points that it loses: with
-    the odds B of the images without the matches reported, κ of a copy, and the odds r of those losses, the odds of a
-    rival are r κ B / (1 + κ B), and of all together no more than with r = 1.
+    Of what a search named (M, n), those that have little in common with it, and it displaced along the scene. If the
+    images show the same points in such a pose beyond any accident, either may be right, however much better one fits,
+    up to the points that it loses: with the odds B of the images without the matches reported, κ of a copy, and the
+    odds r of those losses, the odds of a rival are r κ B / (1 + κ B), B less where what is displaced fits worse, and of
+    all together no more than 1.
     """
     first = reported(told)
     own = np.flatnonzero(first >= 0)
+    if not len(own) or not len(named):
+        return named[:0], np.zeros(0)
+    drawn, weights, _ = told.parts[0]
+    along = displaced(model, drawn.poses.take(np.array([weights.argmax()])), first)
     elsewhere = named[shared(named, first) <= OTHER]
-    if not len(own) or not len(elsewhere):
-        return elsewhere[:0], np.zeros(0)
-    weights = np.zeros(model.shape) if model.log_weights is None else model.log_weights.copy()
-    weights[own, first[own]] = -np.inf
-    rest = np.where(elsewhere == first, -1, elsewhere)
+    if not len(elsewhere) and not len(along):
+        return elsewhere, np.zeros(0)
+    log_weights = np.zeros(model.shape) if model.log_weights is None else model.log_weights.copy()
+    log_weights[own, first[own]] = -np.inf
+    rest = np.concatenate([distinct(elsewhere)[:BESIDE].reshape(-1, len(first)), along, elsewhere])
+    rest = np.where(rest == first, -1, rest)
     # the search compares poses fitted to the points, and without the volume of all others even one of four by accident
     # looks as if it were there
-    copy = posterior(replace(model, log_weights=weights), rest, seed, alike=False).log_evidence + math.log(COPY)
+    other = posterior(replace(model, log_weights=log_weights), rest, seed, alike=False)
+    copy = other.log_evidence + math.log(COPY)
     if copy < LEAST:
         return elsewhere[:0], np.zeros(0)
+    # what is displaced is there by as much as it fits worse than the best
+    along = np.concatenate([other.proposals[:1], along])
+    fits = fitted(model, along)
+    value = log_values(model, fits.take(likeliest_fits(model, fits, len(along))))
+    copies = np.concatenate([copy + np.minimum(value - value[0], 0.0), np.full(len(elsewhere), copy)])
+    elsewhere = np.concatenate([along, elsewhere])[copies > LEAST]
     lost = log_chance_of_losses(model, np.array([first, *elsewhere]))
-    odds = np.exp(np.minimum(lost[1:] - lost[0], 0.0))
-    return elsewhere, odds / max(float(odds.sum()), 1.0) / (1.0 + math.exp(-copy))
+    odds = np.exp(np.minimum(lost[1:] - lost[0], 0.0)) / (1.0 + np.exp(-copies[copies > LEAST]))
+    return elsewhere, odds / max(float(odds.sum()), 1.0)
 
 
 def reported(told: TwoViewPosterior) -> Integers:

@@ -61,7 +61,7 @@ def distinct(assignments: Integers) -> Integers:
         used = one >= 0
         if all(((one == other) & used).sum() < ALIKE * used.sum() for other in kept):
             kept.append(one)
-    return np.array(kept)
+    return np.array(kept, np.int64).reshape(-1, assignments.shape[1])
 
 
 def fitted(model: TwoViewModel, assignments: Integers) -> Fitted:

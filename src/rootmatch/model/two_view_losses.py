@@ -16,6 +16,7 @@ from rootmatch.algebra.rotation import cross
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.two_view_fit import fitted, middle_of
 from rootmatch.model.two_view_model import Relative, TwoViewModel
+from rootmatch.model.two_view_samples import likeliest_fits
 
 DIRECTIONS = 64
 """Directions in which a border of an image may lie. A round value."""
@@ -37,8 +38,7 @@ def log_chance_of_losses(model: TwoViewModel, assignments: Integers) -> Floats:
     from scipy.special import betaln  # slow to import
 
     fits = fitted(model, assignments)
-    starts = len(fits.chi2) // len(assignments)
-    poses = fits.poses.take(fits.chi2.reshape(-1, starts).argmin(axis=1) + starts * np.arange(len(assignments)))
+    poses = fits.poses.take(likeliest_fits(model, fits, len(assignments)))
     used, taken = assignments >= 0, np.zeros((len(assignments), model.shape[1] + 1), np.bool_)
     np.put_along_axis(taken, assignments, True, axis=1)  # the last one by points without a match
     plane = poses.rotation + poses.translation[:, :, None] * _inverse_distances(model, poses, assignments)[:, None]

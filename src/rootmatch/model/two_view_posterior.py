@@ -27,7 +27,7 @@ from rootmatch.model.matchings import Matchings, log_of_enough, matchings
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.shown_in_part import few_detected
 from rootmatch.model.two_view_alike import alike_odds
-from rootmatch.model.two_view_fit import distinct, fitted
+from rootmatch.model.two_view_fit import Fitted, distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
 
@@ -263,6 +263,16 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0, alike: 
     parts = [(some, np.exp(value - total), sums) for value, (some, sums) in zip(values, every, strict=True)]
     told = TwoViewPosterior(model, total - math.log(SAMPLES), parts)
     return replace(told, likeness=alike_odds(told, fits, possible, seed)) if alike else told
+
+
+def likeliest_at(model: TwoViewModel, fits: Fitted) -> Integers:
+    """Assignments (K, n) that are the likeliest at K fits, whatever those are of."""
+    rows, columns = possible_pairs(model)
+    matched = (fits.assignments >= 0).sum(axis=1)
+    rate, clutter = (matched + 0.5) / (model.shape[0] + 1.0), model.shape[1] - matched + 0.5
+    term = np.log(rate) - np.log1p(-rate) - np.log(clutter)
+    odds = model.log_odds(fits.poses, np.ones(len(term)), term, (rows, columns))
+    return np.array([_likeliest(one, rows, columns, model) for one in odds])
 
 
 def possible_pairs(model: TwoViewModel) -> tuple[Integers, Integers]:

@@ -80,14 +80,7 @@ class Samples(NamedTuple):
 
 def centres_of(model: TwoViewModel, fits: Fitted) -> Centres:
     """The likeliest distinct ones of K fits, of which there is one at least."""
-    n, n_target = model.shape
-    used, k = fits.assignments >= 0, np.maximum(fits.assignments, 0)
-    matched = used.sum(axis=1)
-    log = model.seen(fits.poses, np.arange(n), k).log_density - model.log_clutter[k]
-    value = np.where(used, np.maximum(log, -HOPELESS), 0.0).sum(axis=1)
-    rate, clutter = (matched + 0.5) / (n + 1.0), n_target - matched + 0.5
-    value += matched * (np.log(rate) - np.log1p(-rate) - np.log(clutter)) + n * np.log1p(-rate)
-    value += 0.5 * np.linalg.slogdet(fits.covariance)[1]
+    value = log_values(model, fits)
     order = np.argsort(-value, kind="stable")
     fits, value = fits.take(order), value[order]
     apart = _distances2(model, fits, fits.poses) > DISTINCT2
@@ -97,6 +90,28 @@ def centres_of(model: TwoViewModel, fits: Fitted) -> Centres:
             kept.append(c)
     shares = np.exp(0.5 * (value[kept] - value[0])) + EVEN
     return Centres(fits.take(np.array(kept)), shares / shares.sum(), np.arange(len(kept)))
+
+
+def log_values(model: TwoViewModel, fits: Fitted) -> Floats:
+    """Logarithms (K,) of the evidence of fits to first order, up to a constant."""
+    n, n_target = model.shape
+    used, k = fits.assignments >= 0, np.maximum(fits.assignments, 0)
+    matched = used.sum(axis=1)
+    log = model.seen(fits.poses, np.arange(n), k).log_density - model.log_clutter[k]
+    value = np.where(used, np.maximum(log, -HOPELESS), 0.0).sum(axis=1)
+    rate, clutter = (matched + 0.5) / (n + 1.0), n_target - matched + 0.5
+    value += matched * (np.log(rate) - np.log1p(-rate) - np.log(clutter)) + n * np.log1p(-rate)
+    value += 0.5 * np.linalg.slogdet(fits.covariance)[1]
+    return np.asarray(value)
+
+
+def likeliest_fits(model: TwoViewModel, fits: Fitted, count: int) -> Integers:
+    """Rows (count,) of the fit of each of so many assignments that has the most evidence.
+
+    Epipolar planes alone do not tell a pose from one that has the points behind a camera.
+    """
+    starts = len(fits.chi2) // count
+    return np.asarray(log_values(model, fits).reshape(count, starts).argmax(axis=1) + starts * np.arange(count))
 
 
 def _distances2(model: TwoViewModel, fits: Fitted, poses: Relative) -> Floats:
