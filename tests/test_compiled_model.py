@@ -569,7 +569,7 @@ def test_densities_of_crowds(centres: NDArray[np.int64], size: int) -> None:
     label = np.array([0, 0, 1, 1, 0, 0, 1, 0, 1])
     widths = np.minimum(80.0 * 0.5 ** np.arange(SCALES)[:, None], [80.0, 30.0, 0.1][:size])
     about, whole = np.empty((SCALES, 9, len(centres))), np.empty((SCALES, 9))
-    densities_of_crowds.py_func(target, sigma, centres, label, widths, about, whole)  # type: ignore[attr-defined]
+    densities_of_crowds.py_func(target, sigma, centres, label, widths, about, whole, 0, len(target))  # type: ignore[attr-defined]
     for k in range(SCALES):
         for i in range(9):
             for c, j in enumerate(centres):
@@ -585,7 +585,7 @@ def test_densities_of_crowds(centres: NDArray[np.int64], size: int) -> None:
     crowds_of((target, sigma, uniform, label), centres, extents, (PSEUDO, 0.1 / SCALES, STEPS), out)
     mean = 0.25 * np.prod(extents) ** (1.0 / size)
     widths = np.minimum(mean * 0.5 ** np.arange(SCALES)[:, None], 0.25 * extents)
-    densities_of_crowds.py_func(target, sigma, centres, label, widths, about, whole)  # type: ignore[attr-defined]
+    densities_of_crowds.py_func(target, sigma, centres, label, widths, about, whole, 0, len(target))  # type: ignore[attr-defined]
     prior = np.array([PSEUDO, *[0.1 / SCALES] * SCALES])
     shares = prior / prior.sum()
     shares_of_crowds(np.vstack([uniform, whole]), prior, STEPS, shares)

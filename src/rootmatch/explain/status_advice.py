@@ -76,6 +76,8 @@ def advice(
         text = of_bodies
     elif finding.status is Status.UNTRUSTED:
         text = _of_untrusted(finding, stopped_early)
+    elif finding.status is Status.AMBIGUOUS and finding.reason is not None:
+        text = f"ambiguous: {finding.reason}; it is trusted once more frames have shown it, or give a `Pose` as `prior`"
     elif finding.status is Status.AMBIGUOUS:
         text = _of_ambiguous(finding, unsure, stopped_early)
     else:

@@ -136,6 +136,7 @@ def shuffled_arrangements(rng: np.random.Generator, n_target: int, length: int) 
     if math.perm(n_target, length) <= MOST_SHUFFLED:
         every: NDArray[np.int32] = rng.permutation(target_arrangements(n_target, length))
         return every
+    checkpoint()
     return distinct_tuples(rng, MOST_SHUFFLED, n_target, length, np.int32)
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.deadline import checkpoint
 from rootmatch.frozen import once
 from rootmatch.model.compiled.crowds import (
     crowds_of,
@@ -29,6 +30,8 @@ markers has a ghost, a marker 5 σ away was none in 10 of 300 sets of fiducials;
 MOST = 256
 """Largest number of detections about which others may crowd, drawn at random if there are more. A round value; it
 bounds time and memory."""
+PIECE = 100_000
+"""Densities that are worked out between two looks at the deadline, 2 ms. A round value."""
 STEPS = 30
 """Steps of expectation and maximisation. The shares hardly change after ten."""
 WHOLE = 3.0
@@ -225,10 +228,12 @@ def _clutter(
     about, widths, shares = np.empty((count, len(centres))), np.empty((SCALES, len(extents))), np.empty(SCALES + 1)
     # copies: what is read-only is another type to a kernel
     target, sigma, uniform = target.copy(), sigma.copy(), uniform.copy()
-    crowds_of(
-        (target, sigma, uniform, label.copy()), centres, extents.copy(), (PSEUDO, crowds / SCALES, STEPS),
-        (about, widths, shares),
-    )  # fmt: skip
+    detections, limits = (target, sigma, uniform, label.copy()), (PSEUDO, crowds / SCALES, STEPS)
+    out = about, widths, shares, np.empty((SCALES, *about.shape)), np.empty((SCALES + 1, count))
+    step = max(PIECE // (SCALES * len(centres)), 1)
+    for first in range(0, count, step):
+        checkpoint()
+        crowds_of(detections, centres, extents.copy(), limits, (first, min(first + step, count)), out)
     return Clutter(
         about, centres, uniform, float(shares[0]), target=target, sigma=sigma, shares=shares[1:], widths=widths
     )

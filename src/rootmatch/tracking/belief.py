@@ -24,19 +24,20 @@ from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copied
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
-from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
+from rootmatch.model.priors import PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.flipped_poses import flipped_poses
 from rootmatch.tracking.followed_motion import after_motion
 from rootmatch.tracking.followed_places import (
+    ANYTHING,
     IN_VIEW,
     LOOKED_AT,
     GonePlaces,
+    LastFrame,
     chance_absent,
     chance_of_copy,
-    chance_returned,
     in_places,
     log_absent,
     log_back,
@@ -45,7 +46,7 @@ from rootmatch.tracking.followed_places import (
     log_returned,
     met_beside,
     odds_alone,
-    share_unseen,
+    overlooked,
 )
 from rootmatch.tracking.followed_pose import FollowedPose, Step, beside_misfits, moved_alike, of_places, tempered
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
@@ -97,6 +98,8 @@ class Belief:
         """Probability that the body is not in view, as of that frame, if it is not where it is followed."""
         self.excluded = -math.inf
         """Time of the last search that met nothing but what is followed."""
+        self.room: tuple[float, int] | None = None
+        """Time of the last frame, and how many of its detections nothing explained that is followed."""
 
     def __bool__(self) -> bool:
         return bool(self.poses)
@@ -106,25 +109,7 @@ class Belief:
         """The filter of the most probable hypothesis."""
         return self.poses[0].filter
 
-    def certainty_of(self, found: Finding, time: float) -> float:
-        """Probability that what holds in a frame is the body, and no pose was left out, as far as no frame tells."""
-        holds, told = bool(found.prior_holds) and bool(self.poses), found.posterior
-        absent = (
-            log_back(self.poses[0], time) if holds else self._log_absent(time, False, found.is_exchanged(found.mode))
-        )
-        sure = (1.0 - self.gone.share) / (1.0 + COPY * math.exp(absent))
-        if holds:
-            sure *= (
-                (1.0 - self.unfollowed)
-                * (1.0 - (share_unseen(found, self.poses, self.places) if len(self.poses) > 1 else 0.0))
-                / (1.0 + math.exp(self.poses[0].log_other))
-            )
-            sure *= chance_returned(1.0 if told is None else told.clutter, self._returned(time))
-        elif found.pose is not None and self.given_up is not None:
-            sure /= 1.0 + math.exp(log_other_in_sight(self.given_up, found.pose, time))
-        return sure
-
-    def _returned(self, time: float) -> float:
+    def returned(self, time: float) -> float:
         """See `log_returned`; 0 if the body was seen in the last frame, or the caller says where it is now."""
         unseen = self.poses and all(one.filter.time < self.time < time for one in self.poses)
         return log_returned(time - self.time) if unseen else 0.0
@@ -252,7 +237,7 @@ class Belief:
             lost = np.minimum(log_lost(holds, alone[first]), each - each[first])  # as what is there tells of it now
             not_there = np.logaddexp(log_back(self.poses[origin[first]], time), lost)
             weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
-        nothing, go_on = float(log_chance(np.array(told.clutter))) - self._returned(time), []
+        nothing, go_on = float(log_chance(np.array(told.clutter))) - self.returned(time), []
         is_shown = float(told.probabilities.sum()) >= found.facts.min_probability  # whether or not it fits
         for k, of in enumerate(origin.tolist()):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
@@ -310,14 +295,17 @@ class Belief:
                 more += log_gone(last.alone, time - last.filter.time)
         return Step(log_shares[k] + more, shown, k, None, 0.0, place=last.place, alone=last.alone)
 
-    def _log_absent(self, time: float, seen: bool, exchanged: bool = False) -> float:
+    def log_absent(self, found: Finding, mode: int, time: float, seen: bool) -> float:
         """Log-odds that the body is not in view where a new place is found; ``seen``: if it is where it is followed."""
-        if exchanged:  # it was put in the place of another body, and did not come back
+        if found.is_exchanged(mode):  # it was put in the place of another body, and did not come back
             return -PRESENT_ODDS
         if seen:
             return log_back(self.poses[0], time)
-        before, last = (1.0, self.best.time) if self.poses else (self.absent, self.time)
-        return log_absent(before, time - last, time - self.excluded)
+        before, since = (1.0, self.best.time) if self.poses else (self.absent, self.time)
+        last, told = ANYTHING, found.posterior
+        if self.room and told is not None and found.model is not None and mode < len(told.probabilities):
+            last = LastFrame(time - self.room[0], overlooked(found.model, told.modes, mode, self.room[1]))
+        return log_absent(before, time - since, time - self.excluded, last)
 
     def _after(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
         """The hypothesis that a step leads to; ``seen``: whether the body is where it is followed."""
@@ -333,7 +321,7 @@ class Belief:
             if exchanged and (there := next((one for one in self.others if one.is_near(pose, time)), None)):
                 moving = there.copy()  # as what was expected there
                 moving.update(pose, time)
-            absent = self._log_absent(time, seen, exchanged)
+            absent = self.log_absent(found, step.mode, time, seen)
             last = FollowedPose(moving, log_other=log_other, since=time, log_absent=absent)
         else:
             last = self.poses[step.origin]

@@ -19,6 +19,7 @@ from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
+from rootmatch.tracking.certainty import certainty_of
 from rootmatch.tracking.dark_points import DarkPoints
 from rootmatch.tracking.followed_places import RETURN
 from rootmatch.tracking.mistaken_identity import FLOOR
@@ -221,9 +222,11 @@ class FollowedBody:
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        certain = self.belief.certainty_of(found, time)
-        unsure |= certain < found.facts.min_probability
+        certain, why = certainty_of(self.belief, found, time)
+        doubted = certain < found.facts.min_probability
+        unsure |= doubted
         found = found.less_certain(certain) if certain < 1.0 - WRONG_MODEL else found
+        found = copied(found, reason=f"this frame fits, but by those before {why}") if doubted else found
         if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -201,11 +202,40 @@ def chance_returned(clutter: float, log_odds: float) -> float:
     return odds / (odds * (1.0 - clutter) + clutter)
 
 
-def log_absent(before: float, seconds: float, unsearched: float) -> float:
+class LastFrame(NamedTuple):
+    """What the last frame tells of a thing that is met now: it was not in view then, if there was no room for it."""
+
+    ago: float = 0.0
+    """Seconds."""
+    overlooked: float = 1.0
+    """Probability that the thing was in view then, and showed no more than what was left there, see `overlooked`."""
+
+
+ANYTHING = LastFrame()
+"""A last frame that tells nothing."""
+
+
+def overlooked(model: DetectionModel, modes: Modes, mode: int, left: int) -> float:
+    """Probability that what is in view with a mode has no more than so many detections in another frame.
+
+    ``left``: detections there that nothing else explains. Points are detected at a rate, of which the mode tells.
+    """
+    matched = int(np.count_nonzero(modes.assignments[mode] >= 0))
+    visible = max(round(float(modes.visible[mode].sum())), matched)
+    if left >= visible:
+        return 1.0
+    rate, weight = model.rates
+    weight = weight + matched * np.log(rate) + (visible - matched) * np.log1p(-rate)
+    weight = np.exp(weight - weight.max())
+    seen = sum(math.comb(visible, k) * rate**k * (1.0 - rate) ** (visible - k) for k in range(left + 1))
+    return float(weight @ seen / weight.sum())
+
+
+def log_absent(before: float, seconds: float, unsearched: float, last: LastFrame = ANYTHING) -> float:
     """Log-odds that a body is not in view where it seems to be found: that a copy came, to that the body came back.
 
     A copy is there at any time with the same probability, and comes as seldom as the body does: since a search that met
-    none there was less time for it.
+    none, or a frame that had no room for one, there was less time for it. In that frame the body was not there either.
 
     Parameters
     ----------
@@ -214,9 +244,13 @@ def log_absent(before: float, seconds: float, unsearched: float) -> float:
     seconds : float
     unsearched : float
         Seconds since the last search that would have met a copy.
+    last : LastFrame
     """
-    absent = chance_absent(before, seconds)
-    return math.log(absent) - math.log1p(-absent) + math.log(-math.expm1(-unsearched / RETURN))
+    ago = min(last.ago, seconds)
+    absent = chance_absent(before, seconds - ago)
+    absent = chance_absent(absent / (absent + (1.0 - absent) * last.overlooked), ago)
+    new, came = (-math.expm1(-min(time, unsearched) / RETURN) for time in (ago, unsearched))
+    return math.log(absent) - math.log1p(-absent) + math.log(new + (came - new) * last.overlooked)
 
 
 def log_back(followed: FollowedPose, now: float) -> float:

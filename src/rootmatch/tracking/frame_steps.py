@@ -18,10 +18,10 @@ class FrameSteps:
         self.steps: list[float] = []
 
     def take(self, step: float) -> None:
-        """Count one more step; warn the caller of the caller's method once, where most of the first ones are slow."""
+        """Count one more step; warn the caller of the caller once, where most of the first ones are slow."""
         if len(self.steps) == FIRST_STEPS:
             return
         self.steps.append(step)
         if len(self.steps) == FIRST_STEPS and (step := median(self.steps)) > SLOW:
             text = f"time: the frames are {step:.3g} s apart; where times are in milliseconds, divide them by 1000"
-            warnings.warn(text, stacklevel=4)
+            warnings.warn(text, stacklevel=3)

@@ -86,6 +86,18 @@ def next_part(
     return SearchPart(number, each[number].waiting.pop(0), each[number].rest)
 
 
+def left_by(parts: Mapping[Label | None, Finding]) -> dict[Label | None, int]:
+    """For each body, the number of detections that no body has for certain and that it has not itself."""
+    free, left = np.ones(next(iter(parts.values())).task.shape[1], np.bool_), {}
+    for part in parts.values():
+        if part.status is Status.MATCHED:
+            free[part.assignment[part.assignment >= 0]] = False
+    for label, part in parts.items():
+        own = part.assignment[(part.assignment >= 0) & (part.status is not Status.UNTRUSTED)]
+        left[label] = int(free.sum() - free[np.unique(own)].sum())
+    return left
+
+
 def images_of(found: Finding, explained: Bools) -> list[int | None]:
     """The images in which a body can be searched for: cameras of a rig that show enough.
 

@@ -36,7 +36,8 @@ from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.inexact_points import InexactPoints
 from rootmatch.tracking.noise_scale import NoiseScale
-from rootmatch.tracking.search_schedule import SearchLength, is_of_a_row, next_part
+from rootmatch.tracking.search_schedule import SearchLength, is_of_a_row, left_by, next_part
+from rootmatch.tracking.turns import Turns
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 
@@ -52,7 +53,8 @@ class Tracker:
     pose with its covariance, which is the prior of the next match: a frame takes a few milliseconds. A body that is
     not found is still predicted for a while; then it counts as lost and is searched for. The search for one of several
     bodies goes on over frames: each looks for one body, in one camera of a rig. Kernels are compiled when a frame first
-    needs them; if no frame may wait, call `rootmatch.warmup` before the first one.
+    needs them; if no frame may wait, call `rootmatch.warmup` before the first one. Threads that share a tracker take
+    turns; the order of their frames is theirs to keep.
 
     Parameters
     ----------
@@ -110,7 +112,7 @@ max_evaluations
             raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels; a Matcher can estimate it")
         self.matcher = Matcher(**given)
         check_followed(self.matcher.problem)
-        self.tracking = tracking
+        self.tracking, self._turns = tracking, Turns()
         self.labels = self.matcher.labels
         self._steps = FrameSteps()
         self._bodies: dict[Label | None, FollowedBody] = {}
@@ -151,23 +153,32 @@ max_evaluations
         Parameters
         ----------
         time : float, optional
-            Seconds; that of the next frame by default.
+            Seconds, not before the last frame; that of the next frame by default.
+
+        Raises
+        ------
+        InputError
+            If the time is before the last frame.
         """
-        if self.time is None:
-            return {}
-        when = self.time + self.tracking.interval if time is None else time
-        return {
-            label: whole(body.belief.best.predicted(when))
-            for label, body in self._bodies.items()
-            if body.state is not TrackingState.LOST
-        }
+        with self._turns:
+            when = self._time(time)
+            if self.time is None:
+                return {}
+            if when < self.time:
+                raise InputError(f"time: {when:g} s given, before the last frame at {self.time:g} s; give a later time")
+            return {
+                label: whole(body.belief.best.predicted(when))
+                for label, body in self._bodies.items()
+                if body.state is not TrackingState.LOST
+            }
 
     def reset(self) -> None:
         """Forget all poses: the next frame is searched."""
-        self.time: float | None = None
-        self._frame, self._noise, self._inexact, self._length = 0, NoiseScale(), InexactPoints(), SearchLength()
-        for body in self._bodies.values():
-            body.forget()
+        with self._turns:
+            self.time: float | None = None
+            self._frame, self._noise, self._inexact, self._length = 0, NoiseScale(), InexactPoints(), SearchLength()
+            for body in self._bodies.values():
+                body.forget()
 
     def update(
         self,
@@ -209,18 +220,29 @@ max_evaluations
         Raises
         ------
         InputError
-            If the frame is not later than the previous one, or as `rootmatch.Matcher.match`.
+            If the frame is not later than the previous one, or as `rootmatch.Matcher.match`. The tracker is then as it
+            was before, and goes on with the next frame.
         """
         started = perf_counter()
         if prior is not None:
             check_predicted(prior, self.labels, self.matcher.problem)
-        when = self._time(time)
-        self._frame += 1
-        deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
+        limit = self.matcher.options.max_seconds if max_seconds is None else max_seconds
+        deadline = Deadline(limit, started=started)
         given: dict[Label | None, Prior] = {} if prior is None or isinstance(prior, Mapping) else {None: prior}
         given.update(prior.items() if isinstance(prior, Mapping) else ())
-        found = self._found(target, when, given, noise, deadline=deadline, candidates=candidates)
-        self.time = when
+        with self._turns:
+            when, before = self._time(time), self.time
+            if before is not None and when <= before:
+                raise InputError(f"time: {when:g} s given after {before:g} s; give frames in order, or reset() first")
+            self._frame += 1
+            try:
+                found = self._found(target, when, given, noise, deadline=deadline, candidates=candidates)
+            except InputError:
+                self._frame -= 1
+                raise
+            self.time = when
+            if before is not None and time is not None:
+                self._steps.take(when - before)
         return report(found, seconds=perf_counter() - started, stopped_early=deadline.stopped_early)
 
     def _found(
@@ -238,10 +260,7 @@ max_evaluations
         rivals: dict[Label | None, Rivals] = {}
         for label, body in self._bodies.items():
             told = given.get(label)
-            if isinstance(told, Pose):
-                body.keep_best(when)
-                poses[label] = told
-            elif body.belief:
+            if body.belief and not isinstance(told, Pose):
                 pose, others = body.predicted(when)
                 if told is not None:
                     pose, others = told.with_prediction(pose), others.given(told)
@@ -283,6 +302,9 @@ max_evaluations
                 return SearchPart(0, rest=self._bodies[None].appeared(near))
 
             found = explained(choice)
+        for label, told in given.items():
+            if isinstance(told, Pose):
+                self._bodies[label].keep_best(when)
         parts = {
             label: self._bodies[label].checked(part, when, self._frame, label in searched)
             for label, part in self._parts(found).items()
@@ -297,8 +319,10 @@ max_evaluations
                 asked = ()  # a frame that was searched takes long enough
             changed = self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
         know_others(self._alike, self._bodies)
+        left = left_by(parts)
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
+            self._bodies[label].belief.room = when, left[label]
             self._noise.take(part, factor)
             if changed:
                 self._bodies[label].acquit()
@@ -317,12 +341,9 @@ max_evaluations
         return {None: found} if found.parts is None else dict(found.parts.items())
 
     def _time(self, time: float | None) -> float:
+        """A time as given; by default that of the next frame."""
         if time is None:
             return 0.0 if self.time is None else self.time + self.tracking.interval
         if not isinstance(time, int | float | np.number) or not math.isfinite(time):
             raise InputError(f"time: {time!r} given; give seconds")
-        if self.time is not None and time <= self.time:
-            raise InputError(f"time: {time:g} s given after {self.time:g} s; give frames in order, or reset() first")
-        if self.time is not None:
-            self._steps.take(time - self.time)
         return float(time)

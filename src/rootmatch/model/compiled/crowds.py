@@ -47,7 +47,7 @@ def most_probable_shares(densities, prior, steps, shares):  # type: ignore[no-un
 
 
 @part
-def densities_of_crowds(target, sigma, centres, label, widths, about, whole):  # type: ignore[no-untyped-def]
+def densities_of_crowds(target, sigma, centres, label, widths, about, whole, first, last):  # type: ignore[no-untyped-def]
     """Densities of members of crowds of several widths.
 
     Parameters
@@ -64,11 +64,13 @@ def densities_of_crowds(target, sigma, centres, label, widths, about, whole):  #
         Density at each detection about each centre; zero about itself. Filled.
     whole : (S, n') array
         Mean of those about the others, filled.
+    first, last : int
+        Of which detections; those before are filled.
     """
     every = centres.shape[0] == target.shape[0]
     others = centres.shape[0] - 1
     for k in range(about.shape[0]):
-        for i in range(target.shape[0]):
+        for i in range(first, last):
             total = 0.0
             for c in range(centres.shape[0]):
                 j, density = centres[c], 0.0
@@ -88,7 +90,7 @@ def densities_of_crowds(target, sigma, centres, label, widths, about, whole):  #
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def crowds_of(detections, centres, extents, limits, out):  # type: ignore[no-untyped-def]
+def crowds_of(detections, centres, extents, limits, rows, out):  # type: ignore[no-untyped-def]
     """The crowds of an image.
 
     Parameters
@@ -101,13 +103,17 @@ def crowds_of(detections, centres, extents, limits, out):  # type: ignore[no-unt
         What clutter fills.
     limits : tuple
         Pseudo-counts of what lies anywhere and of each width, and steps of `most_probable_shares`.
+    rows : tuple
+        Detections of this call, from and to: it takes several calls in order, the last of which ends it.
     out : tuple
-        Density (n', c) of a member of a crowd about each centre at each detection, widths (S, k), and shares (1 + S,)
-        of what lies anywhere and of crowds by width; filled.
+        Density (n', c) of a member of a crowd about each centre at each detection, widths (S, k), shares (1 + S,)
+        of what lies anywhere and of crowds by width, densities (S, n', c) of each width about each centre, and those
+        (1 + S, n') of what lies anywhere and of the mean crowd; filled.
     """
     detections, centres, extents, out = borrowed((detections, centres, extents, out))
     target, sigma, uniform, label = detections
-    about, widths, shares = out
+    about, widths, shares, kernels, densities = out
+    first, last = rows
     anywhere, crowd, steps = limits
     scales, size, count = widths.shape[0], extents.shape[0], target.shape[0]
     # crowds are round, but no wider than what clutter fills
@@ -117,10 +123,11 @@ def crowds_of(detections, centres, extents, limits, out):  # type: ignore[no-unt
     for k in range(scales):
         for axis in range(size):
             widths[k, axis] = min(0.25 * math.exp(log_mean) * 0.5**k, 0.25 * extents[axis])
-    kernels, densities = np.empty((scales, count, centres.shape[0])), np.empty((scales + 1, count))
-    for j in range(count):
+    for j in range(first, last):
         densities[0, j] = uniform[j]
-    densities_of_crowds(target, sigma, centres, label, widths, kernels, densities[1:])
+    densities_of_crowds(target, sigma, centres, label, widths, kernels, densities[1:], first, last)
+    if last < count:
+        return
     prior = np.empty(scales + 1)
     for k in range(scales + 1):
         prior[k] = crowd if k > 0 else anywhere

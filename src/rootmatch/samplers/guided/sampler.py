@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rootmatch.deadline import checkpoint
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
@@ -103,6 +104,7 @@ class Guided(GuidedOptions):
 
     def _searched(self, task: SamplingTask, searched: SamplingTask) -> Search:
         """The search of a task, at its end; ``searched``: the same by the same minimal sets, or by others."""
+        checkpoint()
         search = search_of(searched, self, task.deadline.part(SEARCHED, RESERVE))
         with search.deadline.within():
             if task.found_before is not None:

@@ -1,0 +1,45 @@
+"""How certain a frame's finding is by the frames before it, and why not."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from rootmatch.explain.finding import Finding
+from rootmatch.model.priors import COPY
+from rootmatch.tracking.belief import Belief
+from rootmatch.tracking.followed_places import chance_returned, log_back, share_unseen
+from rootmatch.tracking.mistaken_identity import log_other_in_sight
+
+
+class Certainty(NamedTuple):
+    """Probability that what a frame shows is the body, as far as that frame does not tell, and what speaks against."""
+
+    chance: float
+    reason: str
+    """What most of the doubt is about."""
+
+
+def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
+    """How certain it is that what holds in a frame is the body, and that no pose was left out."""
+    holds, told = bool(found.prior_holds) and bool(belief.poses), found.posterior
+    absent = log_back(belief.poses[0], time) if holds else belief.log_absent(found, found.mode, time, seen=False)
+    sure = {
+        "it may be in a place in which it was followed before": 1.0 - belief.gone.share,
+        "it may be another one that looks like it and came into view": 1.0 / (1.0 + COPY * math.exp(absent)),
+    }
+    if holds:
+        unseen = share_unseen(found, belief.poses, belief.places) if len(belief.poses) > 1 else 0.0
+        sure |= {
+            "it may have another pose, as a frame left more poses possible than are followed": 1.0 - belief.unfollowed,
+            "it may be in another followed place, of which this frame shows nothing": 1.0 - unseen,
+            "it may be something else of nearly its shape, as not every frame fitted": 1.0
+            / (1.0 + math.exp(belief.poses[0].log_other)),
+            "it was not in view a moment ago, and little shows it now": chance_returned(
+                1.0 if told is None else told.clutter, belief.returned(time)
+            ),
+        }
+    elif found.pose is not None and belief.given_up is not None:
+        other = log_other_in_sight(belief.given_up, found.pose, time)
+        sure["what was followed in its line of sight a moment ago did not fit"] = 1.0 / (1.0 + math.exp(other))
+    return Certainty(math.prod(sure.values()), min(sure, key=lambda reason: sure[reason]))
