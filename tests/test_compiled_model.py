@@ -582,7 +582,9 @@ def test_densities_of_crowds(centres: NDArray[np.int64], size: int) -> None:
     np.testing.assert_allclose(whole, about.sum(axis=2) / (len(centres) - 1), rtol=1e-12)
     uniform, extents = rng.uniform(1e-5, 2e-5, 9), np.array([320.0, 120.0, 0.4][:size])
     out = np.empty((9, len(centres))), np.empty((SCALES, size)), np.empty(SCALES + 1)
-    crowds_of((target, sigma, uniform, label), centres, extents, (PSEUDO, 0.1 / SCALES, STEPS), out)
+    parts = *out, np.empty_like(about), np.empty((SCALES + 1, 9))
+    for rows in ((0, 4), (4, 9)):
+        crowds_of((target, sigma, uniform, label), centres, extents, (PSEUDO, 0.1 / SCALES, STEPS), rows, parts)
     mean = 0.25 * np.prod(extents) ** (1.0 / size)
     widths = np.minimum(mean * 0.5 ** np.arange(SCALES)[:, None], 0.25 * extents)
     densities_of_crowds.py_func(target, sigma, centres, label, widths, about, whole, 0, len(target))  # type: ignore[attr-defined]

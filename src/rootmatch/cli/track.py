@@ -112,6 +112,12 @@ PoseFormat = Annotated[
 ]
 AsJson = Annotated[bool, option.output("--json", "Print one JSON object for each frame, one per line.")]
 Diagnose = Annotated[bool, typer.Option("--diagnose", hidden=True)]
+SkipBadFrames = Annotated[
+    bool,
+    typer.Option(
+        "--skip-bad-frames", help="Leave out frames whose detections are faulty, with a warning; else they end the run."
+    ),
+]
 Matches = Annotated[Path | None, option.output("Write frame,source,target,weight,motion.", metavar="CSV")]
 
 
@@ -138,6 +144,7 @@ def track(
     pose_format: PoseFormat = None,
     output: Matches = None,
     as_json: AsJson = False,
+    skip_bad_frames: SkipBadFrames = False,
     diagnose: Diagnose = False,
 ) -> None:
     """Follow one or several bodies through the frames of a camera.
@@ -195,7 +202,7 @@ def track(
     header, delimiter = (TRAJECTORY, " ") if of_tum else ((*pose_columns(posed), "time"), ",")
     count: Counter[str] = Counter()
     times: list[float] = []
-    timed = False
+    timed, skipped = False, 0
     with (
         option_names_in_errors({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
         ExitStack() as files,
@@ -210,14 +217,24 @@ def track(
         table = files.enter_context(closing(AppendedTable(poses, header, delimiter=delimiter))) if poses else None
         printed = csv.writer(sys.stdout, delimiter=delimiter, lineterminator="\n")
         headed = table is not None or as_json
-        for frame in read_frames(frames, posed.target_dimension, of_rig=posed.rig is not None):
+        of_rig = posed.rig is not None
+        for frame in read_frames(frames, posed.target_dimension, of_rig=of_rig, skipping=skip_bad_frames):
             timed = frame.time is not None
             if timed and rate is not None:
                 raise InputError(f"--rate: {frames} has a column time; leave one of them out")
             when = frame.number / (rate or RATE) if frame.time is None else frame.time
             weights = None if frame.sigma is None else noises.of(frame.sigma)
             prior = io.prior_of_frame(told, frame.number, when, frame.known)
-            found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
+            try:
+                if frame.fault is not None:
+                    raise InputError(frame.fault)
+                found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
+            except InputError as error:
+                if not skip_bad_frames:
+                    raise InputError(f"{error} (frame {frame.number})") from None
+                print(f"rootmatch: warning: frame {frame.number} is left out: {error}", file=sys.stderr)
+                skipped += 1
+                continue
             statuses = pose_rows(frame.number, found)
             rows = trajectory_rows(when, found) if of_tum else [[*row, when] for row in statuses]
             if as_json:
@@ -237,7 +254,7 @@ def track(
                 times.append(when)
     warn_of_unused(told)
     _warn_of_slow_frames(times, None if timed else rate or RATE)
-    print(f"rootmatch: {counted(count)}", file=sys.stderr)
+    print(f"rootmatch: {counted(count)}{f', {skipped} left out' if skipped else ''}", file=sys.stderr)
     if not count["matched"]:
         raise typer.Exit(NOT_TRUSTED)
 

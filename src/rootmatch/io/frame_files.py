@@ -43,6 +43,8 @@ class Frame:
     known: Any = None
     """What is known of the pose, where the file has such columns (`rootmatch.io.known_files`): a `rootmatch.PosePrior`;
     by label where another file tells it of bodies."""
+    fault: str | None = None
+    """Why its detections could not all be read, where that is allowed."""
 
 
 def has_frames(path: Path) -> bool:
@@ -57,7 +59,7 @@ def has_frames(path: Path) -> bool:
     return not {"frame", "time"}.isdisjoint(header_names(header.split(",")))
 
 
-def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iterator[Frame]:
+def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False, skipping: bool = False) -> Iterator[Frame]:
     """Frames of a CSV file with columns ``frame,x,y`` or ``time,x,y``, each as soon as it ends.
 
     A frame ends where the next one begins, at an empty line, or with the file. A row without coordinates, such as
@@ -74,17 +76,21 @@ def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iter
         2 for pixels, 3 for unit rays ``x,y,z``.
     of_rig : bool
         Whether they are detections of several cameras: ``frame,x,y,camera``, with the camera's index from 0.
+    skipping : bool
+        Whether a detection that cannot be read spoils its frame alone, see `Frame.fault`.
     """
     name = Path("standard input") if path == STANDARD_INPUT else path
     with _opened(path) as stream:
-        yield from _frames(name, stream, ("x", "y", "camera") if of_rig else ("x", "y", "z")[:dimension])
+        axes = ("x", "y", "camera") if of_rig else ("x", "y", "z")[:dimension]
+        yield from _frames(name, stream, axes, skipping)
 
 
 class _Frames:
     """The frame that is being read, and what those before it leave to check."""
 
-    def __init__(self, path: Path, header: list[str], axes: tuple[str, ...]) -> None:
-        self.path, self.axes = path, axes
+    def __init__(self, path: Path, header: list[str], axes: tuple[str, ...], skipping: bool) -> None:
+        self.path, self.axes, self.skipping = path, axes, skipping
+        self.fault: str | None = None
         self.numbered, self.timed = (name in header for name in ("frame", "time"))
         self.noisy = noise_columns(path, header)
         self.key: tuple[int, float | None] | None = None
@@ -111,13 +117,22 @@ class _Frames:
             )
         if self._known is not None:
             self._known.take(row, cells)
-        given = [cells[axis] for axis in self.axes]
-        if not any(given):
-            return
+        if self.fault is None and any(cells[axis] for axis in self.axes):
+            try:
+                self._take_detection(row, cells)
+            except InputError as error:
+                if not self.skipping:
+                    raise
+                self.fault = str(error)
+
+    def _take_detection(self, row: int, cells: dict[str, str]) -> None:
+        assert self.key is not None
+        where, key = f"{self.path}, row {row}", self.key
         if len(self._points) == MOST_DETECTIONS:
             raise InputError(f"{where}: more than {MOST_DETECTIONS:,} detections in {self._name(*key)}")
-        self._points.append([number(self.path, row, axis, cells[axis]) for axis in self.axes])
+        point = [number(self.path, row, axis, cells[axis]) for axis in self.axes]
         self._sigma.append(noise_of_row(self.path, row, self.noisy, cells))
+        self._points.append(point)
 
     def end(self) -> Iterator[Frame]:
         """Yield the frame that was read, if one was begun."""
@@ -126,9 +141,9 @@ class _Frames:
         self.ended = True
         points = np.array(self._points).reshape(-1, len(self.axes))
         sigma = noise_of_rows(self.noisy, self._sigma)
-        self._points, self._sigma = [], []
+        self._points, self._sigma, fault, self.fault = [], [], self.fault, None
         known = None if self._known is None else self._known.end()
-        yield Frame(self.key[0], points, self.key[1], sigma=sigma, known=known)
+        yield Frame(self.key[0], points, self.key[1], sigma=sigma, known=known, fault=fault)
 
     def _check_order(self, where: str, frame: int, time: float | None) -> None:
         if self.key is None:
@@ -146,7 +161,7 @@ class _Frames:
         return f"frame {frame}" if self.numbered else f"time {time:g}"
 
 
-def _frames(path: Path, stream: TextIO, axes: tuple[str, ...]) -> Iterator[Frame]:
+def _frames(path: Path, stream: TextIO, axes: tuple[str, ...], skipping: bool) -> Iterator[Frame]:
     def needed(header: list[str]) -> tuple[str, ...]:
         return ("time" if "time" in header and "frame" not in header else "frame", *axes)
 
@@ -155,7 +170,7 @@ def _frames(path: Path, stream: TextIO, axes: tuple[str, ...]) -> Iterator[Frame
     try:
         for row, cells in table_rows(path, _lines(path, stream), needed, known):
             if frames is None:
-                frames = _Frames(path, list(cells), axes) if cells else None
+                frames = _Frames(path, list(cells), axes, skipping) if cells else None
             else:
                 yield from frames.take(row, cells) if cells else frames.end()
     except UnicodeDecodeError:

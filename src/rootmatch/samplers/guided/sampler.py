@@ -25,6 +25,8 @@ from rootmatch.samplers.two_views.sampler import two_view_tensor
 SEARCHED, RESERVE, REFINED = 0.8, 0.2, 0.5
 """Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of its second
 sets."""
+SECONDS_PER_PAIR = 1e-8
+"""Of detections, that it takes at least to lay out the tables of a search."""
 
 
 def pays(task: SamplingTask) -> bool:
@@ -104,7 +106,7 @@ class Guided(GuidedOptions):
 
     def _searched(self, task: SamplingTask, searched: SamplingTask) -> Search:
         """The search of a task, at its end; ``searched``: the same by the same minimal sets, or by others."""
-        checkpoint()
+        checkpoint(SECONDS_PER_PAIR * searched.shape[1] ** 2)
         search = search_of(searched, self, task.deadline.part(SEARCHED, RESERVE))
         with search.deadline.within():
             if task.found_before is not None:
