@@ -31,7 +31,7 @@ def rows(tool: np.ndarray, seed: int, t: tuple[float, float, float] = (60.0, -30
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_bent_tool_is_matched_and_told(seed: int) -> None:
     bent = TOOL.copy()
-    bent[2] += (4.0, 3.0, 3.0)
+    bent[2] += (12.0, 9.0, 9.0)
     match = rm.match(TOOL, rows(bent, seed), rm.P3P(RIG), noise=0.2)
     assert match
     assert match.assignment[2] == -1
@@ -48,7 +48,7 @@ def test_a_hidden_sphere_is_not_elsewhere(seed: int) -> None:
     assert "not where" not in match.advice
 
 
-def test_one_camera_with_little_clutter_tells_it_too() -> None:
+def test_one_camera_does_not_tell_it_from_a_stray_detection() -> None:
     rng = np.random.default_rng(3)
     body = rng.uniform(-100, 100, (10, 3))
     bent = body.copy()
@@ -56,14 +56,14 @@ def test_one_camera_with_little_clutter_tells_it_too() -> None:
     seen = CAMERA.project(bent + np.array([0, 0, 900])) + rng.normal(0, 0.2, (10, 2))
     match = rm.match(body, seen, rm.P3P(CAMERA), noise=0.2)
     assert match
-    assert "point 4 is not where the model has it" in match.advice
-    assert "cameras" not in match.advice
+    assert match.assignment[4] == -1
+    assert "not where" not in match.advice
 
 
 def test_the_detection_of_another_body_is_none_of_a_point() -> None:
     """The other body's sphere lies where a bent tool would have its own; the tool's is hidden."""
     bent = TOOL.copy()
-    bent[2] += (4.0, 3.0, 3.0)
+    bent[2] += (12.0, 9.0, 9.0)
     turn = Rotation.random(random_state=1).as_matrix()
     other = np.random.default_rng(0).uniform(-80, 80, (6, 3))
     other[0] = bent[2]

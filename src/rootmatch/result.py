@@ -58,9 +58,7 @@ class Match:
     bodies : dict or None
         With ``bodies=``, the match of each body by its label: its own points against all detections. Margin and status
         of the whole match are those of the least trusted body, its probability is the product, and ``motion_labels``
-        numbers the bodies in the order in which their labels appear.
-    whole : Finding or None
-        Of the match of one of them, the finding of all.
+        numbers the bodies in the order in which their labels appear. ``whole`` of each is the finding of all.
     """
 
     finding: Finding
@@ -211,9 +209,8 @@ class Match:
         so many that the rest is right with ``min_probability`` (up to a thousandth of the matches of a large
         assignment). NaN if the problem fits no poses, and for the paper's residuals.
         """
-        if self.sightings is not None:
-            return self.sightings.confidence
-        if (known := self.finding.every_confidence) is not None:
+        known = self.finding.every_confidence if self.sightings is None else self.sightings.confidence
+        if known is not None:
             return known
         if self.task.options.packs_motions:
             return confidence_of_motions(self.task, self.assignment, self.motion_labels)
