@@ -22,6 +22,7 @@ from rootmatch.explain.mistake import Change, Mistake, corrected, noisier
 from rootmatch.explain.point_set_mistakes import of_point_sets
 from rootmatch.explain.prior_mistakes import LENGTHS, of_priors
 from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Similarity
 
 FACTORS = (3.0, 10.0)
@@ -160,7 +161,7 @@ def _of_coordinates(
     views = {"target": cameras.get("camera2", camera)}
     if points.source.shape[1] == 2:
         views["source"] = camera
-    every = [own for view in views.values() for own in getattr(view, "cameras", (view,))]
+    every: list[Any] = [own for view in views.values() for own in getattr(view, "cameras", (view,))]
     given = np.vstack([getattr(points, name)[:, :2] for name in views])
     if not all(isinstance(own, Camera) for own in every) or np.abs(given).max() > WIDEST:
         return
