@@ -202,7 +202,7 @@ def test_two_detections_at_one_pixel_cost_no_other_match(how: str) -> None:
     (double,) = np.flatnonzero(scene.truth == 2)
     assert match.assignment[double] == -1
     np.testing.assert_array_equal(np.delete(match.assignment, double), np.delete(scene.truth, double))
-    assert "for 1 of the points it is not certain which image" in match.advice
+    assert "for 1 of the points it is not certain which detection" in match.advice
 
 
 @pytest.mark.parametrize("least", [0.999, 1.0])

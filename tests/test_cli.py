@@ -108,6 +108,12 @@ class TestMatch:
             assert float(row["cov_rz_tx"]) == expected["covariance"][2][3]
             assert (row["points"], row["scale"], row["focal"]) == ("8", "1.0", "")
 
+    def test_poses_on_standard_output_are_csv(self, scene: Path, tmp_path: Path) -> None:
+        printed = run(*of(scene, "--poses", "-"))
+        assert printed.exit_code == 0, printed.output
+        run(*of(scene, "--poses", tmp_path / "poses.csv"))
+        assert printed.stdout == (tmp_path / "poses.csv").read_text()
+
     @pytest.mark.parametrize("form", ["ros", "openxr", "colmap"])
     def test_poses_are_written_for_other_programs(self, scene: Path, tmp_path: Path, form: str) -> None:
         result = run(*of(scene, "--json", "--poses", tmp_path / "out", "--pose-format", form))
@@ -476,6 +482,7 @@ class TestBadInput:
             (["match", "a.csv", "b.csv"], "Missing option '--problem'"),
             (["match", "a.csv", "b.csv", "--problem", "p5p", "--camera", CAMERA], "p5p"),
             (["mach"], "No such command 'mach'"),
+            (["diagnose", "a.csv", "b.csv"], "it is an option: see rootmatch match --help, --diagnose"),
             (["simulate", "p3p"], "Missing option '--output'"),
             (["simulate", "p3p", "--points", "0", "--output", "scene"], "--points is 0"),
             (["simulate", "p3p", "--noise", "-1", "--output", "scene"], "--noise is -1"),

@@ -385,6 +385,7 @@ def test_frames_without_detections_and_where_frames_end(tmp_path: Path) -> None:
         ("frame,x,y", [[1, 1, 2], [], [1, 3, 4]], "row 4: frame 1 continues after an empty line"),
         ("frame,x,y,sigma", [[1, 1, 2, -1]], "row 2: sigma is '-1'; give a number of 0 or more"),
         ("frame,x,y", [[1, 1, 2], ["", "", ""], [1, 3, 4]], "row 3: commas without a value"),
+        ("timestamp,x,y", [[1, 2, 3]], "rename 'timestamp' to time, in seconds?"),
         ("x,y", [[1, 2]], "the column 'frame' is missing"),
     ],
 )

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import rootmatch as rm
+from rig_scenes import four_about
 from rootmatch.cli import app
 from rootmatch.deadline import Deadline
 from rootmatch.explain import displaced_cameras
@@ -94,6 +95,53 @@ def test_inward_normals() -> None:
     assert rm.match(**given, normals=outward)
     found = rm.match(**given, normals=-outward).diagnose(SECONDS)
     assert "the normals point inwards" in [one.mistake for one in found.fits]
+
+
+def test_a_view_angle_in_the_wrong_unit_is_told_before_the_normals() -> None:
+    rng = np.random.default_rng(2)
+    body = rng.normal(size=(24, 3))
+    body /= 5.0 * np.linalg.norm(body, axis=1, keepdims=True)
+    R = Rotation.random(random_state=2).as_matrix()
+    moved = body @ R.T + (0.05, -0.08, 1.0)
+    towards = -np.einsum("ij,ij->i", moved, body @ R.T) / np.linalg.norm(moved, axis=1) > 0.2 * math.cos(1.2)
+    seen = CAMERA.project(moved[towards]) + rng.normal(0, 0.3, (towards.sum(), 2))
+    given = {"source": body, "target": seen, "problem": rm.P3P(CAMERA), "noise": 0.3, "normals": 5.0 * body}
+    assert rm.match(**given, view_angle=1.2)
+    match = rm.match(**given, view_angle=np.radians(1.2))
+    assert not match
+    found = match.diagnose(SECONDS)
+    assert found.fits[0].mistake == "the view angle is in radians, and was taken for degrees"
+    assert "--view-angle 68.8" in found.fits[0].remedy
+
+
+@pytest.mark.parametrize("in_fractions", [False, True])
+@pytest.mark.parametrize("sigma_too", [False, True])
+def test_an_image_that_is_not_in_pixels(in_fractions: bool, sigma_too: bool) -> None:
+    camera = replace(BROWN, size=(1280.0, 960.0))
+    given = scene(3, CAMERA if not in_fractions else BROWN)
+    scale, offset = ((1280.0, 960.0), (0.0, 0.0)) if in_fractions else ((900.0, 900.0), (640.0, 480.0))
+    given |= {"target": (given["target"] - offset) / scale, "problem": rm.P3P(camera)}
+    if sigma_too:
+        given["noise"] /= math.sqrt(math.prod(scale))
+    match = rm.match(**given)
+    assert not match
+    first = match.diagnose(SECONDS).fits[0]
+    told = "the image is in fractions of its size" if in_fractions else "the image is in normalised coordinates"
+    assert first.mistake.startswith(told)
+    assert first.matched == 10
+    assert ("give the noise in pixels too" in first.remedy) == sigma_too
+
+
+def test_a_rig_whose_images_are_not_in_pixels() -> None:
+    points, rows, rig, *_ = four_about(n=12, each=8)
+    match = rm.match(points, rows, rm.P3P(rig), noise=0.5)
+    assert match
+    wrong = rows.copy()
+    wrong[:, :2] = (rows[:, :2] - (640.0, 480.0)) / 800.0
+    match = rm.match(points, wrong, rm.P3P(rig), noise=0.5)
+    assert not match
+    fits = match.diagnose(SECONDS).fits
+    assert "the image is in normalised coordinates (x/z, y/z)" in [one.mistake for one in fits]
 
 
 HANDED = "one of the sets is left-handed"

@@ -4,7 +4,9 @@ import contextlib
 import csv
 import importlib
 import io
+import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +15,7 @@ from urllib.parse import unquote
 import pytest
 from PIL import Image
 
+from commands import run
 from rootmatch import P3P, UP2P, ThreePlusOne
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,6 +48,35 @@ def test_code_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     with contextlib.redirect_stdout(io.StringIO()):
         for block in blocks(page):
             exec(compile(block, name_of(page), "exec"), names)
+
+
+def shown_commands(page: Path) -> list[tuple[list[str], list[str]]]:
+    """Commands of a page whose output it shows, each with the lines of that."""
+    found = []
+    for block in re.findall(r"(?:^ {4}\S.*\n(?:(?: {4}.*)?\n)*)", page.read_text(encoding="utf-8"), re.MULTILINE):
+        for part in re.split(r"^ {4}\$ ", block.replace("\\\n", " "), flags=re.MULTILINE)[1:]:
+            command, *lines = [line.strip() for line in part.splitlines() if line.strip()]
+            if lines:
+                found.append((shlex.split(command), lines))
+    return found
+
+
+def test_commands_print_what_their_page_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of docs/cli.md, but for the seconds."""
+    monkeypatch.chdir(tmp_path)
+    shown = shown_commands(ROOT / "docs" / "cli.md")
+    assert len(shown) == 5
+    for (program, *arguments), expected in shown:
+        assert program == "rootmatch"
+        result = run(*arguments)
+        printed = [re.sub(r" in [\d.]+ s$", "", line.strip()) for line in result.output.splitlines()]
+        for line in expected:
+            if line.startswith("{"):
+                record = json.loads(printed[0])
+                for key, value in json.loads(line.replace(", …", "")).items():
+                    assert record[key] == pytest.approx(value, rel=1e-3), key
+            else:
+                assert re.sub(r" in [\d.]+ s$", "", line) in printed
 
 
 def test_pages_with_code_are_found() -> None:

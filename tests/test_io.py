@@ -105,6 +105,8 @@ def test_tolerated_writings(tmp_path: Path, content: bytes) -> None:
         (3, "x,y\n1,2\n", 1, "swapped"),
         (2, "x,y,z\n1,2,3\n", 1, "swapped"),
         (2, "x,y,colour\n1,2,3\n", 1, "'colour' is unknown; known columns are id, x, y"),
+        (2, "x,y,sigmas\n1,2,3\n", 1, "rename 'sigmas' to sigma?"),
+        (2, "u,v\n1,2\n", 1, "rename 'u' to x?"),
         (2, "x,y,x\n1,2,3\n", 1, "'x' is named twice"),
         (2, "x;y\n1,5;2,5\n", 1, "semicolons"),
         (2, "x\ty\n1\t2\n", 1, "tabs"),

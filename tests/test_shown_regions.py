@@ -96,5 +96,5 @@ def test_a_certain_motion_of_points_in_doubt_is_told() -> None:
     target = np.concatenate([moved, moved[:10] + rng.normal(0.0, 0.15, (10, 2))])
     match = rm.match(source, target + rng.normal(0.0, 0.1, target.shape), rm.Rigid(), noise=(0.0, 0.1))
     assert match.status is rm.Status.AMBIGUOUS
-    assert match.advice.startswith("ambiguous: the pose is certain, but for 8 of the points it is not which image")
+    assert match.advice.startswith("ambiguous: the pose is certain, but for 8 of the points it is not certain which")
     assert "symmetry" not in match.advice

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import gc
+import pickle
 import warnings
 from typing import Any
 
@@ -54,6 +55,21 @@ def frame(k: int, hidden: bool = False, noise: float = 0.2) -> tuple[NDArray[np.
 
 def tracker(**options: Any) -> rm.Tracker:
     return rm.Tracker(BODY, rm.P3P(CAMERA), noise=0.2, **options)
+
+
+def test_a_saved_tracker_continues_as_the_original_does() -> None:
+    one = tracker()
+    for k in range(4):
+        one.update(frame(k)[0], time=k * INTERVAL)
+    others = pickle.loads(pickle.dumps(one)), copy.deepcopy(one)
+    for k in range(4, 8):
+        expected = one.update(frame(k)[0], time=k * INTERVAL)
+        assert expected.prior_holds
+        for other in others:
+            found = other.update(frame(k)[0], time=k * INTERVAL)
+            assert (found.assignment == expected.assignment).all()
+            assert found.fused_pose is not None
+            assert np.array_equal(found.fused_pose.matrix, expected.fused_pose.matrix)
 
 
 def test_a_flight_with_an_occlusion() -> None:

@@ -17,6 +17,7 @@ from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.diagnosis import Diagnosis, diagnosed
+from rootmatch.explain.displaced_points import advice_on_points
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import other_poses
 from rootmatch.explain.inexact_points import noise_factor
@@ -57,13 +58,14 @@ class Match:
     bodies : dict or None
         With ``bodies=``, the match of each body by its label: its own points against all detections. Margin and status
         of the whole match are those of the least trusted body, its probability is the product, and ``motion_labels``
-        numbers the bodies in the order in which their labels appear.
+        numbers the bodies in the order in which their labels appear. ``whole`` of each is the finding of all.
     """
 
     finding: Finding
     seconds: float
     stopped_early: bool = False
     bodies: dict[Label, Match] | None = None
+    whole: Finding | None = None
 
     def __bool__(self) -> bool:
         return self.status is Status.MATCHED
@@ -207,9 +209,8 @@ class Match:
         so many that the rest is right with ``min_probability`` (up to a thousandth of the matches of a large
         assignment). NaN if the problem fits no poses, and for the paper's residuals.
         """
-        if self.sightings is not None:
-            return self.sightings.confidence
-        if (known := self.finding.every_confidence) is not None:
+        known = self.finding.every_confidence if self.sightings is None else self.sightings.confidence
+        if known is not None:
             return known
         if self.task.options.packs_motions:
             return confidence_of_motions(self.task, self.assignment, self.motion_labels)
@@ -223,9 +224,8 @@ class Match:
     def _told(self, name: str, of_bodies: Callable[[list[float]], Any]) -> float | None:
         """A number of the finding, or of all bodies together; None if there is none."""
         own = getattr(self.finding, name)
-        if own is None and self.bodies:
-            known = [getattr(body, name) for body in self.bodies.values()]
-            own = None if None in known else of_bodies(known)
+        if own is None and self.bodies and None not in (known := [getattr(one, name) for one in self.bodies.values()]):
+            own = of_bodies(known)
         return None if own is None else float(own)
 
     @property
@@ -260,7 +260,7 @@ class Match:
         fits = self.diagnose(ADVISED).fits if asked and self.finding.reason is None else ()
         if fits and (fits[0].probability or 0.0) > 0.5:
             return f"no trustworthy match: {fits[0].mistake}; {fits[0].remedy}"
-        return told
+        return told if self.bodies else told + advice_on_points(self.finding, self.whole)
 
     @property
     def _is_undetermined(self) -> bool:
@@ -343,8 +343,8 @@ class Match:
         write_report(self, path, **options)
 
 
-def report(finding: Finding, *, seconds: float, stopped_early: bool = False) -> Match:
+def report(finding: Finding, *, seconds: float, stopped_early: bool = False, whole: Finding | None = None) -> Match:
     """The public result of what was found in so many seconds: the only place that makes a `Match`."""
     told: dict[str, Any] = {"seconds": seconds, "stopped_early": stopped_early}
-    bodies = None if finding.parts is None else {label: report(part, **told) for label, part in finding.parts.items()}
-    return Match(finding=finding, bodies=bodies, **told)
+    bodies = {label: report(part, whole=finding, **told) for label, part in (finding.parts or {}).items()}
+    return Match(finding=finding, bodies=bodies or None, whole=whole, **told)

@@ -115,6 +115,9 @@ def _usage(error: Any) -> str:
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "rootmatch"
     text = error.format_message().replace(": Value error, ", ": ").rstrip(".")  # the parser's own way to say it
+    option = re.fullmatch(r"No such command '(diagnose|plot|report)'", text)
+    if option:
+        return f"{text}; it is an option: see rootmatch match --help, --{option[1]}"
     return f"{text}; see {command} --help"
 
 

@@ -83,7 +83,9 @@ def advice(
     else:
         text = advice_on(finding.status, finding.task.problem)
         if unsure:
-            text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
+            text += (
+                f"; for {unsure} of the points it is not certain which detection they have, if any: see `confidence`"
+            )
         if finding.point_error:
             text += (
                 f"; it fits if the points of the body are off by {finding.point_error:.2g} on each axis, which nobody "
@@ -252,8 +254,8 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
     prior = ", or give a `prior`" if PRIOR in to_give and to_tell != _given([PRIOR]) else ""
     if unsure and _is_pose_certain(finding):
         return (
-            f"ambiguous: the pose is certain, but for {unsure} of the points it is not which image they have, if any; "
-            f"see `confidence`, or {to_tell}"
+            f"ambiguous: the pose is certain, but for {unsure} of the points it is not certain which detection "
+            f"they have, if any; see `confidence`, or {to_tell}"
         )
     if _is_elsewhere(finding):
         # in a unit that is too small, cameras are as good as in one place, and each shows the object elsewhere

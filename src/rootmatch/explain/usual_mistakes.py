@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rootmatch.arrays import Floats
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
@@ -21,12 +22,15 @@ from rootmatch.explain.mistake import Change, Mistake, corrected, noisier
 from rootmatch.explain.point_set_mistakes import of_point_sets
 from rootmatch.explain.prior_mistakes import LENGTHS, of_priors
 from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Similarity
 
 FACTORS = (3.0, 10.0)
 """Factors by which σ may have been stated too small. Round values."""
 NOISIER = {f"the noise is {factor:g} times as large": factor for factor in FACTORS}
 """The factor of each mistake of that kind."""
+WIDEST = 6.0
+"""Largest coordinate x/z or y/z that is taken for one: 80° from the axis. A round value."""
 
 
 def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
@@ -51,6 +55,7 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     else:
         yield from _of_axes(given, cameras, pointed, posed)
     if points.normals is not None:
+        yield from _of_view_angles(points, pointed)
         yield Mistake("the normals point inwards", "negate nx, ny and nz", pointed(normals=-points.normals))
         yield Mistake("the normals are wrong", "leave them out", pointed(normals=None, view_cosine=None))
     if hasattr(problem, "vertical_world"):
@@ -60,6 +65,7 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     if hasattr(problem, "axis2"):
         upside = tuple(-np.asarray(problem.axis2, float))
         yield Mistake("one of the axes is reversed", "negate axis or axis2", posed(axis2=upside))
+    yield from _of_coordinates(points, cameras, pointed, filmed)
     yield from _of_lenses(cameras, filmed)
     if not given.estimates_noise:
         if any(isinstance(camera, UnitRays) for camera in cameras.values()):
@@ -70,6 +76,23 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
         for mistake, factor in NOISIER.items():
             remedy = f"give noise={_so_much(given.noise, factor)}{factor:g} times as large"
             yield Mistake(mistake, remedy, corrected(points=noisier(points, factor if of_both else 1.0, factor)))
+
+
+def _of_view_angles(points: PointSets, pointed: Callable[..., Change]) -> Iterator[Mistake]:
+    """The angle up to which points are visible: in the other unit, or too small."""
+    if points.view_cosine is None:
+        return
+    angles = np.arccos(points.view_cosine)
+    if (unit := math.degrees(1.0)) * angles.max() <= math.pi:
+        told = f"{math.degrees(unit * angles.max()):.3g}"
+        remedy = f"give --view-angle {told}, or view_angle=np.radians({told}) in Python"
+        yield Mistake(
+            "the view angle is in radians, and was taken for degrees",
+            remedy,
+            pointed(view_cosine=np.cos(unit * angles)),
+        )
+    if (angles < math.pi / 2.0).any():
+        yield Mistake("the view angle is too small", "leave it out, or give a larger one", pointed(view_cosine=None))
 
 
 def _so_much(noise: Any, factor: float) -> str:
@@ -128,6 +151,72 @@ def _of_axes(
         yield Mistake(
             "x and y of the image are exchanged", "give columns x, y: np.array(...)[:, ::-1]", pointed(**swapped)
         )
+
+
+def _of_coordinates(
+    points: PointSets, cameras: dict[str, Any], pointed: Callable[..., Change], filmed: Callable[..., Change]
+) -> Iterator[Mistake]:
+    """Images in other coordinates than pixels: those of normalised rays, x/z and y/z, or fractions of the image."""
+    camera = cameras.get("camera")
+    views = {"target": cameras.get("camera2", camera)}
+    if points.source.shape[1] == 2:
+        views["source"] = camera
+    every: list[Any] = [own for view in views.values() for own in getattr(view, "cameras", (view,))]
+    given = np.vstack([getattr(points, name)[:, :2] for name in views])
+    if not all(isinstance(own, Camera) for own in every) or np.abs(given).max() > WIDEST:
+        return
+
+    def in_pixels(scales: dict[str, tuple[Floats, Floats]], sigma_too: bool) -> Change:
+        changed: dict[str, Any] = {}
+        for name, (scale, offset) in scales.items():
+            rows = getattr(points, name).copy()
+            rows[:, :2] = rows[:, :2] * scale + offset
+            changed |= {name: rows, f"{name}_covariance": None}
+            known, factor = getattr(points, f"{name}_covariance"), scale if sigma_too else np.ones_like(scale)
+            if known is not None:
+                changed[f"{name}_covariance"] = known * factor[:, :, None] * factor[:, None, :]
+            changed[f"{name}_noise"] = getattr(points, f"{name}_noise") * np.sqrt(factor.prod(axis=1))
+        return pointed(**changed)
+
+    rays = {name: _scales(view, getattr(points, name)) for name, view in views.items()}
+    in_unit = "; give the noise in pixels too"
+    name, remedy = "the image is in normalised coordinates (x/z, y/z)", "give pixels: fx x + cx, fy y + cy"
+    raw = in_pixels(rays, sigma_too=False), in_pixels(rays, sigma_too=True)
+    distorted = any(own.lens is not None for own in every)
+    if distorted:  # what normalises takes the lens out, as a rule
+        bare, told = filmed(lambda own: replace(own, lens=None)), f"{remedy}, and the camera without its lens"
+        for k, change in enumerate(raw):
+            without = partial(_both, change, bare)
+            yield Mistake(name, f"{told}{in_unit if k else ''}", without, if_nothing_fits=k > 0)
+    for k, change in enumerate(raw):
+        yield Mistake(name, f"{remedy}{in_unit if k else ''}", change, if_nothing_fits=k > 0 or distorted)
+    sizes = [_sizes(view) for view in views.values()]
+    if given.min() >= 0.0 and given.max() <= 1.0 and None not in sizes:
+        parts = {name: _scales(view, getattr(points, name), _sizes(view)) for name, view in views.items()}
+        for sigma_too in (False, True):
+            told = f"multiply x by the width and y by the height{in_unit if sigma_too else ''}"
+            change = in_pixels(parts, sigma_too=sigma_too)
+            yield Mistake("the image is in fractions of its size", told, change, if_nothing_fits=sigma_too)
+
+
+def _both(first: Change, second: Change, task: MatchingTask) -> MatchingTask:
+    return second(first(task))
+
+
+def _sizes(camera: Any) -> Any:
+    """Sizes of the images of a camera or a rig, as far as they are known."""
+    if isinstance(camera, Rig):
+        return camera.sizes
+    return None if camera.size is None else (camera.size,)
+
+
+def _scales(camera: Any, rows: Floats, sizes: Any = None) -> tuple[Floats, Floats]:
+    """Scale and offset (m, 2) that take coordinates of m detections to pixels: by the camera, or by image sizes."""
+    own = np.array([one.numbers for one in getattr(camera, "cameras", (camera,))])
+    which = rows[:, 2].astype(int) if isinstance(camera, Rig) else np.zeros(len(rows), int)
+    if sizes is not None:
+        return np.array(sizes, float)[which], np.zeros((len(rows), 2))
+    return own[which, :2], own[which, 2:]
 
 
 def _of_lenses(cameras: dict[str, Any], filmed: Callable[[Callable[[Camera], Camera]], Change]) -> Iterator[Mistake]:

@@ -18,6 +18,12 @@ from rootmatch.errors import InputError, quoted
 from rootmatch.io.inputs import LARGEST, read_bytes
 from rootmatch.io.outputs import written_whole
 
+OTHER_NAMES = {
+    "t": ("time",), "stamp": ("time",), "seconds": ("time",), "index": ("frame",), "image": ("frame",),
+    "u": ("x",), "v": ("y",), "col": ("x",), "row": ("y",), "cam": ("camera",), "std": ("sigma",), "label": ("body",),
+}  # fmt: skip
+"""Columns as other programs name them."""
+
 
 def read_text(path: Path, most: int = LARGEST, remedy: str = "split it") -> str:
     """The text of a file without a byte-order mark, line endings unchanged; `read_bytes` says what is refused."""
@@ -141,10 +147,24 @@ def check_header(path: Path, row: int, header: list[str], needed: Sequence[str],
         raise InputError(f"{where}: a column z in an image, which has {expected}; are the two files swapped?")
     missing = [name for name in needed if name not in header]
     if missing:
-        hint = "; is it an image, and are the two files swapped?" if missing == ["z"] else ""
+        hint = "; is it an image, and are the two files swapped?" if missing == ["z"] else _meant(unknown, known)
         raise InputError(f"{where}: the column {missing[0]!r} is missing, the header must name {expected}{hint}")
     if unknown:
-        raise InputError(f"{where}: the column {quoted(unknown[0])} is unknown; known columns are {', '.join(known)}")
+        hint = _meant(unknown[:1], known)
+        raise InputError(
+            f"{where}: the column {quoted(unknown[0])} is unknown; known columns are {', '.join(known)}{hint}"
+        )
+
+
+def _meant(unknown: Sequence[str], known: Sequence[str]) -> str:
+    """Which columns unknown names probably stand for: those of other programs, and misspelt ones."""
+    from difflib import get_close_matches
+
+    for name in unknown:
+        likely = [one for one in OTHER_NAMES.get(name, get_close_matches(name, known, 1)) if one in known]
+        if likely:
+            return f"; rename {quoted(name)} to {likely[0]}{', in seconds' if likely == ['time'] else ''}?"
+    return ""
 
 
 def _refuse_separators(where: str, cells: Sequence[str], known: Sequence[str] = (), and_more: str = "") -> None:

@@ -15,7 +15,7 @@ from rootmatch.io.calibrations.reading import load_json, read_small_text
 from rootmatch.io.calibrations.values import errors_at
 from rootmatch.io.csv_tables import write_table
 from rootmatch.io.exports import openxr_record, ros_record
-from rootmatch.io.outputs import write_text_whole
+from rootmatch.io.outputs import is_standard_output, write_text_whole
 from rootmatch.problems.pose_fit.pose import Pose
 
 PoseFormat = Literal["csv", "json", "ros", "openxr", "colmap"]
@@ -36,6 +36,8 @@ def pose_format(path: Path, given: str | None) -> PoseFormat:
         if given in FORMATS:
             return given
         raise InputError(f"pose_format: {quoted(given)} given; give csv, json, ros, openxr or colmap")
+    if is_standard_output(path):  # as `rootmatch track` prints them
+        return "csv"
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"poses {path}: its suffix names no format; use .csv or .json, or give --pose-format")
     return SUFFIXES[path.suffix.lower()]
