@@ -97,8 +97,8 @@ def test_alternatives_say_what_differs(ambiguous: rm.Match, tmp_path: Path) -> N
         assert view["assignment"] == other.tolist()
         first = int(np.flatnonzero(other != ambiguous.assignment)[0])
         assert f"{first} → " in view["differs"]
-    # one of them is right, and a twin takes much of what the best one lacks
-    assert 0.0 < views[1]["probability"] < views[0]["probability"]
+    # one of twelve is right, and each explains the image as well: six turns, seen from both sides
+    assert 0.0 < views[1]["probability"] <= views[0]["probability"]
     assert sum(view["probability"] for view in views) <= 1.0 + 1e-9
 
 
