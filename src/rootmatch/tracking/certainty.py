@@ -42,4 +42,4 @@ def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
     elif found.pose is not None and belief.given_up is not None:
         other = log_other_in_sight(belief.given_up, found.pose, time)
         sure["what was followed in its line of sight a moment ago did not fit"] = 1.0 / (1.0 + math.exp(other))
-    return Certainty(math.prod(sure.values()), min(sure, key=lambda reason: sure[reason]))
+    return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))

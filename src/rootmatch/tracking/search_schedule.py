@@ -93,8 +93,10 @@ def left_by(parts: Mapping[Label | None, Finding]) -> dict[Label | None, int]:
         if part.status is Status.MATCHED:
             free[part.assignment[part.assignment >= 0]] = False
     for label, part in parts.items():
-        own = part.assignment[(part.assignment >= 0) & (part.status is not Status.UNTRUSTED)]
-        left[label] = int(free.sum() - free[np.unique(own)].sum())
+        others = free.copy()
+        if part.status is not Status.UNTRUSTED:
+            others[part.assignment[part.assignment >= 0]] = False
+        left[label] = int(np.count_nonzero(others))
     return left
 
 
