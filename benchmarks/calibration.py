@@ -30,7 +30,7 @@ import numpy as np
 from accuracy_scenes import plain, symmetric
 from constellations import arguments as constellation
 from evidence import few_leds
-from reliability import effective, interval
+from reliability import WITHIN, effective, interval
 from scipy.spatial.transform import Rotation
 from scipy.special import gammaln
 from shared import Floats, append_csv, head, parser, row, scenes_of
@@ -48,7 +48,6 @@ MOST = 16
 """Largest number of clutter points that are drawn; scenes with more detections in an image are left out, as the model
 allows for more of them."""
 PRESENT, HIDDEN = 0.8, 0.05
-WITHIN = 0.03
 KINDS = ("probability", "matched points", "unmatched points")
 
 

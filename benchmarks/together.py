@@ -24,6 +24,7 @@ from typing import Any
 
 import accuracy_scenes
 import adversary
+import adversary_rigs
 import constellations
 import evidence
 import fiducials
@@ -42,8 +43,6 @@ import rootmatch as rm
 IMAGE, VIEWS, SPACE, FLIGHT = "one image", "two views", "point sets", "flights"
 LEAST = {IMAGE: 5, VIEWS: 8, SPACE: 4, FLIGHT: flights.FEW}
 """Shown points from which a right answer is asked for."""
-WITHIN = 0.03
-"""Of what was told, the share of a bin that is right is to be, or within its interval."""
 NO_ANSWER = ("tools", "unnamed-copy", "reflection", "near-board", "hidden-wand")
 """Kinds of strange scenes of which no labelling is the true one, or one of several is."""
 
@@ -121,12 +120,7 @@ def of_strange(kind: str, seed: int) -> list[Told]:
 
 
 def of_adversary(rigs: bool, seed: int) -> list[Told]:
-    if rigs:
-        import adversary_rigs
-
-        scene = adversary_rigs.drawn(seed)
-    else:
-        scene = adversary.drawn(seed)
+    scene = adversary_rigs.drawn(seed) if rigs else adversary.drawn(seed)
     try:
         match = rm.match(**scene.arguments, max_seconds=5.0)
     except rm.InputError:  # too few detections for one hyper-edge

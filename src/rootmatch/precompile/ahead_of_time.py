@@ -251,9 +251,10 @@ class _View:
             noisy = pixels[seen] + self.sigma * rng.normal(size=(len(seen), pixels.shape[1]))
             low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else np.zeros((2, pixels.shape[1]))
             many = (clutter if len(known) else 0, pixels.shape[1])
-            more = rng.uniform(low - 9 * self.sigma, high + 9 * self.sigma, many)
             if wide:
                 more = self._anywhere(camera, rng.normal(size=(2 * clutter, 3)))
+            else:
+                more = rng.uniform(low - 9 * self.sigma, high + 9 * self.sigma, many)
             rows.append(np.concatenate([noisy, more]))
             index.append(np.full(len(rows[-1]), k))
         target = np.concatenate(rows)
