@@ -83,7 +83,7 @@ def test_a_flight_in_an_unknown_unit() -> None:
 def test_a_scale_that_many_frames_tell_is_not_biased() -> None:
     """Errors of second order in each frame would add up: of 1e-4 here, where 200 frames tell the scale to 1e-3."""
     errors = []
-    for seed in range(3):
+    for seed in range(2):
         rng = np.random.default_rng([seed, 19])
         tracker = rm.Tracker(BODY, rm.Similarity(), noise=(0.0, 1.5))
         for _ in range(200):
@@ -91,7 +91,7 @@ def test_a_scale_that_many_frames_tell_is_not_biased() -> None:
         assert match.pose is not None
         assert match.pose.covariance is not None
         errors.append((match.pose.scale - 1.0) / match.pose.covariance[6, 6] ** 0.5)
-    assert abs(np.mean(errors)) < 0.8  # with a standard deviation of .58
+    assert abs(np.mean(errors)) < 1.0  # with a standard deviation of .71
     assert np.mean(np.square(errors)) < 3.0
 
 
@@ -109,7 +109,7 @@ def test_errors_of_the_model_stay_however_many_frames_are_seen() -> None:
     """They are those of every frame, so no number of frames tells the scale better than the model does."""
     rng, sigma = np.random.default_rng(6), 0.3
     errors = []
-    for _ in range(12):
+    for _ in range(8):
         tracker = rm.Tracker(BODY + sigma * rng.normal(size=BODY.shape), rm.Similarity(), noise=(sigma, 2.0 * SIGMA))
         for _ in range(30):
             match = tracker.update(2.0 * BODY + 2.0 * SIGMA * rng.normal(size=BODY.shape))
