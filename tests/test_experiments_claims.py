@@ -83,6 +83,13 @@ def judged(accuracy):
     return {j.claim.title: j for j in judge_all(made_up_table(accuracy, spread=0.002))}
 
 
+@cache
+def page_of_the_paper():
+    return claims_markdown(
+        made_up_table(as_the_paper_says, spread=0.01), ['{"rootmatch": "0.0", "numpy": "0.1"}'], 120.0
+    )
+
+
 @pytest.mark.parametrize("title", TITLES)
 def test_every_claim_holds_in_the_papers_world(title):
     found = judged(as_the_paper_says)[title]
@@ -196,11 +203,11 @@ def test_a_quick_run_says_what_it_leaves_out():
     assert "**A quick run.**" in page
     assert "1,000,000" not in page.split("## Verdicts")[1].split("## ρ")[0]
     assert {j.claim.title for j in judge_all(table)} == set(TITLES)
-    assert "**A quick run.**" not in claims_markdown(made_up_table(as_the_paper_says), [], 0.0)
+    assert "**A quick run.**" not in page_of_the_paper()
 
 
 def test_thresholds_of_ours_are_marked():
-    page = claims_markdown(made_up_table(as_the_paper_says), [], 0.0)
+    page = page_of_the_paper()
     for claim in CLAIMS:
         assert (f"| {claim.title} † |" in page) == bool(claim.ours)
         if claim.ours:
@@ -270,8 +277,7 @@ def test_root_inside_means_less_than_a_quarter_turn():
 
 
 def test_page_has_each_claim_with_its_words_rule_and_figures():
-    table = made_up_table(as_the_paper_says, spread=0.01)
-    page = claims_markdown(table, ['{"rootmatch": "0.0", "numpy": "0.1"}'], 120.0)
+    page = page_of_the_paper()
     for claim in CLAIMS:
         assert claim.title in page
         assert claim.quotation in page
