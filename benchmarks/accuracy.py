@@ -2,7 +2,7 @@
 
 The yardstick is a folder with ``ransac.py`` (``ransac_match``, ``ransac_match_multi``), given by ``--peers`` or
 ROOTMATCH_PEERS, and run on the same scenes in the same process; between two views it is the true geometry itself.
-Rows are printed as Markdown as they come; ``--csv`` appends a line per scene to a file. Every scene counts.
+Rows are printed as Markdown as they come. Every scene counts.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, fields
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -21,7 +20,7 @@ from accuracy_scenes import Case, Instance, ambiguous, measured, simulated
 from matches import TOLERANCE
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from shared import LISTED, Integers, append_csv, head, parser, point_by_point, row, yardstick_of
+from shared import LISTED, Integers, head, parser, row, yardstick_of
 
 import rootmatch as rm
 
@@ -41,8 +40,6 @@ class Outcome:
     """Fraction of the points with an image that are matched correctly."""
     precision: float
     """Fraction of the matches that are correct, 1 without any."""
-    whole: float
-    """1 where the assignment is the truth, point for point."""
     right: float
     """1 where no match is wrong and `RIGHT` of the points are matched."""
     shown: float
@@ -52,13 +49,7 @@ class Outcome:
     own: float
     """Accuracy of the true geometry between two views."""
     status: str
-    margin: float
-    probability: float
-    """Of the assignment, NaN where there is none."""
     seconds: float
-    hyperedges: float
-    points: str
-    """Confidence of each point, and 1 where its match, or its being unmatched, is right: ``0.998/1 0.73/0 …``."""
     peer_accuracy: float = NOTHING
     peer_precision: float = NOTHING
     peer_rand: float = NOTHING
@@ -153,13 +144,11 @@ def outcome(case: Case, seed: int, yardstick: ModuleType | None, patience: float
     accuracy, precision = figures(match.assignment, truth)
     listed = [match.assignment, *(other for other, _ in match.alternatives[:LISTED])]
     return Outcome(
-        case.name, seed, accuracy, precision, float(np.array_equal(match.assignment, truth)),
+        case.name, seed, accuracy, precision,
         float(right(match.assignment, truth)), float(any(right(one, truth) for one in listed)),
         adjusted_rand(match.motion_labels, instance.labels) if "motions" in instance.options else NOTHING,
         NOTHING if instance.pose is None else own_accuracy(instance),
-        match.status.name.lower(), match.margin,
-        NOTHING if match.probability is None else match.probability, match.seconds, float(match.evaluated),
-        point_by_point(match, truth),
+        match.status.name.lower(), match.seconds,
         **({} if yardstick is None or case.yardstick == "none" else theirs(case, instance, seed, yardstick, patience)),
     )  # fmt: skip
 
@@ -182,7 +171,7 @@ def print_row(case: Case, outcomes: list[Outcome]) -> None:
     mean = {
         item.name: float(np.mean([getattr(one, item.name) for one in outcomes]))
         for item in fields(Outcome)
-        if item.name not in ("case", "status", "points")
+        if item.name not in ("case", "status")
     }
     by_status = {
         name: [one for one in outcomes if one.status == name] for name in ("matched", "ambiguous", "untrusted")
@@ -217,7 +206,6 @@ def main() -> None:
     ask.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")
     ask.add_argument("--no-yardstick", action="store_true")
     ask.add_argument("--patience", type=float, default=20.0, help="seconds after which the yardstick gives up")
-    ask.add_argument("--csv", type=Path, help="file to which each scene is appended")
     options = ask.parse_args()
     cases = [
         case
@@ -236,9 +224,7 @@ def main() -> None:
         done = joblib.Parallel(n_jobs=options.jobs)(
             joblib.delayed(batch)(case, part, peers, options.patience) for part in parts
         )
-        outcomes = sorted((one for part in done for one in part), key=lambda one: one.seed)
-        print_row(case, outcomes)
-        append_csv(options.csv, outcomes)
+        print_row(case, sorted((one for part in done for one in part), key=lambda one: one.seed))
 
 
 if __name__ == "__main__":

@@ -17,14 +17,13 @@ scratch, as the first frame of a headset would be. Defaults are chosen on seeds 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from shared import append_csv, head, is_listed, judge, parser, point_by_point, row, scenes_of, timed
+from shared import head, is_listed, judge, parser, row, scenes_of, timed
 
 import rootmatch as rm
 
@@ -50,12 +49,8 @@ class Outcome:
     visible: int
     full: bool
     shown: bool
-    margin: float
     seconds: float
     """Of the processor."""
-    hyperedges: int
-    points: str
-    """Confidence of each point, and 1 where it was right: ``0.998/1 0.73/0 …``."""
 
 
 def unrelated(upright: bool, seed: int) -> dict[str, Any]:
@@ -90,7 +85,7 @@ def outcome(family: str, seed: int, scenes: ModuleType | None) -> Outcome:
     right, wrong, full = judge(match.assignment, truth)
     return Outcome(
         family, seed, match.status.name.lower(), right, wrong, int((truth >= 0).sum()), full, is_listed(match, truth),
-        match.margin, seconds, match.evaluated, point_by_point(match, truth),
+        seconds,
     )  # fmt: skip
 
 
@@ -116,7 +111,6 @@ def main() -> None:
     ask = parser(__doc__, seeds=20, first_seed=1000)
     ask.add_argument("--families", nargs="+", default=list(FAMILIES), help="names such as sim-5-0 or d6-15-0")
     ask.add_argument("--scenes", help="folder of the scenes' module")
-    ask.add_argument("--csv", type=Path, help="file to which each scene is added")
     options = ask.parse_args()
     numba.set_num_threads(1)
     scenes = scenes_of("constellations", options.scenes)
@@ -130,9 +124,7 @@ def main() -> None:
         first, count = (0, min(options.seeds, REAL_SCENES)) if family == "real" else (options.first_seed, options.seeds)
         for seed in range(first, first + WARMING):
             outcome(family, seed, scenes)
-        outcomes = [outcome(family, seed, scenes) for seed in range(first, first + count)]
-        print_row(family, outcomes)
-        append_csv(options.csv, outcomes)
+        print_row(family, [outcome(family, seed, scenes) for seed in range(first, first + count)])
 
 
 if __name__ == "__main__":

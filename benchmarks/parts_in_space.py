@@ -1,6 +1,4 @@
-"""Parts of point sets in space: how many are trusted, how many of these have a wrong match, and how long it takes.
-
-    python benchmarks/parts_in_space.py --seeds 20 --first-seed 77000
+"""Parts of point sets in space: rows of `together.py`.
 
 ``part``: of 100 to 300 points in a box the 10 to 20 nearest to a place are measured, among up to 20 others.
 ``scaled``: the same of 100 points, with an unknown scale. ``stars``: directions in a cap of 20° to 35°, of which those
@@ -9,20 +7,15 @@ measured among up to 15 others. ``stations``: two sets of 150 points, 50 of them
 of 20 points, the nearest to a place, among 150 others. ``coarse``: eight of 20 points, the nearest to a place, among
 32, with a noise of .75 % of the extent. ``moving``: three bodies of seven points that nobody told apart, a tenth
 hidden, and two others.
-
-"Right": no match wrong and nine tenths of the measured points matched. Defaults were chosen on seeds below 2000.
 """
 
 from __future__ import annotations
 
-import time
 from typing import Any, NamedTuple
 
 import numpy as np
-from constellations import judge
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from shared import head, parser, row
 
 import rootmatch as rm
 
@@ -123,26 +116,3 @@ KINDS = {
     "part": part, "scaled": lambda rng: part(rng, 100, problem=rm.Similarity()), "stars": stars, "pipe": pipe,
     "stations": stations, "small": small, "coarse": coarse, "moving": moving,
 }  # fmt: skip
-
-
-def main() -> None:
-    """Print one row for each kind."""
-    ask = parser(__doc__, seeds=20, first_seed=1000)
-    ask.add_argument("--kinds", nargs="+", default=list(KINDS))
-    given = ask.parse_args()
-    head("kind", "scenes", "trusted", "right of these", "wrong of these", "seconds", "seeds of wrong")
-    for kind in given.kinds:
-        trusted, full, wrong, seconds = 0, 0, [], []
-        for seed in range(given.first_seed, given.first_seed + given.seeds):
-            made = KINDS[kind](np.random.default_rng([seed, list(KINDS).index(kind)]))
-            begun = time.perf_counter()
-            match = rm.match(made.source, made.target, seed=seed, **made.told)
-            seconds.append(time.perf_counter() - begun)
-            _, off, right = judge(match.assignment, made.truth)
-            trusted, full = trusted + bool(match), full + (bool(match) and right)
-            wrong += [seed] if match and off else []
-        row(kind, given.seeds, trusted, full, len(wrong), f"{np.median(seconds):.2f}", wrong)
-
-
-if __name__ == "__main__":
-    main()

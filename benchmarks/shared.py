@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import importlib.util
+import math
 import os
 import sys
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -26,6 +26,8 @@ BESIDE = Path(__file__).resolve().parents[2] / "shared"
 """Where data and scenes are looked for, if no environment variable names their folder."""
 LISTED = 5
 """Alternatives among which the truth must be where the answer is ambiguous."""
+WITHIN = 0.03
+"""Of the mean told the share that is right is to be, or else the mean in its interval."""
 
 
 def parser(text: str | None, **numbers: int) -> argparse.ArgumentParser:
@@ -46,17 +48,51 @@ def row(*cells: object) -> None:
     print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
-def append_csv(path: Path | None, outcomes: Iterable[Any]) -> None:
-    """Add dataclasses to a CSV file, which has a header of their fields."""
-    rows = [asdict(one) for one in outcomes]
-    if path is None or not rows:
-        return
-    new = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        if new:
-            writer.writeheader()
-        writer.writerows(rows)
+@dataclass
+class Calibration:
+    """What was told with some probability, whether it was so, and of which scene."""
+
+    told: list[float] = field(default_factory=list)
+    held: list[bool] = field(default_factory=list)
+    scene: list[int] = field(default_factory=list)
+
+    def add(self, told: Iterable[tuple[float, bool]]) -> None:
+        """Add what was told of one scene, and whether it was so."""
+        scene = self.scene[-1] + 1 if self.scene else 0
+        for probability, held in told:
+            self.told.append(probability)
+            self.held.append(held)
+            self.scene.append(scene)
+
+    def print(self, name: str) -> None:
+        """Print a table of the tenths that are not empty; none at all where nothing was told."""
+        if not self.told:
+            return
+        print()
+        head(f"{name} from", "number", "scenes", "told", "right", "95 % interval", "holds")
+        told, held, scene = np.array(self.told), np.array(self.held), np.array(self.scene)
+        place = np.minimum((told * 10).astype(int), 9)
+        for k in np.unique(place).tolist():
+            own = place == k
+            mean, share = float(told[own].mean()), float(held[own].mean())
+            counts = np.unique(scene[own], return_counts=True)[1]
+            low, high = interval(share, effective(counts))
+            holds = "yes" if abs(share - mean) <= WITHIN or low <= mean <= high else "no"
+            bounds = f"{low:.3f} – {high:.3f}"
+            row(f"{k / 10:.1f}", int(own.sum()), len(counts), f"{mean:.3f}", f"{share:.3f}", bounds, holds)
+
+
+def interval(share: float, count: float) -> tuple[float, float]:
+    """95 % interval of a share (Wilson 1927); ``count`` may be effective, see `effective`."""
+    z = 1.96
+    middle = (share * count + z * z / 2) / (count + z * z)
+    half = z / (count + z * z) * math.sqrt(share * (1.0 - share) * count + z * z / 4)
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def effective(counts: Integers) -> float:
+    """As many independent points as groups of so many tell that are right or wrong together (Kish 1965)."""
+    return float(counts.sum() ** 2 / (counts**2).sum())
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, float]:
@@ -120,12 +156,6 @@ def is_listed(match: rm.Match, truth: Integers) -> bool:
     """Whether a match is right, or ambiguous with the truth among its first alternatives."""
     others = [other for other, _ in match.alternatives[:LISTED]] if match.status is rm.Status.AMBIGUOUS else []
     return any(judge(one, truth)[2] for one in (match.assignment, *others))
-
-
-def point_by_point(match: rm.Match, truth: Integers) -> str:
-    """Confidence of each point, and 1 where its match, or its being unmatched, is right: ``0.998/1 0.73/0 …``."""
-    pairs = zip(match.confidence.tolist(), (match.assignment == truth).tolist(), strict=True)
-    return " ".join(f"{confidence:.5f}/{int(good)}" for confidence, good in pairs)
 
 
 def squared_error(pose: rm.Pose, R: Floats, t: Floats, scale: float = 1.0) -> float:

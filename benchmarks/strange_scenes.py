@@ -1,6 +1,4 @@
-"""Scenes of kinds that nothing was tuned on: how many bodies are trusted, and how many of these have a wrong match.
-
-    python benchmarks/strange_scenes.py --seeds 100 --first-seed 63500
+"""Scenes of kinds that nothing was tuned on: rows of `together.py`.
 
 ``stereo``: a ring of 16 LEDs before two cameras 6 cm apart, half of it beyond the edge of one. ``wand``: five LEDs
 within 5 mm of a line, three of them evenly spaced, two on its handle. ``tools``: two tools of the same six points in
@@ -15,8 +13,7 @@ or five LEDs on a line and one beside it, which is hidden: both readings of the 
 six markers without normals before two to four cameras, each of which shows three of them. ``family``: three bodies
 that differ by one LED, all given, of which one or two are in view.
 
-"Right": no match wrong and nine tenths of the visible points matched. The two tools may change places. A stray point
-may be matched with its own detection or be left out. Defaults were chosen on seeds below 2000.
+The two tools may change places. A stray point may be matched with its own detection or be left out.
 """
 
 from __future__ import annotations
@@ -25,10 +22,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from constellations import judge
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from shared import head, parser, row
 
 import rootmatch as rm
 
@@ -247,52 +242,3 @@ KINDS = {
     "markers": markers,
     "family": family,
 }
-
-
-def bodies_of(kind: str, made: Scene, match: rm.Match) -> list[tuple[bool, int, bool]]:
-    """Of each body: whether it is trusted, its wrong matches, and whether it is right."""
-    if kind in ("stereo", "markers"):
-        assert match.sightings is not None
-        each = [judge(one, truth) for one, truth in zip(match.sightings.assignment, made.truth, strict=True)]
-        wrong = sum(one[1] for one in each)
-        right, visible = sum(one[0] for one in each), sum(int((truth >= 0).sum()) for truth in made.truth)
-        return [(bool(match), wrong, wrong == 0 and right >= 0.9 * visible)]
-    if kind == "tools":
-        assert match.bodies is not None
-        parts = made.truth[0][:6], made.truth[0][6:]
-        out = []
-        for label in (0, 1):
-            one = match.bodies[label]
-            _, wrong, full = min((judge(one.assignment, truth) for truth in parts), key=lambda judged: judged[1])
-            out.append((bool(one), wrong, full))
-        return out
-    if kind == "family":
-        assert match.bodies is not None
-        labels = made.told["bodies"]
-        each = [(one, judge(one.assignment, made.truth[0][labels == k])) for k, one in match.bodies.items()]
-        return [(bool(one), wrong, full) for one, (_, wrong, full) in each]
-    every = [judge(match.assignment, truth) for truth in made.truth]
-    return [(bool(match), min(one[1] for one in every), any(one[2] for one in every))]
-
-
-def main() -> None:
-    """Print one row for each kind."""
-    ask = parser(__doc__, seeds=20, first_seed=1000)
-    ask.add_argument("--kinds", nargs="+", default=list(KINDS))
-    given = ask.parse_args()
-    head("kind", "bodies", "trusted", "right of these", "wrong of these", "seeds of wrong")
-    for kind in given.kinds:
-        every, wrong = [], []
-        for seed in range(given.first_seed, given.first_seed + given.seeds):
-            made = KINDS[kind](np.random.default_rng([seed, list(KINDS).index(kind)]))
-            match = rm.match(**made.told, noise=NOISE, seed=seed)
-            found = bodies_of(kind, made, match)
-            every += found
-            wrong += [seed for trusted, count, _ in found if trusted and count]
-        sure = [one for one in every if one[0]]
-        right = sum(one[2] for one in sure)
-        row(kind, len(every), len(sure), right, len(wrong), wrong)
-
-
-if __name__ == "__main__":
-    main()

@@ -5,12 +5,15 @@
 One scene of each kind of the other benchmarks for each seed, and flights of each family: images, two views, point sets.
 A body counts as shown if a scene shows five of its points or more, four of a set in space. "Right": trusted, no match
 wrong and nine tenths of the shown points matched. "Wrong": trusted, with a match that is not true; "expected": as many
-as the told probabilities say. Of a flight each frame counts, and "run" is the longest one of wrong frames.
+as the told probabilities say. Of a flight each frame counts, and "run" is the longest one of wrong frames. "ms" is the
+median processor time of a scene. Scenes of ``few_leds`` and the fiducials, headsets and drones come from modules that
+are no part of this repository, see `shared.scenes_of`; without them their rows are left out.
 
 Then by tenths of what was told, for each geometry: the probability of trusted matches is right where no match is wrong,
-that of others where the assignment is the truth; the confidence of a point, where its match or its lack of one is true.
-An interval counts scenes, as the points of one are right or wrong together. Scenes without one true answer, such as two
-of the same object of which one is asked for, count in the first table only.
+that of others where the assignment is the truth; the confidence of a match, and of a point without one, where that is
+true. A bin holds if the share that is right is within .03 of the mean told, or the mean within the interval. An
+interval counts scenes, as the points of one are right or wrong together. Scenes without one true answer, such as two of
+the same object of which one is asked for, count in the first table only.
 """
 
 from __future__ import annotations
@@ -18,7 +21,8 @@ from __future__ import annotations
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -26,7 +30,7 @@ import accuracy_scenes
 import adversary
 import adversary_rigs
 import constellations
-import evidence
+import drawn_scenes
 import fiducials
 import flights
 import joblib
@@ -36,13 +40,16 @@ import parts_in_space
 import regular_models
 import strange_scenes
 import unrelated
-from shared import Integers, head, parser, row, scenes_of
+from shared import Calibration, Integers, head, parser, row, scenes_of, timed
 
 import rootmatch as rm
 
-IMAGE, VIEWS, SPACE, FLIGHT = "one image", "two views", "point sets", "flights"
-LEAST = {IMAGE: 5, VIEWS: 8, SPACE: 4, FLIGHT: flights.FEW}
+IMAGE, VIEWS, SPACE, FLIGHT, MODEL = "one image", "two views", "point sets", "flights", "drawn by the model"
+LEAST = {IMAGE: 5, VIEWS: 8, SPACE: 4, MODEL: 5}
 """Shown points from which a right answer is asked for."""
+FEW_LEDS = "4-4-LR", "4-6-LR", "5-8-LR", "4-6-R", "5-8-R", "4-6-L", "5-8-L"
+"""LEDs of the right controller in view, clutter points, and the controllers that are looked for: the left one is its
+mirror image, and never there."""
 NO_ANSWER = ("tools", "unnamed-copy", "reflection", "near-board", "hidden-wand")
 """Kinds of strange scenes of which no labelling is the true one, or one of several is."""
 
@@ -58,8 +65,10 @@ class Told:
     wrong: bool
     probability: float | None
     as_told: bool
-    points: list[tuple[float, bool]]
-    """Confidence of each point, and whether what is told of it is true; none where no search was worth while."""
+    matches: list[tuple[float, bool]]
+    """Confidence of each matched point, and whether its match is true; none where no search was worth while."""
+    unmatched: list[tuple[float, bool]]
+    """Likewise of the others."""
     matched: bool = True
     counts: bool = True
     """Whether it counts in calibration."""
@@ -71,7 +80,7 @@ Scenes = Callable[[int], list[Told]]
 """The bodies of one seed."""
 
 
-def of_sets(match: rm.Match, own: list[set[int]], least: int, counts: bool = True) -> Told:
+def of_sets(match: rm.Match, own: list[set[int]], least: int) -> Told:
     """A body whose points, or sightings, have any of their own detections."""
     assignment = (match.assignment if match.sightings is None else match.sightings.assignment).ravel()
     true = [int(j) in may if j >= 0 else not may for j, may in zip(assignment, own, strict=True)]
@@ -79,17 +88,28 @@ def of_sets(match: rm.Match, own: list[set[int]], least: int, counts: bool = Tru
     shown, matched = len(set().union(*own)), int((assignment >= 0).sum())
     confidence = match.confidence.ravel()
     told = len(confidence) == len(true) and not np.isnan(confidence).any()
-    points = list(zip(confidence.tolist(), true, strict=True)) if told else []
+    points = list(zip(assignment, zip(confidence.tolist(), true, strict=True), strict=True)) if told else []
     trusted = bool(match)
     return Told(
         shown >= least, trusted, trusted and not wrong and matched >= 0.9 * shown - 1e-9, trusted and wrong,
-        match.probability, not wrong if trusted else all(true), points, matched > 0, counts,
+        match.probability, not wrong if trusted else all(true),
+        [point for j, point in points if j >= 0], [point for j, point in points if j < 0], matched > 0,
     )  # fmt: skip
 
 
-def of_one(match: rm.Match, truth: Integers, geometry: str, counts: bool = True) -> Told:
+def of_one(match: rm.Match, truth: Integers, geometry: str) -> Told:
     """A body whose points have one detection each, −1 for none."""
-    return of_sets(match, [{int(j)} if j >= 0 else set() for j in truth], LEAST[geometry], counts)
+    return of_sets(match, [{int(j)} if j >= 0 else set() for j in truth], LEAST[geometry])
+
+
+def of_bodies(arguments: dict[str, Any], truths: list[list[set[int]]], geometry: str) -> list[Told]:
+    """Bodies whose points, or sightings, have any of their own detections."""
+    try:
+        match = rm.match(**arguments, max_seconds=5.0)
+    except rm.InputError:  # too few detections for one hyper-edge
+        return []
+    bodies = [match] if match.bodies is None else list(match.bodies.values())
+    return [of_sets(body, truth, LEAST[geometry]) for body, truth in zip(bodies, truths, strict=True)]
 
 
 def of_constellation(scenes: ModuleType, family: str, seed: int) -> list[Told]:
@@ -98,35 +118,48 @@ def of_constellation(scenes: ModuleType, family: str, seed: int) -> list[Told]:
 
 
 def of_few(xr: ModuleType, family: str, seed: int) -> list[Told]:
-    found = evidence.few_leds(xr, family, seed, None)
-    return [of_one(match, truth, IMAGE) for match, truth in found.values()]
+    shown, clutter, asked = family.split("-")
+    frame = xr.few_leds(seed, int(shown), int(clutter))
+    points, normals, labels = xr.bodies(asked)
+    match = rm.match(
+        points, frame["target"], rm.P3P(rm.Camera.from_matrix(xr.ROOM_K)), noise=0.3, normals=normals, seed=seed,
+        view_angle=np.radians(70.0), bodies=labels if len(asked) > 1 else None,
+    )  # fmt: skip
+    truth = np.full(len(points), -1)
+    (real,), right = np.nonzero(frame["owner"][:, 0] >= 0), np.flatnonzero(labels == "R")
+    if len(right):
+        truth[right[frame["owner"][real, 1]]] = real
+    bodies = {asked: match} if match.bodies is None else match.bodies
+    return [of_one(one, truth[labels == label], IMAGE) for label, one in bodies.items()]
 
 
 def of_strange(kind: str, seed: int) -> list[Told]:
     scene = strange_scenes.KINDS[kind](np.random.default_rng([seed, list(strange_scenes.KINDS).index(kind)]))
     match = rm.match(**scene.told, noise=strange_scenes.NOISE, seed=seed)
-    if match.bodies is not None and kind != "tools":
-        labels = scene.told["bodies"]
-        return [of_one(one, scene.truth[0][labels == label], IMAGE) for label, one in match.bodies.items()]
     if match.sightings is not None:
         return [of_one(match, np.concatenate(scene.truth), IMAGE)]
-    judged = strange_scenes.bodies_of(kind, scene, match)
+    bodies, truths = [match], [scene.truth]
+    if match.bodies is not None:
+        labels, bodies = np.asarray(scene.told["bodies"]), list(match.bodies.values())
+        each = [scene.truth[0][labels == label] for label in match.bodies]
+        truths = [each] * len(each) if kind == "tools" else [[truth] for truth in each]
+    found = []
+    for body, may in zip(bodies, truths, strict=True):
+        told = (of_one(body, truth, IMAGE) for truth in may)
+        found.append(min(told, key=lambda one: (one.wrong, not one.right, not one.as_told)))
     if kind in NO_ANSWER:
-        return [
-            Told(False, trusted, trusted and full, trusted and bool(wrong), None, False, [], counts=False)
-            for trusted, wrong, full in judged
-        ]
-    return [min((of_one(match, truth, IMAGE) for truth in scene.truth), key=lambda one: (one.wrong, not one.as_told))]
+        return [replace(one, asked=False, probability=None, counts=False) for one in found]
+    return found
 
 
 def of_adversary(rigs: bool, seed: int) -> list[Told]:
     scene = adversary_rigs.drawn(seed) if rigs else adversary.drawn(seed)
-    try:
-        match = rm.match(**scene.arguments, max_seconds=5.0)
-    except rm.InputError:  # too few detections for one hyper-edge
-        return []
-    bodies = [match] if match.bodies is None else list(match.bodies.values())
-    return [of_sets(body, truth, LEAST[IMAGE]) for body, truth in zip(bodies, scene.truths, strict=True)]
+    return of_bodies(scene.arguments, scene.truths, IMAGE)
+
+
+def of_model(kind: str, seed: int) -> list[Told]:
+    made = drawn_scenes.drawn(seed, kind)
+    return [] if made is None else of_bodies(*made, MODEL)
 
 
 def of_case(case: accuracy_scenes.Case, geometry: str, seed: int) -> list[Told]:
@@ -185,7 +218,7 @@ def of_flight(xr: ModuleType, family: str, seed: int) -> list[Told]:
             runs[place] = runs[place] + 1 if trusted and bad else 0
             out.append(
                 Told(
-                    shown, trusted, trusted and full, trusted and bad, one.probability, not bad, [],
+                    shown, trusted, trusted and full, trusted and bad, one.probability, not bad, [], [],
                     counts=trusted, run=runs[place],
                 )
             )  # fmt: skip
@@ -204,9 +237,8 @@ def kinds_of(folder: str | None) -> Iterator[tuple[str, str, Scenes]]:
             if family != "real" and not family.startswith("unrelated"):
                 yield f"constellations, {family}", IMAGE, bound(of_constellation, scenes, family)
     if xr is not None:
-        for family in evidence.FAMILIES:
-            if family.startswith("few"):
-                yield f"few LEDs, {family[4:]}", IMAGE, bound(of_few, xr, family)
+        for family in FEW_LEDS:
+            yield f"few LEDs, {family}", IMAGE, bound(of_few, xr, family)
     for kind in strange_scenes.KINDS:
         yield f"strange scenes, {kind}", IMAGE, bound(of_strange, kind)
     for kind in regular_models.KINDS:
@@ -216,6 +248,8 @@ def kinds_of(folder: str | None) -> Iterator[tuple[str, str, Scenes]]:
         yield "scenes drawn to break it", IMAGE, bound(lambda k, seed: of_adversary(False, 10 * seed + k), number)
     for number in range(3):
         yield "the same with rigs", IMAGE, bound(lambda k, seed: of_adversary(True, 10 * seed + k), number)
+    for kind in drawn_scenes.KINDS:
+        yield f"{MODEL}, {kind}", MODEL, bound(of_model, kind)
     for case in itertools.chain(accuracy_scenes.simulated(), accuracy_scenes.ambiguous()):
         if "b 5" in case.name and "prior" in case.name:
             continue  # it says what is not true
@@ -235,28 +269,52 @@ def kinds_of(folder: str | None) -> Iterator[tuple[str, str, Scenes]]:
             yield f"flights, {family}", FLIGHT, bound(of_flight, xr, family)
 
 
-def results(place: int, seeds: list[int], folder: str | None) -> list[list[Told]]:
-    """The scenes of one row, each with its bodies."""
+@dataclass(frozen=True)
+class Judged:
+    """A scene of a row."""
+
+    seed: int
+    bodies: list[Told]
+    seconds: float
+    """Of the processor."""
+
+
+def results(place: int, seeds: list[int], folder: str | None) -> list[Judged]:
+    """The scenes of one row."""
     numba.set_num_threads(1)
     make = next(itertools.islice(kinds_of(folder), place, None))[2]
-    return [make(seed) for seed in seeds]
+    return [Judged(seed, *timed(partial(make, seed))) for seed in seeds]
 
 
-def print_row(name: str, every: list[Told]) -> None:
+COLUMNS = (
+    "scenes", "bodies", "shown", "right of these", "trusted", "wrong", "expected", "run", "ms", "seeds of wrong",
+)  # fmt: skip
+
+
+def print_row(name: str, scenes: list[Judged]) -> None:
     """One row of the first table."""
+    every = [one for scene in scenes for one in scene.bodies]
     asked, trusted = [one for one in every if one.asked], [one for one in every if one.trusted]
     expected = sum(1.0 - one.probability for one in trusted if one.probability is not None)
     row(
         name, len(every), len(asked), sum(one.right for one in asked), len(trusted), sum(one.wrong for one in every),
         f"{expected:.1f}", max((one.run for one in every), default=0) or "",
+        f"{1e3 * np.median([scene.seconds for scene in scenes]):.0f}",
+        " ".join(str(scene.seed) for scene in scenes if any(one.wrong for one in scene.bodies)),
     )  # fmt: skip
 
 
-def print_bins(name: str, one: evidence.Calibration) -> None:
-    """A table of tenths."""
-    print()
-    head(f"{name} from", "number", "scenes", "mean", "right, ± 95 %")
-    print("\n".join(one.lines()), flush=True)
+def print_calibration(geometry: str, scenes: list[Judged]) -> None:
+    """How often what was told of a geometry was right."""
+    counted = [[one for one in scene.bodies if one.counts] for scene in scenes]
+    of_bodies, of_matches, of_unmatched = Calibration(), Calibration(), Calibration()
+    for bodies in counted:
+        of_bodies.add((one.probability, one.as_told) for one in bodies if one.matched and one.probability is not None)
+        of_matches.add(point for one in bodies for point in one.matches)
+        of_unmatched.add(point for one in bodies for point in one.unmatched)
+    of_bodies.print(f"{geometry}: probability")
+    of_matches.print(f"{geometry}: confidence of matches")
+    of_unmatched.print(f"{geometry}: confidence of points without one")
 
 
 def main() -> None:
@@ -279,35 +337,23 @@ def main() -> None:
     found = joblib.Parallel(n_jobs=given.jobs, return_as="generator")(
         joblib.delayed(results)(place, seeds, given.scenes) for place, seeds in work
     )
-    by_row, by_geometry = defaultdict[str, list[Told]](list), defaultdict[str, list[list[Told]]](list)
+    by_row, by_kind, by_geometry = (defaultdict[str, list[Judged]](list) for _ in range(3))
     for (_, name, geometry), scenes in zip(rows, found, strict=True):
-        by_row[name] += itertools.chain.from_iterable(scenes)
+        by_row[name] += scenes
+        by_kind[name if name.startswith("flights") else name.split(",")[0]] += scenes
         by_geometry[geometry] += scenes
-    columns = "scenes", "bodies", "shown", "right of these", "trusted", "wrong", "expected", "run"
-    head(*columns)
-    for name, every in by_row.items():
-        print_row(name, every)
+    head(*COLUMNS)
+    for name, scenes in by_row.items():
+        print_row(name, scenes)
     print()
-    head(*columns)
-    by_kind = defaultdict[str, list[Told]](list)
-    for name, every in by_row.items():
-        by_kind[name if name.startswith("flights") else name.split(",")[0]] += every
-    for name, every in by_kind.items():
-        print_row(name, every)
+    head(*COLUMNS)
+    for name, scenes in by_kind.items():
+        print_row(name, scenes)
     for geometry, scenes in by_geometry.items():
-        print_row(f"**{geometry}**", list(itertools.chain.from_iterable(scenes)))
+        print_row(f"**{geometry}**", scenes)
     print_row("**all**", list(itertools.chain.from_iterable(by_row.values())))
     for geometry, scenes in by_geometry.items():
-        probability, confidence = evidence.Calibration(), evidence.Calibration()
-        for bodies in scenes:
-            bodies = [one for one in bodies if one.counts]
-            told = [one for one in bodies if one.matched and one.probability is not None]
-            probability.add([one.probability for one in told], [one.as_told for one in told])  # type: ignore[misc]
-            points = [point for one in bodies for point in one.points]
-            confidence.add([one for one, _ in points], [good for _, good in points])
-        print_bins(f"{geometry}: probability", probability)
-        if confidence.told:
-            print_bins(f"{geometry}: confidence", confidence)
+        print_calibration(geometry, scenes)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,14 @@
-"""How often a match of points that have nothing to do with each other is trusted, for every problem that fits poses.
+"""Points that have nothing to do with each other, for every problem that fits poses: rows of `together.py`.
 
-    python benchmarks/unrelated.py --scenes 1000 --first-seed 40000
-
-Points are uniform in a box, detections in an image of 640 × 480 pixels; n, n' and σ are drawn for each scene. Seeds
-from 40000 chose nothing. Times are processor milliseconds of one thread.
+Points are uniform in a box, detections in an image of 640 × 480 pixels; n, n' and σ are drawn for each scene.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
-import numba
 import numpy as np
-from shared import head, parser, row, timed
 
 import rootmatch as rm
 
@@ -69,29 +63,3 @@ PROBLEMS: dict[str, Callable[[np.random.Generator], Scene]] = {
     "similarity, 3": sets(rm.Similarity, 3),
     "similarity, 2": sets(rm.Similarity, 2),
 }
-
-
-def main() -> None:
-    ask = parser(__doc__, scenes=100, first_seed=1000)
-    ask.add_argument("--problems", nargs="+", choices=sorted(PROBLEMS), default=list(PROBLEMS))
-    given = ask.parse_args()
-    numba.set_num_threads(1)
-    head("problem", "scenes", "matched", "ambiguous", "ms", "longest ms", "matched, seeds")
-    for name in given.problems:
-        draw = PROBLEMS[name]
-        source, target, told = draw(np.random.default_rng([given.first_seed - 1, len(name)]))
-        rm.match(source, target, **told)  # compiles
-        seconds, trusted, ambiguous = [], [], 0
-        for seed in range(given.first_seed, given.first_seed + given.scenes):
-            source, target, told = draw(np.random.default_rng([seed, len(name)]))
-            found, took = timed(partial(rm.match, source, target, **told, seed=seed))
-            seconds.append(1e3 * took)
-            ambiguous += found.status is rm.Status.AMBIGUOUS
-            if found:
-                trusted.append(str(seed))
-        times = f"{np.median(seconds):.1f}", f"{max(seconds):.0f}"
-        row(name, given.scenes, len(trusted), ambiguous, *times, " ".join(trusted))
-
-
-if __name__ == "__main__":
-    main()

@@ -137,13 +137,13 @@ def _directions() -> list[np.ndarray]:
     return made
 
 
-@pytest.mark.parametrize("direction", _directions())
 @pytest.mark.parametrize("length", [1.0, 1e-6, 3e7])
-def test_turn_to_y_is_a_rotation_onto_y(direction: np.ndarray, length: float) -> None:
-    turn = rotation_to_vertical(length * direction)
-    np.testing.assert_allclose(turn @ (direction / np.linalg.norm(direction)), [0.0, 1.0, 0.0], atol=1e-14)
-    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-14)
-    assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-14)
+def test_turn_to_y_is_a_rotation_onto_y(length: float) -> None:
+    for direction in _directions():
+        turn = rotation_to_vertical(length * direction)
+        np.testing.assert_allclose(turn @ (direction / np.linalg.norm(direction)), [0.0, 1.0, 0.0], atol=1e-14)
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-14)
 
 
 def test_turn_to_y_is_the_smallest_turn() -> None:

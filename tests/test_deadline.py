@@ -405,7 +405,7 @@ Dispatcher.add_overload = counted
 rm.match(source[:8], target[:9], problem, sampler="guided")
 for _ in range(8):  # what is needed is compiled: no compiler is interrupted
     loaded[0] = 0
-    rm.match(source, target, problem, sampler="guided", max_seconds=2.0)
+    rm.match(source, target, problem, sampler="guided", max_seconds=1.0)
     if not loaded[0]:
         break
 print("compiled", flush=True)

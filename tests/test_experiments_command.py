@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from rootmatch.cli import progress
 from rootmatch.cli.app import app
-from rootmatch.research import progress, sweep
+from rootmatch.research import sweep
 from rootmatch.research.paper import reproduce
 from rootmatch.research.paper.reproduce import Reproduction
 from rootmatch.research.paper.settings import Effort
-from rootmatch.research.progress import Console
 
 
 @pytest.fixture
@@ -20,9 +20,9 @@ def call(monkeypatch):
 
     def work(problems, output, **options):
         asked.update(options, problems=problems, output=output)
-        if options["progress"] is not None:
-            options["progress"].begin("scenes", 4)
-            options["progress"].advance(4)
+        with options["progress"]("scenes") as show:
+            if show is not None:
+                show(4, 4)
         return Reproduction((output / "claims.md",), None)
 
     monkeypatch.setattr("rootmatch.research.paper.reproduce.reproduce", work)
@@ -41,8 +41,7 @@ def test_all_problems_and_the_papers_number_of_instances_are_the_default(call):
     assert asked["output"] == Path("somewhere")
     assert (asked["effort"], asked["seed"], asked["jobs"], asked["scheduler"]) == (Effort(100), 0, -1, None)
     assert result.stdout == "somewhere/claims.md\n"
-    assert "scenes: 4 rows to compute" in result.stderr
-    assert "scenes: done in 0:00:00" in result.stderr
+    assert result.stderr == "scenes: 100 %\n"
 
 
 def test_options_arrive(call):
@@ -52,7 +51,6 @@ def test_options_arrive(call):
     assert result.exit_code == 0, result.output
     assert asked["problems"] == ("3p1",)
     assert (asked["effort"], asked["seed"], asked["jobs"], asked["scheduler"]) == (Effort(7), 3, 2, "tcp://a:1")
-    assert asked["progress"] is None
     assert result.stderr == ""
 
 
@@ -84,18 +82,15 @@ def test_mistakes_take_one_line_and_exit_code_two(tmp_path, monkeypatch, argumen
 def test_log_says_how_much_time_is_left(monkeypatch, capsys):
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    with Console() as console:
-        console.begin("scenes", 100)
-        for _ in range(4):
+    with progress.progress_bar("scenes", True) as show:
+        for done in (0, 20, 24, 28, 100):
+            show(done, 100)
             now[0] += 20.0
-            console.advance(20)
-        now[0] += 5000.0
-        console.advance(20)
     assert capsys.readouterr().err.splitlines() == [
-        "scenes: 100 rows to compute",
-        "scenes: 40 of 100 rows, about 0:01:00 left",
-        "scenes: 80 of 100 rows, about 0:00:20 left",
-        "scenes: done in 1:24:40",
+        "scenes: 0 %",
+        "scenes: 20 %, about 0:01:20 left",
+        "scenes: 28 %, about 0:02:34 left",
+        "scenes: 100 %",
     ]
 
 

@@ -194,13 +194,14 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done = CliRunner().invoke(app, ["reproduce", "hypergraph", "--output", "x", "--instances", "3", "--quiet"])
     assert done.exit_code == 0, done.output
     assert done.stdout == "x/hypergraph.md\n"
+    with asked.pop("progress")("scenes") as show:
+        assert show is None
     assert asked == {
         "output": Path("x"),
         "instances": 3,
         "seed": 0,
         "jobs": -1,
         "scheduler": None,
-        "progress": None,
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import rootmatch
@@ -42,44 +43,10 @@ def imported(path: Path, known: dict[str, Path]) -> set[str]:
     return found & known.keys()
 
 
-def cycles(graph: dict[str, set[str]]) -> list[set[str]]:
-    """Groups of modules each of which reaches the others and itself (Tarjan's strongly connected components)."""
-    number: dict[str, int] = {}
-    low: dict[str, int] = {}
-    stack: list[str] = []
-    found: list[set[str]] = []
-
-    def visit(module: str) -> None:
-        number[module] = low[module] = len(number)
-        stack.append(module)
-        for other in sorted(graph[module]):
-            if other not in number:
-                visit(other)
-                low[module] = min(low[module], low[other])
-            elif other in stack:
-                low[module] = min(low[module], number[other])
-        if low[module] == number[module]:
-            members = {stack.pop()}
-            while module not in members:
-                members.add(stack.pop())
-            if len(members) > 1 or module in graph[module]:
-                found.append(members)
-
-    for module in sorted(graph):
-        if module not in number:
-            visit(module)
-    return found
-
-
-def test_the_walk_finds_cycles() -> None:
-    assert cycles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a", "d"}, "e": {"d"}}) == [{"a", "b", "c"}, {"d"}]
-
-
 def test_no_modules_import_each_other() -> None:
     known = modules()
     assert len(known) > 100
-    found = cycles({name: imported(path, known) for name, path in known.items()})
-    assert [sorted(cycle) for cycle in found] == []
+    TopologicalSorter({name: imported(path, known) for name, path in known.items()}).prepare()  # raises `CycleError`
 
 
 def test_nothing_is_imported_for_its_side_effects() -> None:

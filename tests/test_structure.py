@@ -10,19 +10,23 @@ SOURCES = Path(__file__).resolve().parents[1] / "src" / "rootmatch"
 
 
 @cache
-def calls() -> list[tuple[str, str]]:
-    """Each name that is called, and the file."""
+def nodes() -> list[tuple[str, ast.Call | ast.keyword | ast.FunctionDef]]:
+    """Calls, keywords and functions of each file."""
     return [
-        (getattr(node.func, "id", getattr(node.func, "attr", "")), path.relative_to(SOURCES).as_posix())
+        (path.relative_to(SOURCES).as_posix(), node)
         for path in SOURCES.rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Call)
+        if isinstance(node, ast.Call | ast.keyword | ast.FunctionDef)
     ]
 
 
 def callers(name: str) -> set[str]:
     """Files that call a function of that name."""
-    return {path for called, path in calls() if called == name}
+    return {
+        path
+        for path, node in nodes()
+        if isinstance(node, ast.Call) and name in (getattr(node.func, "id", ""), getattr(node.func, "attr", ""))
+    }
 
 
 def test_noise_is_parsed_in_one_place() -> None:
@@ -49,52 +53,40 @@ def test_one_function_decides_and_one_reports() -> None:
     """Stages state facts: nobody else makes a status of them, or a match of what was found."""
     assert callers("Match") == {"result.py"}
     assert callers("decide") == {"explain/decide.py"}  # `Facts.status`
-    made = {
-        path.relative_to(SOURCES).as_posix()
-        for path in SOURCES.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.keyword) and node.arg == "status" and path.name != "store.py"
-    }
-    assert made == set()
+    made = {path for path, node in nodes() if isinstance(node, ast.keyword) and node.arg == "status"}
+    assert made <= {"research/store.py"}
 
 
 JITTED = {"driver", "kernel", "part", "scalar", "internal", "njit", "kept_on_disk"}
 
 
-def slow_to_compile(text: str) -> list[int]:
-    """Lines of jitted functions that sort, or assign an array to a slice.
+def slow_to_compile(function: ast.FunctionDef) -> list[int]:
+    """Lines of a jitted function that sort, or assign an array to a slice.
 
     Numba takes a second to compile its sort, and for such an assignment several: it compiles the words of an error
     about shapes, and of strings and lists what these need.
     """
-    lines = []
-    for function in ast.walk(ast.parse(text)):
-        if not isinstance(function, ast.FunctionDef):
-            continue
-        names = {getattr(getattr(decorator, "func", decorator), "id", "") for decorator in function.decorator_list}
-        if not names & JITTED:
-            continue
-        for node in ast.walk(function):
-            if isinstance(node, ast.Call) and getattr(node.func, "attr", "") in ("sort", "argsort", "median"):
-                lines.append(node.lineno)
-            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name | ast.Subscript):
-                lines += [
-                    node.lineno
-                    for target in node.targets
-                    if isinstance(target, ast.Subscript)
-                    for part in getattr(target.slice, "elts", [target.slice])
-                    if isinstance(part, ast.Slice)
-                ]
+    names = {getattr(getattr(decorator, "func", decorator), "id", "") for decorator in function.decorator_list}
+    lines: list[int] = []
+    for node in ast.walk(function) if names & JITTED else ():
+        if isinstance(node, ast.Call) and getattr(node.func, "attr", "") in ("sort", "argsort", "median"):
+            lines.append(node.lineno)
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name | ast.Subscript):
+            lines += [
+                node.lineno
+                for target in node.targets
+                if isinstance(target, ast.Subscript)
+                for part in getattr(target.slice, "elts", [target.slice])
+                if isinstance(part, ast.Slice)
+            ]
     return lines
 
 
 def test_kernels_hold_nothing_that_takes_seconds_to_compile() -> None:
     example = "@part\ndef f(a, b):\n    a[:] = 0.0\n    a[0] = b[0]\n    a[:] = b\n    a[0, :] = b[0]\n    np.sort(a)\n"
-    assert slow_to_compile(example) == [5, 6, 7]
-    assert slow_to_compile(example.replace("@part\n", "")) == []
-    found = {
-        path.relative_to(SOURCES).as_posix(): lines
-        for path in SOURCES.rglob("*.py")
-        if (lines := slow_to_compile(path.read_text(encoding="utf-8")))
-    }
-    assert found == {}
+    for text, lines in ((example, [5, 6, 7]), (example.replace("@part\n", ""), [])):
+        (function,) = ast.parse(text).body
+        assert isinstance(function, ast.FunctionDef)
+        assert slow_to_compile(function) == lines
+    functions = [(path, node) for path, node in nodes() if isinstance(node, ast.FunctionDef)]
+    assert {(path, node.name) for path, node in functions if slow_to_compile(node)} == set()

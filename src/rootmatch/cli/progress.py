@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import timedelta
+
+from rootmatch.backends.strongest import Progress as Show
 
 DELAY = 2.0
 """Seconds of work after which a bar appears by default."""
-STEPS = 10
-"""Progress lines in total where there is no terminal to draw a bar in."""
-
-Show = Callable[[int, int], None]
+STEPS, INTERVAL = 10, 30.0
+"""Progress lines in total where there is no terminal to draw a bar in, but one at least in so many seconds."""
 
 
 @contextmanager
@@ -56,14 +57,17 @@ def _bar(what: str, delay: float) -> Iterator[Show]:
 
 
 def _lines(what: str) -> Show:
-    """A line at the start and after each tenth of the work, for a file or a pipe."""
-    reported = -1
+    """Lines with the remaining time, for a file or a pipe: at the start, and as the work goes on."""
+    reported, started = -1, time.monotonic()
+    told = started
 
     def show(done: int, total: int) -> None:
-        nonlocal reported
-        step = STEPS * done // max(total, 1)
-        if step > reported:
-            reported = step
-            print(f"{what}: {100 * done // max(total, 1)} %", file=sys.stderr, flush=True)
+        nonlocal reported, told
+        now, step = time.monotonic(), STEPS * done // max(total, 1)
+        if step > reported or now - told > INTERVAL:
+            reported, told = step, now
+            left = timedelta(seconds=round((now - started) * (total - done) / max(done, 1)))
+            after = f", about {left} left" if 0 < done < total else ""
+            print(f"{what}: {100 * done // max(total, 1)} %{after}", file=sys.stderr, flush=True)
 
     return show

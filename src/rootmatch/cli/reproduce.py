@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -51,20 +52,18 @@ def reproduce(
 
     Exit code 0: done; 2: bad input; 130: interrupted, finished work is kept.
     """
-    from contextlib import nullcontext
-
+    from rootmatch.cli.progress import progress_bar
     from rootmatch.research.hypergraph.run import reproduce as run_protocols
     from rootmatch.research.paper.reproduce import reproduce as run
     from rootmatch.research.paper.settings import PROBLEMS, Effort
-    from rootmatch.research.progress import Console
 
     leaves("finished work is kept, and the same command continues")
-    with nullcontext() if quiet else Console() as progress:
-        how: dict[str, Any] = {"seed": seed, "jobs": jobs, "scheduler": scheduler, "progress": progress}
-        if which is Which.HYPERGRAPH:
-            files = run_protocols(output, instances=(10 if quick else 100) if instances is None else instances, **how)
-        else:
-            effort = Effort((4 if quick else 100) if instances is None else instances, quick)
-            files = run(PROBLEMS if which is Which.ALL else (which.value,), output, effort=effort, **how).files
+    progress = partial(progress_bar, wanted=not quiet)
+    how: dict[str, Any] = {"seed": seed, "jobs": jobs, "scheduler": scheduler, "progress": progress}
+    if which is Which.HYPERGRAPH:
+        files = run_protocols(output, instances=(10 if quick else 100) if instances is None else instances, **how)
+    else:
+        effort = Effort((4 if quick else 100) if instances is None else instances, quick)
+        files = run(PROBLEMS if which is Which.ALL else (which.value,), output, effort=effort, **how).files
     for path in files:
         typer.echo(path)

@@ -55,7 +55,7 @@ class TrustOptions:
 TRUST = TrustOptions()
 MIN_PROBABILITY = 0.95
 """Least probability of a match that is trusted by a model of the image, of two views, or of point sets. On seeds from
-1000 of benchmarks/evidence.py, 0.9 trusted 5 wrong matches of 480 controllers with 4 and 5 LEDs, and 0.95 none."""
+1000 of benchmarks/together.py, 0.9 trusted 5 wrong matches of 480 controllers with 4 and 5 LEDs, and 0.95 none."""
 
 
 class Status(Enum):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from itertools import combinations, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,9 +44,9 @@ def line_readings(model: DetectionModel, assignments: Integers) -> Proposals:
         for reading in _readings(model, row):
             (used,) = np.nonzero(reading >= 0)
             origin, axis = _line_through(model.points[used])
-            found = _line_of(model.rays[reading[used]], (model.points[used] - origin) @ axis)
-            if found is not None:
-                parts.append(_about(model, reading, (origin, axis), found))
+            seen = _lines_of(model.rays[reading[used]][None], ((model.points[used] - origin) @ axis)[None])
+            if seen.in_front[0]:
+                parts.append(_about(model, reading, (origin, axis), (seen.place[0], seen.direction[0])))
     return joined(parts)
 
 
@@ -69,11 +70,11 @@ def _readings(model: DetectionModel, row: Integers) -> list[Integers]:
         places, seen = model.points[points], in_order[images]
         own = places - places.mean(axis=1, keepdims=True)
         axis = np.linalg.eigh(own.swapaxes(1, 2) @ own)[1][:, :, 2:]
-        fits, misfit = _fits(model.rays[seen], (own @ axis)[..., 0])
-        for k in np.flatnonzero(fits)[np.argsort(misfit[fits], kind="stable")][:KEPT]:
+        lines = _lines_of(model.rays[seen], (own @ axis)[..., 0])
+        for k in np.flatnonzero(lines.in_front)[np.argsort(lines.misfit[lines.in_front], kind="stable")][:KEPT]:
             reading = np.full_like(row, -1)
             reading[points[k]] = seen[k]
-            found.append((float(misfit[k]), reading))
+            found.append((float(lines.misfit[k]), reading))
     return [one for _, one in sorted(found, key=lambda each: each[0])[:KEPT]]
 
 
@@ -138,34 +139,34 @@ def lines_of(points: Floats) -> list[Integers]:
     return list(found.values())
 
 
-def _fits(rays: Floats, along: Floats) -> tuple[Bools, Floats]:
-    """Whether lines can have rays (B, k, 3) to points at places (B, k) on them, and the misfits (B,)."""
-    squares, vectors = np.linalg.eigh((rows := _rows(rays, along)).swapaxes(1, 2) @ rows)
+class _Lines(NamedTuple):
+    """Lines in the camera frame."""
+
+    place: Floats
+    """(B, 3) of the origins of their points."""
+    direction: Floats
+    """(B, 3)."""
+    in_front: Bools
+    """(B,) whether all points are in front of the camera."""
+    misfit: Floats
+    """(B,)."""
+
+
+def _lines_of(rays: Floats, along: Floats) -> _Lines:
+    """Lines from rays (B, k, 3) to points at known places (B, k) on them.
+
+    The least squares of r × (c + s d) over unit vectors (c, d), brought to the length of d.
+    """
+    cross = np.cross(rays[..., None, :], np.eye(3)).swapaxes(-1, -2)
+    rows = np.concatenate([cross, along[..., None, None] * cross], axis=-1).reshape(len(rays), -1, 6)
+    squares, vectors = np.linalg.eigh(rows.swapaxes(1, 2) @ rows)
     place, direction = vectors[:, :3, 0], vectors[:, 3:, 0]
     depths = ((place[:, None] + along[..., None] * direction[:, None]) * rays).sum(axis=2)
-    return (depths > 0.0).all(axis=1) | (depths < 0.0).all(axis=1), np.sqrt(np.maximum(squares[:, 0], 0.0))
-
-
-def _rows(rays: Floats, along: Floats) -> Floats:
-    """Rows (…, 3 k, 6) of r × (c + s d) for rays (…, k, 3) and places s (…, k)."""
-    cross = np.cross(rays[..., None, :], np.eye(3)).swapaxes(-1, -2)
-    return np.concatenate([cross, along[..., None, None] * cross], axis=-1).reshape(*rays.shape[:-2], -1, 6)
-
-
-def _line_of(rays: Floats, along: Floats) -> tuple[Floats, Floats] | None:
-    """Place (3,) of the origin of a line and its direction (3,) from rays (k, 3) to points at known places on it.
-
-    The least squares of r × (c + s d) over unit vectors (c, d), brought to the length of d. None behind the camera.
-    """
-    solution = np.linalg.svd(_rows(rays, along))[2][-1]
-    size = float(np.linalg.norm(solution[3:]))
-    if not size > 0.0 or not np.isfinite(solution).all():
-        return None
-    place, direction = solution[:3] / size, solution[3:] / size
-    depths = ((place + along[:, None] * direction) * rays).sum(axis=1)
-    if (depths < 0.0).all():
-        return -place, -direction
-    return (place, direction) if (depths > 0.0).all() else None
+    size = np.linalg.norm(direction, axis=1)
+    in_front = (size > 0.0) & (np.abs(np.sign(depths).sum(axis=1)) == depths.shape[1])  # all ahead, or all behind
+    size = np.where(depths[:, 0] < 0.0, -1.0, 1.0) * np.maximum(size, np.finfo(float).tiny)
+    misfit = np.sqrt(np.maximum(squares[:, 0], 0.0))
+    return _Lines(place / size[:, None], direction / size[:, None], in_front, misfit)
 
 
 def _about(

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
@@ -17,16 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends.dask import connected
+from rootmatch.backends.strongest import Progress
 from rootmatch.backends.worker_lifetime import pool
 from rootmatch.errors import InputError, RootmatchError
 from rootmatch.research.paper.settings import Method, Setting
 from rootmatch.research.paper.work_unit import Task, Unit, evaluate
-from rootmatch.research.progress import Progress
 from rootmatch.research.store import Row, Store, versions_in_use
 
 Plan = dict[Setting, tuple[tuple[Method, tuple[int, ...]], ...]]
 """What is to be tried on each setting: methods, each with its sample sizes."""
 
+Stage = Callable[[str], AbstractContextManager[Progress | None]]
+"""Begins a stage of a run, by its title, and gives what its progress is told to."""
 Evaluate = Callable[[Unit], list[Row]]
 
 IN_FLIGHT = 2
@@ -91,8 +94,8 @@ def run(
         Processes on this machine; −1 for one a processor. Not used with a scheduler.
     scheduler : str, optional
         Address of a Dask scheduler, ``tcp://host:port``; its workers need this package in this version.
-    progress : Progress, optional
-        Told of every unit.
+    progress : callable, optional
+        Called with (rows done, rows in all) after every unit.
     function : callable
         Works out a unit; another one in tests.
 
@@ -106,10 +109,12 @@ def run(
     if not work:
         return
     results = _on_cluster(work, scheduler, function) if scheduler else _here(work, jobs, function)
+    done, total = 0, sum(unit.rows for unit in work)
     for result in results:
         store.add(result.rows, result.versions, result.seconds)
+        done += len(result.rows)
         if progress is not None:
-            progress.advance(len(result.rows))
+            progress(done, total)
 
 
 def complete(
@@ -120,14 +125,13 @@ def complete(
     *,
     jobs: int,
     scheduler: str | None,
-    progress: Progress | None,
+    progress: Stage | None,
     function: Evaluate = evaluate,
 ) -> None:
     """Run what the store lacks of a plan, a stage of the progress with that title; see `run`."""
-    work = units(plan, seeds, store)
-    if progress is not None and work:
-        progress.begin(title, sum(unit.rows for unit in work))
-    run(work, store, jobs=jobs, scheduler=scheduler, progress=progress, function=function)
+    if work := units(plan, seeds, store):
+        with nullcontext() if progress is None else progress(title) as show:
+            run(work, store, jobs=jobs, scheduler=scheduler, progress=show, function=function)
 
 
 def accuracies(plan: Plan, seeds: range, store: Store) -> dict[tuple[Setting, Method, int], NDArray[np.float64]]:

@@ -26,20 +26,26 @@ def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
     absent = log_back(belief.poses[0], time) if holds else belief.log_absent(found, found.mode, time, seen=False)
     sure = {
         "it may be in a place in which it was followed before": 1.0 - belief.gone.share,
-        "it may be another one that looks like it and came into view": 1.0 / (1.0 + COPY * math.exp(absent)),
+        "it may be another one that looks like it and came into view": _against(math.log(COPY) + absent),
     }
     if holds:
         unseen = share_unseen(found, belief.poses, belief.places) if len(belief.poses) > 1 else 0.0
         sure |= {
             "it may have another pose, as a frame left more poses possible than are followed": 1.0 - belief.unfollowed,
             "it may be in another followed place, of which this frame shows nothing": 1.0 - unseen,
-            "it may be something else of nearly its shape, as not every frame fitted": 1.0
-            / (1.0 + math.exp(belief.poses[0].log_other)),
+            "it may be something else of nearly its shape, as not every frame fitted": _against(
+                belief.poses[0].log_other
+            ),
             "it was not in view a moment ago, and little shows it now": chance_returned(
                 1.0 if told is None else told.clutter, belief.returned(time)
             ),
         }
     elif found.pose is not None and belief.given_up is not None:
         other = log_other_in_sight(belief.given_up, found.pose, time)
-        sure["what was followed in its line of sight a moment ago did not fit"] = 1.0 / (1.0 + math.exp(other))
+        sure["what was followed in its line of sight a moment ago did not fit"] = _against(other)
     return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))
+
+
+def _against(log_odds: float) -> float:
+    """Probability that what has such odds is not so."""
+    return 1.0 / (1.0 + math.exp(log_odds))

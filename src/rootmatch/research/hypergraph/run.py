@@ -14,9 +14,8 @@ from rootmatch.research.hypergraph.protocol import DEFORMATION, SETTINGS, instan
 from rootmatch.research.hypergraph.report import Results, write
 from rootmatch.research.paper.settings import Method, Setting
 from rootmatch.research.paper.work_unit import Unit
-from rootmatch.research.progress import Progress
 from rootmatch.research.store import Row, Store
-from rootmatch.research.sweep import Plan, accuracies, check_jobs, complete
+from rootmatch.research.sweep import Plan, Stage, accuracies, check_jobs, complete
 from rootmatch.solvers import (
     BlockCoordinateAscent,
     KLProjection,
@@ -99,7 +98,7 @@ def reproduce(
     seed: int = 0,
     jobs: int = -1,
     scheduler: str | None = None,
-    progress: Progress | None = None,
+    progress: Stage | None = None,
     settings: dict[str, tuple[Setting, ...]] = SETTINGS,
 ) -> tuple[Path, ...]:
     """Run what is missing of both protocols and write the table, the figure and the numbers.

@@ -16,9 +16,8 @@ from rootmatch.research.paper.plan import Table, Variant, plan_of
 from rootmatch.research.paper.rho import RESIDUALS, Rhos, Rule, choose, scan_plan
 from rootmatch.research.paper.settings import PROBLEMS, SCAN_SEED, Effort
 from rootmatch.research.paper.work_unit import evaluate
-from rootmatch.research.progress import Progress
 from rootmatch.research.store import Store
-from rootmatch.research.sweep import Evaluate, accuracies, check_jobs, complete, units
+from rootmatch.research.sweep import Evaluate, Stage, accuracies, check_jobs, complete, units
 
 STORE_NAME = "results.sqlite"
 
@@ -39,7 +38,7 @@ def reproduce(
     seed: int = 0,
     jobs: int = -1,
     scheduler: str | None = None,
-    progress: Progress | None = None,
+    progress: Stage | None = None,
     function: Evaluate = evaluate,
 ) -> Reproduction:
     """Run what is missing of the experiments, then draw the figures and judge the claims.
