@@ -15,10 +15,11 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model import image_alike
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, settled_about
-from rootmatch.model.image_alike import ERRORS, log_odds_alike
+from rootmatch.model.image_alike import ERRORS, REACH, SEEN, _near, log_odds_alike
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Broad
+from rootmatch.model.prediction import HIDDEN
 from rootmatch.model.proposals import Proposals
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -123,6 +124,38 @@ def test_what_is_far_from_all_points_tells_nothing_and_is_not_looked_at() -> Non
     model, assignment = exact_and_off(6e-3)
     others = np.arange(8) >= 4
     assert alike(model, mode_of(model, assignment), others) is None
+
+
+@pytest.mark.parametrize("place", [0.0, 3.0, -150.0])
+def test_what_points_gain_by_what_is_near_is_that_of_formulas(place: float) -> None:
+    """For each point without a match the best of the free detections within reach of points that are off."""
+    model, assignment = exact_and_off(6e-3, place)
+    mode, errors, taken = mode_of(model, assignment), ERRORS * model.radius, np.arange(8) == 6
+    gains, free = _near(model, mode, 0, errors, taken)
+    at, left = model.linearised(mode.rotation, mode.position), np.array([4, 5, 7])
+    (missed,) = np.nonzero((assignment < 0) & (mode.visible[0] > HIDDEN))
+    squares = ((at.pixels[0, missed][:, None] - model.target[left]) ** 2).sum(axis=2)
+    rows, own = at.jacobian[0, missed], model.sigma[left] ** 2
+    by_pose = 0.5 * np.einsum("nia,ab,nib->n", rows, mode.covariance[0], rows)[:, None] / own
+    wide = errors[:, None, None] ** 2 * 0.5 * (at.by_position[0, missed] ** 2).sum(axis=(1, 2))[:, None] + own
+    each = SEEN - model.clutter.log_density[left] - np.log(2.0 * np.pi * wide)
+    near = squares < REACH**2 * wide * (1.0 + by_pose)
+    expected = np.where(near, each, 0.0).max(axis=2, initial=0.0)
+    assert free == 3
+    np.testing.assert_allclose(gains, expected if near[-1].any() else expected[:, :0], rtol=1e-9)
+    assert near.any() == (place >= 0.0)
+
+
+def test_what_is_near_but_could_not_matter_is_as_if_it_was_not_there() -> None:
+    """Of eight points that have exact matches but one, which has a detection at the rim of what may be its own."""
+    rng = np.random.default_rng(3)
+    body = rng.uniform(-0.1, 0.1, (8, 3))
+    target = CAMERA.project(body + np.array((0.0, 0.0, 0.8)))
+    target[7] += 10.0
+    model = DetectionModel(CAMERA, body, target, np.full(8, SIGMA), prior=Broad())
+    mode = mode_of(model, np.where(np.arange(8) < 7, np.arange(8), -1))
+    assert _near(model, mode, 0, ERRORS * model.radius, None)[0].any()
+    assert alike(model, mode) is None
 
 
 def test_clutter_that_is_near_by_chance_is_as_many_as_expected() -> None:

@@ -17,11 +17,12 @@ R = TypeVar("R")
 T = TypeVar("T")
 
 
-def kept_by_values(most: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def kept_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorator that keeps the last results of a function by the values of its arguments, arrays among them.
 
-    For what frame after frame, or every search, asks again of the same body. The function gets read-only arrays; who
-    gets its result shares it with all others, and does not write into it.
+    For what frame after frame, or every search, asks again of the same body. The function gets read-only arrays, unless
+    ``frozen`` is False as it keeps none and writes into none; who gets its result shares it with all others, and does
+    not write into it.
     """
 
     def decorated(function: Callable[P, R]) -> Callable[P, R]:
@@ -36,7 +37,11 @@ def kept_by_values(most: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
                 return kept[key]
             except KeyError:  # not known, or just dropped by another thread
                 pass
-            kept[key] = found = function(*map(_frozen, arguments), **{k: _frozen(one) for k, one in named.items()})
+            if frozen:
+                found = function(*map(_frozen, arguments), **{k: _frozen(one) for k, one in named.items()})
+            else:
+                found = function(*arguments, **named)
+            kept[key] = found
             if len(kept) > most:
                 kept.popitem(last=False)
             return found

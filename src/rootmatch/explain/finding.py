@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
+NOTHING = Facts(confirmed=False, lead=0.0)
+"""Of what leaves nothing to match."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Finding:
     """An assignment and what is known about it; `rootmatch.Match` explains what the attributes mean to a caller.
@@ -286,7 +290,7 @@ def nothing_found(task: MatchingTask, reason: str | None) -> Finding:
         task=task,
         assignment=np.full(task.rows, -1, np.int64),
         others=[],
-        facts=Facts(confirmed=False, lead=0.0),
+        facts=NOTHING,
         tensor=empty_tensor(task),
         scores=[0.0],
         soft=np.zeros(task.row_shape),

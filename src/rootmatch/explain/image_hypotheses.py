@@ -51,7 +51,7 @@ from rootmatch.model.proposals import (
     poses_of_sets,
     rough_fits,
 )
-from rootmatch.problems.pose_fit.reference_point import about_point, body_radius
+from rootmatch.problems.pose_fit.reference_point import about_centre, about_point
 
 TWINS = 4
 """Number of a body's first poses for which near-symmetric poses and look-alikes of another body are proposed. A round
@@ -248,7 +248,8 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
 
 def model_of(task: MatchingTask) -> DetectionModel:
     """The model of a task of one body."""
-    points, problem, allowed, centre = task.points, task.problem, task.allowed, task.points.source.mean(axis=0)
+    points, problem, allowed = task.points, task.problem, task.allowed
+    centre, _, radius = about_centre(points.source)
     log_weights = None if task.weights is None else candidate_log_odds(task.weights)
     camera: CameraModel
     if task.rig is not None:
@@ -261,7 +262,6 @@ def model_of(task: MatchingTask) -> DetectionModel:
     else:
         camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
     upright, known = vertical_of(problem), knowledge_of(task)
-    radius = body_radius(task.points.source)
     prior: Mixed = Broad(radius) if upright is None else Known(upright, centre, radius)
     if known is not None:
         prior = Doubted([Known(known, centre, radius)], [math.log1p(-DOUBT)], prior, DOUBT)

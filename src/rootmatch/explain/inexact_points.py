@@ -38,6 +38,8 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
     missed : float
         As of `told_by`.
     """
+    if found.alike is None and not (found.noise_factor or 0.0) > 1.0:
+        return found  # as it nearly always is
     model, misfit = found.model, _misfit(found)
     by_fit = misfit is not None and misfit.sigma > 1.0
     exact = task.points.source_covariance is None and not task.noise_is_estimated and task.problem.takes_source_noise

@@ -69,6 +69,8 @@ def check_assignment(assignment: ArrayLike, shape: tuple[int, int]) -> Integers:
 def check_not_exact(noise: Any) -> None:
     """Refuse a noise of zero of any target point: no pose would fit a measured one."""
     of_target = noise[1] if isinstance(noise, tuple | list) and len(noise) == 2 else noise
+    if isinstance(of_target, int | float) and of_target != 0.0:
+        return
     try:
         sigma = np.asarray(of_target, np.float64)
         exact = (sigma if sigma.ndim < 3 else np.trace(sigma, axis1=1, axis2=2)) == 0.0

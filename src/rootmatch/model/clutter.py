@@ -208,7 +208,7 @@ def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
     return _clutter(target, sigma, uniform, extents, label, crowds=PSEUDO_IN_SPACE)
 
 
-@kept_by_values(8)
+@kept_by_values(8, frozen=False)
 def _clutter(
     target: Floats, sigma: Floats, uniform: Floats, extents: Floats, label: Integers, *, crowds: float
 ) -> Clutter:

@@ -106,7 +106,10 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bool
     Others are other bodies, and what is followed in another place. ``uses``: the detections (M, n') of the best modes
     of each body.
     """
-    modes, others = modes.first(KEPT), np.concatenate([uses[k], *uses[:k], *uses[k + 1 :]])
+    modes = modes.first(KEPT)
+    if len(uses) == 1 == len(uses[k]):
+        return modes
+    others = np.concatenate([uses[k], *uses[:k], *uses[k + 1 :]])
     own = len(uses[k])
     shared = others @ uses[k].T
     shared[:own] = _beside(model, modes, uses[k])

@@ -31,7 +31,7 @@ from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.model.views import Views, rays_of, views_of
 from rootmatch.model.visibility import BARELY, UNSEEN
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.reference_point import about_centre, about_point
 
 ANY_POSE = Broad()
 NONE, NO_ROWS = np.empty(0), np.empty((0, 0))
@@ -112,7 +112,12 @@ class DetectionModel:
     @once
     def centre(self) -> Floats:
         """Mean (3,) of the points, to which positions refer and about which rotations turn."""
-        return np.asarray(self.points.mean(axis=0))
+        return about_centre(self.points)[0]
+
+    @property
+    def radius(self) -> float:
+        """Root mean square distance of the points from it."""
+        return about_centre(self.points)[2]
 
     @once
     def images(self) -> list[Integers]:
@@ -217,7 +222,8 @@ class DetectionModel:
     @once
     def about_centre(self) -> tuple[Floats, Floats]:
         """Points (n, 3) about the centre, and normals (n, 3) or (0, 3)."""
-        return self.points - self.centre, np.empty((0, 3)) if self.normals is None else np.array(self.normals, float)
+        centred = about_centre(self.points)[1]
+        return centred, np.empty((0, 3)) if self.normals is None else np.array(self.normals, float)
 
     def _in_blobs(self, at: Linearised) -> Linearised:
         """The same poses with points in blobs that the detector does not resolve."""

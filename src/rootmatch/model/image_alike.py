@@ -13,14 +13,14 @@ import math
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats
 from rootmatch.frozen import copied
+from rootmatch.model.compiled.near_misses import near_misses
 from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
 from rootmatch.model.evidence import evidence, residuals_of
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN, Settled, settle
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
-from rootmatch.problems.pose_fit.reference_point import body_radius
 
 ERRORS, OWN = np.array([3e-3, 1e-2, 3e-2, 1e-1]), 2
 """Standard deviations of a coordinate of points that are off, over the body's root mean square radius: those of what is
@@ -30,6 +30,8 @@ LOG_INEXACT = math.log(INEXACT / OWN) - math.log1p(-INEXACT)
 """Log-odds that the body's points are off by each of these, of those that they are as given."""
 LOG_ALIKE = math.log(WRONG_MODEL / len(ERRORS))
 """The same of something else of nearly the shape."""
+LOG_PRIOR = np.repeat([LOG_INEXACT, LOG_ALIKE], [OWN, len(ERRORS) - OWN])
+"""Those of all of them."""
 REACH = 3.0
 """Deviation, in σ of an alike point, within which a detection may be its own. A round value."""
 SEEN = math.log(9.0)
@@ -54,28 +56,26 @@ def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
     Returns
     -------
     (W,) float64 or None
-        Over the body as given, with all changes of the mode; −∞ where they cannot matter. None where nothing is near a
-        visible point that has no match.
+        Over the body as given, with all changes of the mode; −∞ where they cannot matter. None where none can, as
+        nothing is near a visible point that has no match.
     """
     assignment = modes.assignments[k]
-    (missed,) = np.nonzero((assignment < 0) & (modes.visible[k] > HIDDEN))
-    if not len(missed):
+    if not ((assignment < 0) & (modes.visible[k] > HIDDEN)).any():
         return None
-    left = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
-    left[assignment[assignment >= 0]] = False
-    (free,) = np.nonzero(left)
-    if not len(free):
-        return None
-    errors, mode = ERRORS * body_radius(model.points), modes.take(slice(k, k + 1))
-    gains = _near(model, mode, (missed, free), errors)
+    errors = ERRORS * model.radius
+    gains, free = _near(model, modes, k, errors, taken)
     if not gains.any():
         return None
-    counts = log_odds_of_counts((-(-len(free) // max(len(model.images), 1)),), len(missed))[0, 1:]
+    mode = modes.take(slice(k, k + 1))
+    counts = log_odds_of_counts((-(-free // max(len(model.images), 1)),), gains.shape[1])[0, 1:]
     residuals = residuals_of(model, assignment, modes.rotation[k], modes.position[k])
     most = mode.log_odds - mode.log_mass + gains_of_residuals(model, residuals, float(mode.freedom[0]), errors)
     most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
-    out, log_prior = np.full(len(errors), -np.inf), np.repeat([LOG_INEXACT, LOG_ALIKE], [OWN, len(errors) - OWN])
-    for one in np.flatnonzero(most + log_prior >= LEAST).tolist():
+    (possible,) = (most + LOG_PRIOR >= LEAST).nonzero()
+    if not len(possible):
+        return None
+    out = np.full(len(errors), -np.inf)
+    for one in possible.tolist():
         out[one] = _settled(model, mode, errors[one], taken) - mode.log_mass[0]
     return out
 
@@ -91,22 +91,19 @@ def gains_of_residuals(model: DetectionModel, residuals: tuple[float, float], fr
     return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
 
 
-def _near(model: DetectionModel, mode: Modes, pairs: tuple[Integers, Integers], errors: Floats) -> Floats:
-    """About the most (W, i) that points without a match gain by one that is near if all are off by errors (W,).
+def _near(model: DetectionModel, modes: Modes, k: int, errors: Floats, taken: Bools | None) -> tuple[Floats, int]:
+    """About the most (W, m) that points without a match gain by one that is near if all are off by errors (W,).
 
-    ``pairs``: which points, and which detections they may have.
+    And the number of detections that they may have; no columns if nothing is near a visible point.
     """
-    (missed, free), at = pairs, model.linearised(mode.rotation, mode.position)
-    squares = ((at.pixels[0, missed][:, None] - model.target[free]) ** 2).sum(axis=2)
-    own = model.sigma[free] ** 2
-    rows = at.jacobian[0, missed]
-    by_pose = 0.5 * ((rows @ mode.covariance[0]) * rows).sum(axis=(1, 2))[:, None] / own
-    each = 0.5 * (at.by_position[0, missed] ** 2).sum(axis=(1, 2))[:, None]
-    if not (squares < REACH**2 * (errors[-1] ** 2 * each + own) * (1.0 + by_pose)).any():
-        return np.zeros(0)
-    wide = errors[:, None, None] ** 2 * each + own
-    gains = SEEN - model.clutter.log_density[free] - np.log(2.0 * np.pi * wide)
-    return np.asarray(np.where(squares < REACH**2 * wide * (1.0 + by_pose), gains, 0.0).max(axis=2, initial=0.0))
+    at = model.linearised(modes.rotation[k : k + 1], modes.position[k : k + 1])
+    mode = np.array(modes.assignments[k]), np.array(modes.visible[k]), np.array(modes.covariance[k])
+    left, gains = np.ones(model.shape[1], np.bool_) if taken is None else ~taken, np.empty((len(errors), len(mode[0])))
+    target, sigma = model.image_for_kernels[:2]
+    image = target, sigma, model.clutter.log_density, left
+    points = at.pixels[0], at.jacobian[0], at.by_position[0]
+    missed, free = near_misses(points, mode, image, errors, (HIDDEN, REACH, SEEN), gains)
+    return gains[:, :missed], free
 
 
 def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | None) -> float:

@@ -34,6 +34,8 @@ TURNS = 2.0 * math.pi
 EXACT = 1e-6
 """Smallest standard deviation of a prediction: in radians, relative to the distance, and relative to other
 directions."""
+RIDGE = EXACT * np.eye(6)
+"""Of a covariance in units of its standard deviations."""
 LEAST = 3
 """Matches of a mode: with fewer a pose is not determined unless it is predicted, and a body that shows no more is not
 told from clutter."""
@@ -191,7 +193,7 @@ class Gaussian(Mixed):
         least = EXACT * np.array([1.0, 1.0, 1.0, distance, distance, distance])
         scale = np.sqrt(np.maximum(self.covariance.diagonal(), least**2))
         unit = scale[:, None] * scale
-        return np.asarray((self.covariance / unit + EXACT * np.eye(6)) * unit)
+        return np.asarray((self.covariance / unit + RIDGE) * unit)
 
     @once
     def _precision(self) -> tuple[Floats, float]:

@@ -226,17 +226,18 @@ class Belief:
             self.most, alone[:] = count, max(alone[0], odds_alone(model, modes.take(slice(1)))[0])
         each = log_chance(told.probabilities[: len(origin)])
         followed = {one.place for one in self.poses}
-        elsewhere = np.array([one not in followed for one in place.tolist()])
-        others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
+        elsewhere, others = np.array([one not in followed for one in place.tolist()]), False
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
         weight = log_share[origin] + tempered(each - log_share[origin] - shown, origin, often) + more
-        new = elsewhere & (place != place[first]) & [not found.is_exchanged(k) for k in range(len(origin))]
-        weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
-        if new.any() and origin[first] >= 0:
-            lost = np.minimum(log_lost(holds, alone[first]), each - each[first])  # as what is there tells of it now
-            not_there = np.logaddexp(log_back(self.poses[origin[first]], time), lost)
-            weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
+        if elsewhere.any():
+            others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
+            new = elsewhere & (place != place[first]) & [not found.is_exchanged(k) for k in range(len(origin))]
+            weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
+            if new.any() and origin[first] >= 0:
+                lost = np.minimum(log_lost(holds, alone[first]), each - each[first])  # as what is there tells of it now
+                not_there = np.logaddexp(log_back(self.poses[origin[first]], time), lost)
+                weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
         nothing, go_on = float(log_chance(np.array(told.clutter))) - self.returned(time), []
         is_shown = float(told.probabilities.sum()) >= found.facts.min_probability  # whether or not it fits
         for k, of in enumerate(origin.tolist()):

@@ -32,12 +32,15 @@ class DarkPoints:
         """Probability (n,) at `time`, of each sighting of a rig."""
         self.foreign = ForeignLights(0)
         self.time = -math.inf
+        self._ahead: tuple[float, Floats] | None = None
 
     def at(self, time: float) -> Floats | None:
         """Probability (n,) that each point is lit at a time, before the frame is seen; None if nothing is known."""
         if self.lit is None:
             return None
-        return chance_later(self.lit, LIT, time - self.time, LASTS)
+        if self._ahead is None or self._ahead[0] != time:  # asked for as a frame is weighed and as it is learned from
+            self._ahead = time, chance_later(self.lit, LIT, time - self.time, LASTS)
+        return self._ahead[1]
 
     @property
     def holds(self) -> float:
@@ -76,7 +79,7 @@ class DarkPoints:
         chance = np.where(matched, sure, 1.0 - sure)  # that it was detected
         self.lit = np.where(rates(found) < FACING, before, chance + (1.0 - chance) * before / missed(found, before))
         self.foreign.take(found, _given_pose(sure, matched)[1], before, time)
-        self.time = time
+        self.time, self._ahead = time, None
 
 
 def _given_pose(confidence: Floats, matched: Bools) -> tuple[float, Floats]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.change_listing import listed_changes
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
@@ -48,8 +50,9 @@ def _all_at_once(columns, order, positive, changed):  # type: ignore[no-untyped-
     return count
 
 
-@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def changes_of(assignment, points, covariance, image, limits):  # type: ignore[no-untyped-def]
+def changes_of(
+    assignment: Integers, points: tuple[Any, ...], covariance: Floats, image: tuple[Any, ...], limits: tuple[Any, ...]
+) -> tuple[Integers, Floats, Integers, Integers]:
     """The changes of a mode that are not negligible to first order in its pose, and the best ones made.
 
     Parameters
@@ -66,14 +69,30 @@ def changes_of(assignment, points, covariance, image, limits):  # type: ignore[n
 
     Returns
     -------
-    columns, gains : (4, C) int64 and (C,) float64 arrays
-        The changes as in `rootmatch.hypergraph.neighbourhood.Changes`, and what they gain.
+    columns, gains : (4, R) int64 and (C,) float64 arrays
+        The changes as in `rootmatch.hypergraph.neighbourhood.Changes`, in the first C columns, and what they gain.
     order : (S,) int64 array
         Those of the largest gains.
     changed : (S, n) or (S + 1, n) int64 array
         The assignment after each of these, and after all of them that gain together, if that is more than one.
     """
-    assignment, points, covariance, image = borrowed((assignment, points, covariance, image))
+    n, most = len(assignment), limits[3]
+    room = 4 * n + 16
+    while True:  # room made here: an array that a kernel returns takes longer than one it is given
+        columns, gains = np.empty((4, room), np.int64), np.empty(room)
+        order, changed = np.empty(most, np.int64), np.empty((most + 1, n), np.int64)
+        out = columns, gains, order, changed
+        count, size, rows = list_changes(assignment, points, covariance, image, limits, out)
+        if count <= room:
+            return columns, gains[:count], order[:size], changed[:rows]
+        room = count
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def list_changes(assignment, points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
+    """What `changes_of` tells, filled as far as there is room; how many changes, of those made, and rows there are."""
+    assignment, points, covariance, image, out = borrowed((assignment, points, covariance, image, out))
+    kept, gain, order, changed = out
     target, sigma, blur, log_clutter, log_weights, log_counts, image_of = image
     rate, least_gain, may_lose, most, least = limits
     n = assignment.shape[0]
@@ -104,16 +123,17 @@ def changes_of(assignment, points, covariance, image, limits):  # type: ignore[n
     count = 0
     for k in range(listed):
         count += 1 if may_lose or columns[1, k] >= 0 or columns[2, k] >= 0 else 0
+    size, place = min(most, count), 0
+    if count > gain.shape[0]:
+        return count, size, 0
     # element by element here and below: the checks of whole rows take longer to compile than all the rest
-    kept, gain, place = np.empty((4, count), np.int64), np.empty(count), 0
     for k in range(listed):
         if may_lose or columns[1, k] >= 0 or columns[2, k] >= 0:
             for row in range(4):
                 kept[row, place] = columns[row, k]
             gain[place] = gains[k]
             place += 1
-    size = min(most, count)
-    order, chosen, positive = np.empty(size, np.int64), np.zeros(count, np.bool_), 0
+    chosen, positive = np.zeros(count, np.bool_), 0
     for place in range(size):
         best = -1
         for k in range(count):
@@ -126,7 +146,6 @@ def changes_of(assignment, points, covariance, image, limits):  # type: ignore[n
     for i in range(n):
         left += 1 if together[i] >= 0 else 0
     rows = size + 1 if several > 1 and left >= least else size
-    changed = np.empty((rows, n), np.int64)
     for row in range(rows):
         for i in range(n):
             changed[row, i] = assignment[i] if row < size else together[i]
@@ -135,7 +154,7 @@ def changes_of(assignment, points, covariance, image, limits):  # type: ignore[n
             changed[row, kept[0, k]] = kept[1, k]
             if kept[2, k] >= 0:
                 changed[row, kept[2, k]] = kept[3, k]
-    return kept, gain, order, changed
+    return count, size, rows
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -145,8 +164,8 @@ def sum_over(assignment, columns, gains, independent, local, unmatched):  # type
     Parameters
     ----------
     assignment : (n,) int64 array
-    columns, gains : (4, C) and (C,) arrays
-        Of `changes_of`.
+    columns, gains : (4, R) and (C,) arrays
+        Of `changes_of`, R no less than C.
     independent : int
         Matches from which changes of different points are independent.
     local, unmatched : (n,) arrays

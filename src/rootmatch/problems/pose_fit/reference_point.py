@@ -6,15 +6,31 @@ import math
 
 import numpy as np
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, kept_by_values
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
+
+KEPT_POINTS = 1000
+"""Points of a body up to which what frame after frame asks of them is kept. A round value; it bounds memory."""
 
 
 def body_radius(source: Floats) -> float:
     """Root mean square distance of a body's points (n, 3) from their centre."""
     centred = source - source.sum(axis=0) / len(source)
     return math.sqrt(float(np.vdot(centred, centred)) / len(source))
+
+
+def about_centre(source: Floats) -> tuple[Floats, Floats, float]:
+    """Centre (3,) of a body's points (n, 3), the points about it, and their `body_radius`: shared, to be read."""
+    return _kept_about_centre(source) if len(source) <= KEPT_POINTS else _about_centre(source)
+
+
+def _about_centre(source: Floats) -> tuple[Floats, Floats, float]:
+    centre = source.mean(axis=0)
+    return centre, source - centre, body_radius(source)
+
+
+_kept_about_centre = kept_by_values(64)(_about_centre)
 
 
 def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats, scale: float = 1.0) -> tuple[Floats, Floats]:
