@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.tracking.dark_points import DarkPoints
+from rootmatch.tracking.followed_places import chance_returned
 from rootmatch.tracking.foreign_lights import LIT
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
@@ -63,7 +64,7 @@ def finding(assignment: list[int], confidence: list[float], probability: float =
     options = SimpleNamespace(detection_rate=0.9)
     return SimpleNamespace(
         assignment=np.array(assignment), confidence=np.array(confidence), posterior=told, probability=probability,
-        task=SimpleNamespace(options=options), mode=0,
+        task=SimpleNamespace(options=options), model=SimpleNamespace(), mode=0,
     )  # fmt: skip
 
 
@@ -80,3 +81,18 @@ def test_what_is_missed_again_and_again_is_dark() -> None:
     assert alone[1] > 0.8, "one frame without it tells little"
     assert alone[-1] < 0.1
     assert dark.at(60.0)[2] == pytest.approx(LIT)
+
+
+def test_what_is_found_again_is_no_surer_than_that_the_body_is_in_view() -> None:
+    """Two lights near a wide prediction: the matches before do not vouch for them, nor do the frames after."""
+    dark, pair = DarkPoints(), finding([7, -1, 8], [0.98, 0.99, 0.97])
+    dark.take(finding([0, 1, 2], [0.999, 0.999, 0.999]), 0.0)
+    assert dark.holds > 0.99
+    dark.take(pair, 0.05, log_back=-8.0)
+    assert dark.holds > 0.99, "more probably it was not found"
+    dark.take(pair, 0.06, log_back=-6.0)
+    present = chance_returned(0.001, -6.0)
+    assert 0.6 < present < 0.8
+    assert dark.holds == pytest.approx(present**2 * 0.97 / 0.98)
+    dark.take(pair, 0.06)
+    assert dark.holds == pytest.approx(present**2 * 0.97 / 0.98), "a match is at most as probable as when it was met"

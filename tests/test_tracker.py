@@ -26,6 +26,7 @@ from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
 from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.belief import Belief
+from rootmatch.tracking.followed_places import log_returned
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.motion_filter import MotionFilter, transition
 from rootmatch.tracking.tracker import TrackingOptions
@@ -116,6 +117,16 @@ def test_a_jump_is_found_and_a_lost_body_said_to_be() -> None:
     assert one.state is rm.TrackingState.TRACKING
     one.reset()
     assert one.state is rm.TrackingState.LOST
+
+
+def test_a_frame_without_the_body_counts_if_nothing_at_all_was_found_in_it() -> None:
+    one = tracker()
+    for k in range(3):
+        one.update(frame(k)[0], time=0.02 * k)
+    belief = one._bodies[None].belief
+    assert belief.returned(0.06) == 0.0
+    assert not one.update(np.empty((0, 2)), time=0.06)
+    assert belief.returned(0.08) == log_returned(0.08 - 0.06)
 
 
 def test_a_camera_that_shakes_does_not_lose_the_body() -> None:

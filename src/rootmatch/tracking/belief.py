@@ -211,6 +211,8 @@ class Belief:
         told, model = found.posterior, found.model
         if found.task.problem.takes_motion_prior:
             self.poses = after_motion(self.poses, found, time, (self.source, self.motion))
+        elif self.poses and (told is None or not len(told.probabilities)):
+            self.time = time  # it does not show what is followed
         if told is None or model is None or not len(told.probabilities):
             return False
         modes, doubt, shares = told.modes.first(LOOKED_AT), 1.0, self.shares

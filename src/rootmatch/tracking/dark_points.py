@@ -15,6 +15,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats
 from rootmatch.explain.finding import Finding
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.tracking.followed_places import chance_returned
 from rootmatch.tracking.foreign_lights import LIT, ForeignLights, missed, rates
 from rootmatch.tracking.two_states import chance_later
 
@@ -68,17 +69,25 @@ class DarkPoints:
         confidence[matched] = whole * told
         return found.doubted(chance * less, confidence)
 
-    def take(self, found: Finding, time: float) -> None:
-        """Learn from a frame, if the body is more probably in it than not."""
+    def take(self, found: Finding, time: float, log_back: float = 0.0) -> None:
+        """Learn from a frame, if the body is more probably in it than not; ``log_back``: see `Belief.returned`.
+
+        If it was not seen in the last frame, its matches are as probable as that it is in view now.
+        """
         told, sure = found.posterior, found.confidence
-        if told is None or sure is None or not len(told.probabilities) or told.clutter > 0.5:
+        if told is None or sure is None or not len(told.probabilities):
+            return
+        present = chance_returned(told.clutter, log_back)
+        if (1.0 - told.clutter) * present < 0.5:
             return
         before, matched = self.at(time), found.assignment >= 0
         if before is None or len(before) != len(sure):
             before, self.foreign = np.full(len(sure), LIT), ForeignLights(len(sure))
         chance = np.where(matched, sure, 1.0 - sure)  # that it was detected
         self.lit = np.where(rates(found) < FACING, before, chance + (1.0 - chance) * before / missed(found, before))
-        self.foreign.take(found, _given_pose(sure, matched)[1], before, time)
+        if log_back < 0.0:
+            self.foreign.since = time
+        self.foreign.take(found, present * _given_pose(sure, matched)[1], before, time)
         self.time, self._ahead = time, None
 
 

@@ -243,7 +243,7 @@ class FollowedBody:
         """
         holds = self.dark.holds
         if self.belief:
-            self.dark.take(found, time)
+            self.dark.take(found, time, self.belief.returned(time))
         self.belief.take(found, time, searched, holds)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:

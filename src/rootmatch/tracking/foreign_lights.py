@@ -48,7 +48,8 @@ class ForeignLights:
     def __init__(self, count: int) -> None:
         self.own, self.met, self.seen = np.ones(count), np.ones(count), np.full(count, -math.inf)
         """Probability (n,) that the last match was right; that the point was lit when it was met; its time."""
-        self.time = -math.inf
+        self.time = self.since = -math.inf
+        """Of the last frame; of the first one in which it was found again after frames that did not show the body."""
         self._holds: float | None = None
         self._most: tuple[Finding, float, Floats] | None = None
 
@@ -60,7 +61,7 @@ class ForeignLights:
         return self._holds
 
     def _chance_to_hold(self) -> float:
-        each = self.own[self.seen >= self.time - RECENT].tolist()
+        each = self.own[self.seen >= max(self.time - RECENT, self.since)].tolist()
         last = min(DETERMINE, len(each))
         count = [1.0] + last * [0.0]  # probability of so many right ones, or more for the last
         for own in each:
