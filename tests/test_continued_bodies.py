@@ -50,7 +50,7 @@ def test_what_repeats_nothing_or_turns_into_itself_has_no_places() -> None:
 
 
 def test_another_board_on_the_same_squares_is_not_trusted() -> None:
-    """With the same noise all of these were: the border of the board told its place, though rows go on beyond it."""
+    """Before, 7 of these were: the border of the board told its place, though rows go on beyond it."""
     told = []
     for seed in range(8):
         rng = np.random.default_rng(seed)

@@ -18,13 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.arrays import Bools, Floats, kept_by_values
 from rootmatch.explain.near_symmetries import DISTINCT, LEAST, SHARE, TOLERANCE, symmetries_of
 from rootmatch.frozen import copied
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE, HIDDEN, Settled, settle
 from rootmatch.model.priors import PRESENT_ODDS
@@ -43,8 +42,6 @@ MOTIONS = 12
 """Most motions that continue a body. A round value; it bounds time."""
 INSIDE = 1e-6
 """Distance beyond the hull of a body, over its radius, up to which a place is within it."""
-ALIKE, MOST_MOTIONS = 0.05, 2048
-"""Part of a body's reach by which motions that are told apart differ, and how many are. Round values."""
 MODES = 16
 """Modes that are weighed. A round value; it bounds time."""
 LIKELY = 0.5
@@ -60,8 +57,6 @@ class Places(NamedTuple):
     """(m, 3), if the body has any."""
     beyond: Bools
     """(m,) which are beyond the hull of the body's points; the others are its holes."""
-    stay: Bools
-    """(K, n + m) which points and places each motion by the law, the identity among them, puts onto one of them."""
 
 
 @kept_by_values(64)
@@ -73,7 +68,7 @@ def places_beside(source: Floats, normals: Floats | None) -> Places:
     n, radius = len(source), body_radius(source)
     rotations, shifts, near = _leading_on(source, normals)
     if not len(rotations):
-        return Places(source[:0], None, np.zeros(0, np.bool_), np.ones((1, n), np.bool_))
+        return Places(source[:0], None, np.zeros(0, np.bool_))
     from scipy.spatial import cKDTree  # slow to import
 
     points, unit = source, np.zeros(source.shape) if normals is None else np.asarray(normals, float)
@@ -95,40 +90,7 @@ def places_beside(source: Floats, normals: Floats | None) -> Places:
             break
         facing = (rotations[which[kept]] @ unit[own[kept], :, None])[..., 0]
         points, unit = np.concatenate([points, images[which[kept], own[kept]]]), np.concatenate([unit, facing])
-    stay = _that_stay(points, _every_motion(rotations, shifts, centre, reach), near)
-    return Places(points[n:], None if normals is None else unit[n:], _beyond(source, points[n:], radius), stay)
-
-
-def _every_motion(rotations: Floats, shifts: Floats, centre: Floats, reach: float) -> tuple[Floats, Floats]:
-    """Motions (K, 3, 3) and (K, 3) that some make one after another, the identity among them, up to a distance."""
-    corners = centre + reach * np.eye(3)
-    every, last = (np.eye(3)[None], np.zeros((1, 3))), (np.eye(3)[None], np.zeros((1, 3)))
-    for _ in range(ROUNDS):
-        turned = rotations[:, None] @ last[0]
-        moved = (rotations[:, None] @ last[1][..., None])[..., 0] + shifts[:, None]
-        turned, moved = (
-            np.concatenate(one) for one in ((every[0], turned.reshape(-1, 3, 3)), (every[1], moved.reshape(-1, 3)))
-        )
-        near = np.linalg.norm(turned @ centre + moved - centre, axis=1) < reach
-        at = (
-            ((corners @ turned.swapaxes(1, 2) + moved[:, None]) / (ALIKE * reach) + 0.37).round().reshape(len(moved), 9)
-        )
-        own = np.sort(np.unique(at[near], axis=0, return_index=True)[1])
-        own = np.flatnonzero(near)[own][:MOST_MOTIONS]
-        new = own[own >= len(every[1])]
-        every, last = (turned[own], moved[own]), (turned[new], moved[new])
-        if not len(new):
-            break
-    return every
-
-
-def _that_stay(points: Floats, motions: tuple[Floats, Floats], near: float) -> Bools:
-    """Which points (m,) each motion (K, 3, 3) and (K, 3) puts onto a point, (K, m)."""
-    from scipy.spatial import cKDTree  # slow to import
-
-    images = points @ motions[0].swapaxes(1, 2) + motions[1][:, None]
-    off = cKDTree(points).query(images.reshape(-1, 3), distance_upper_bound=near)[0]
-    return np.asarray(off.reshape(images.shape[:2]) < near)
+    return Places(points[n:], None if normals is None else unit[n:], _beyond(source, points[n:], radius))
 
 
 def _leading_on(source: Floats, normals: Floats | None) -> tuple[Floats, Floats, float]:
@@ -210,7 +172,7 @@ def beside_continuations(told: Posterior, model: DetectionModel, places: Places,
     factors[of] = np.logaddexp(0.0, LOG_CONTINUED + beside)
     with np.errstate(divide="ignore"):
         other = np.log(told.probabilities[of]) + LOG_CONTINUED + instead
-    return told.beside(factors, float(other.max()))  # from whatever mode, it is the same thing
+    return told.beside(factors, float(other.max()))  # from whatever pose, it is the same thing
 
 
 def _continued(model: DetectionModel, mode: Modes, places: Places, taken: Bools | None) -> tuple[float, float] | None:
@@ -223,23 +185,17 @@ def _continued(model: DetectionModel, mode: Modes, places: Places, taken: Bools 
     free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
     left = free.copy()
     left[assignment[assignment >= 0]] = False
-    others, own = _Body.of(model, images).only(places), assignment.reshape(images, -1)
-    whole = _Body.of(model, images).and_(places).model(model, free)
+    others = _Body.of(model, images).only(places)
     if not _is_any_near(others.model(model, free), pose, covariance, model.target[left], model.sigma[left]):
-        if isinstance(model.prior, Doubted):
-            return None
-        own = np.concatenate([own, np.full((images, len(places.points)), -1)], axis=1)
-        log_odds = float(about(whole, own.reshape(1, -1), *pose)[0].log_odds[0])
-        return -math.inf, log_odds + _log_places(places, own) - float(mode.log_mass[0])
-    known = dict[bytes, Settled]()
+        return None
+    whole, known = _Body.of(model, images).and_(places).model(model, free), dict[bytes, Settled]()
     settle(whole, pose, covariance, known=known)
     if not known:
         return None
     best = max(known.values(), key=lambda one: one.log_odds)
     instead = best.log_odds - float(mode.log_mass[0])
-    if not isinstance(model.prior, Doubted):
-        instead += _log_places(places, best.assignment.reshape(images, -1))
     # beyond the body is what its own matches leave there
+    own = assignment.reshape(images, -1)
     more = best.assignment.reshape(images, -1)[:, own.shape[1] :]
     more = np.where(places.beyond & (more >= 0) & left[more], more, -1)
     if not (more >= 0).any():
@@ -248,11 +204,6 @@ def _continued(model: DetectionModel, mode: Modes, places: Places, taken: Bools 
     outside = others.take(places.beyond).model(model, free)
     shown = about(outside, more[:, places.beyond].reshape(1, -1), *pose)[0].detected + mode.detected
     return float((both.log_odds - both.detected + shown - mode.log_odds)[0]), instead
-
-
-def _log_places(places: Places, rows: Integers) -> float:
-    """Logarithm of the number of poses that explain the same, by matches (images, n + m): a period off, or turned."""
-    return math.log(int(places.stay[:, (rows >= 0).any(axis=0)].all(axis=1).sum()))
 
 
 def _is_any_near(
