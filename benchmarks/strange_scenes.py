@@ -11,7 +11,9 @@ ten points over a glossy table that shows them once more, upside down. ``near-bo
 shows a part, so that rows and columns may be counted from anywhere, and it must not be trusted. ``hidden-wand``: four
 or five LEDs on a line and one beside it, which is hidden: both readings of the line fit. ``markers``: a tool of four to
 six markers without normals before two to four cameras, each of which shows three of them. ``family``: three bodies
-that differ by one LED, all given, of which one or two are in view.
+that differ by one LED, all given, of which one or two are in view. ``other-board``: another board on the same squares
+is in view, larger, smaller or as large, each with its own corners missing; no answer is right. ``own-board``: the board
+itself. ``part-board``: the same as a part of a larger one that is in view as well.
 
 The two tools may change places. A stray point may be matched with its own detection or be left out.
 """
@@ -224,6 +226,45 @@ def family(rng: np.random.Generator) -> Scene:
     return Scene({**told, "bodies": labels}, [truth])
 
 
+def holed(rng: np.random.Generator, columns: int, rows: int, holes: int) -> Floats:
+    """Corners of a board of squares of 3 cm, some of them missing."""
+    x, y = np.meshgrid(0.03 * np.arange(columns), 0.03 * np.arange(rows))
+    every = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    return every[np.sort(rng.permutation(len(every))[holes:])]
+
+
+def on_squares(rng: np.random.Generator, source: Floats, points: Floats) -> Scene:
+    """A board that is asked for, and what is in view: the board and more, or something else."""
+    R = Rotation.from_rotvec(rng.normal(0.0, 0.4, 3)).as_matrix()
+    target, truth = detected(
+        rng, points @ R.T + rng.normal((-0.1, -0.07, 0.5), 0.03), rng.random(len(points)) < 0.95, 4
+    )
+    own = len(points) >= len(source) and bool((points[: len(source)] == source).all())
+    return Scene(
+        {"source": source, "target": target, "problem": rm.P3P(CAMERA)},
+        [truth[: len(source)] if own else np.full(len(source), -1)],
+    )
+
+
+def other_board(rng: np.random.Generator) -> Scene:
+    """Another board on the same squares."""
+    columns, rows, holes = rng.choice([(7, 7, 5), (9, 6, 6), (6, 6, 3), (10, 8, 8), (8, 6, 6)])
+    return on_squares(rng, holed(rng, 8, 6, 6), holed(rng, columns, rows, holes))
+
+
+def own_board(rng: np.random.Generator) -> Scene:
+    """The board itself."""
+    source = holed(rng, 8, 6, 6)
+    return on_squares(rng, source, source)
+
+
+def part_board(rng: np.random.Generator) -> Scene:
+    """The board as a part of a larger one."""
+    whole = holed(rng, 11, 9, 18)
+    own = (whole[:, 0] < 0.225) & (whole[:, 1] < 0.165)
+    return on_squares(rng, whole[own], np.concatenate([whole[own], whole[~own]]))
+
+
 KINDS = {
     "stereo": stereo,
     "wand": wand,
@@ -241,4 +282,7 @@ KINDS = {
     "hidden-wand": hidden_wand,
     "markers": markers,
     "family": family,
+    "other-board": other_board,
+    "own-board": own_board,
+    "part-board": part_board,
 }

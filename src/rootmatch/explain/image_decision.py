@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import OutOfTime
+from rootmatch.explain.continued_bodies import beside_continuations, places_beside
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
@@ -43,6 +44,10 @@ because too much of what it shows is unknown. A round value."""
 
 LIKELY = 0.5
 """Probability that the body is in view from which it is asked whether something else is. A round value."""
+BY_ITS_LAW = (
+    "something else that repeats itself as the body does, like another board on the same squares, explains more of the "
+    "detections; give all such bodies with `bodies=`, or points that tell them apart"
+)
 BEYOND_DOUBT = 1e-6
 """Probability that there is no mode below which no confidence depends on why: a thousandth of `WRONG_MODEL`."""
 
@@ -100,6 +105,12 @@ def told_by(
     of_others : (n',) bool array, optional
         Detections that are explained by other bodies, whether or not these are more certain.
     """
+    before, places = told, places_beside(base.task.points.source, base.task.points.normals)
+    told = beside_continuations(told, body.model, places, of_others)
+    if told.clutter - before.clutter > LIKELY:
+        base = copied(base, reason=BY_ITS_LAW)
+    elif base.reason == BY_ITS_LAW:
+        base = copied(base, reason=None)
     model, modes, prior = body.model, told.modes, body.model.prior
     if base.task.weighs_parts:
         told = with_parts(told, model, base.task.minimal, taken)

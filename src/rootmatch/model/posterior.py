@@ -5,6 +5,7 @@ The probability of an assignment is never above that of its pose, nor above the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -91,6 +92,21 @@ class Posterior:
     def used(self, count: int) -> Floats:
         """Probability (n',) that each of so many detections is of the body."""
         return np.asarray(self.probabilities @ self.modes.uses(count))
+
+    def beside(self, log_factors: Floats, log_other: float) -> Posterior:
+        """The same with factors on the weights of the first modes (m,), and something else that takes its share.
+
+        ``log_other``: logarithm of the weight of that, in the units of the probabilities.
+        """
+        more = np.zeros(len(self.probabilities))
+        more[: len(log_factors)] = log_factors
+        top = max(float(more.max(initial=0.0)), log_other)
+        weights = self.probabilities * np.exp(more - top)
+        clutter = self.clutter * math.exp(-top) + math.exp(log_other - top)
+        whole = (float(self.probabilities.sum()) + self.clutter) / (float(weights.sum()) + clutter)
+        order = np.argsort(-weights, kind="stable")
+        exchanged = None if self.exchanged is None else self.exchanged[order]
+        return Posterior(self.modes.take(order), whole * weights[order], whole * clutter, self.few, exchanged)
 
     def ranked(self, most: int) -> list[tuple[Integers, float]]:
         """Different assignments with their probabilities: those of the modes, and changes of them that were weighed."""

@@ -1,0 +1,285 @@
+"""What goes on by the law of a body that repeats itself, beside it or in its stead: another board on the same squares.
+
+A near symmetry that puts points of a body onto others tells where more of them would be: at the images of points that
+have no other in their place. What continues the body has detections there, where the body has no points, and explains
+as much as the body does, from wherever its rows are counted. So the image may show
+
+- the body, and detections that are clutter, as the posterior has it;
+- the body, and what goes on beside it: beyond its points only, as among them it says itself which places are empty;
+- something else alone: a body with a point in every place, of which the image shows any share, or a window.
+
+All three have the evidence of `rootmatch.model.evidence`, with places in the stead of points.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, kept_by_values
+from rootmatch.explain.near_symmetries import DISTINCT, LEAST, SHARE, TOLERANCE, symmetries_of
+from rootmatch.frozen import copied
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import about
+from rootmatch.model.modes import Modes
+from rootmatch.model.posterior import Posterior
+from rootmatch.model.prediction import GATE, HIDDEN, Settled, settle
+from rootmatch.model.priors import PRESENT_ODDS
+from rootmatch.problems.pose_fit.reference_point import body_radius
+
+LOG_CONTINUED = -PRESENT_ODDS
+"""Logarithm of the odds that what goes on by the body's law is in view, beside it or without it: what repeats itself is
+one of many, so something else of that kind is there as probably as nothing is."""
+MOST_PLACES = 400
+"""Most places of what continues a body, the body's own points among them. A round value; it bounds time."""
+FAR = 2.0
+"""Distance of these from the body's centre, over that of its farthest point. A round value; it bounds time."""
+ROUNDS = 16
+"""Most steps by which a body is continued. A round value; it bounds time."""
+MOTIONS = 12
+"""Most motions that continue a body. A round value; it bounds time."""
+INSIDE = 1e-6
+"""Distance beyond the hull of a body, over its radius, up to which a place is within it."""
+MODES = 16
+"""Modes that are weighed. A round value; it bounds time."""
+LIKELY = 0.5
+"""Probability that the body is in view from which it is asked whether something else is. A round value."""
+
+
+class Places(NamedTuple):
+    """Where a body that continues by its own law would have more points."""
+
+    points: Floats
+    """(m, 3)"""
+    normals: Floats | None
+    """(m, 3), if the body has any."""
+    beyond: Bools
+    """(m,) which are beyond the hull of the body's points; the others are its holes."""
+
+
+@kept_by_values(64)
+def places_beside(source: Floats, normals: Floats | None) -> Places:
+    """Places that near symmetries of a body (n, 3) lead to from its points, and from there again; none mostly.
+
+    A symmetry leads on from a point that it puts another one onto; so what does not repeat itself is not continued.
+    """
+    n, radius = len(source), body_radius(source)
+    rotations, shifts, near = _leading_on(source, normals)
+    if not len(rotations):
+        return Places(source[:0], None, np.zeros(0, np.bool_))
+    from scipy.spatial import cKDTree  # slow to import
+
+    points, unit = source, np.zeros(source.shape) if normals is None else np.asarray(normals, float)
+    centre = source.mean(axis=0)
+    reach = FAR * float(np.linalg.norm(source - centre, axis=1).max())
+    for _ in range(ROUNDS):
+        images = points @ rotations.swapaxes(1, 2) + shifts[:, None]
+        off, to = cKDTree(points).query(images.reshape(-1, 3), distance_upper_bound=near)
+        off, to = off.reshape(images.shape[:2]), to.reshape(images.shape[:2])
+        led = np.zeros((len(rotations), len(points) + 1), np.bool_)  # no point is the last place
+        np.put_along_axis(led, to, values=True, axis=1)
+        which, own = np.nonzero(led[:, :-1] & ~(off < near))
+        away = np.linalg.norm(images[which, own] - centre, axis=1)
+        order = np.argsort(away, kind="stable")
+        order = order[away[order] < reach]
+        which, own = which[order], own[order]
+        kept = _distinct(images[which, own], near)[: MOST_PLACES - len(points)]
+        if not len(kept):
+            break
+        facing = (rotations[which[kept]] @ unit[own[kept], :, None])[..., 0]
+        points, unit = np.concatenate([points, images[which[kept], own[kept]]]), np.concatenate([unit, facing])
+    return Places(points[n:], None if normals is None else unit[n:], _beyond(source, points[n:], radius))
+
+
+def _leading_on(source: Floats, normals: Floats | None) -> tuple[Floats, Floats, float]:
+    """Motions (G, 3, 3) and (G, 3) that put most points onto others and lead on, and up to where a place is a point's.
+
+    They are near symmetries, and one after another: two half turns about different places are a shift. What takes back
+    what it does, as half a turn, leads nowhere.
+    """
+    found = symmetries_of(source, normals)
+    if not found:
+        return np.empty((0, 3, 3)), np.empty((0, 3)), 0.0
+    between = np.linalg.norm(source[:, None] - source, axis=2)
+    near = min(TOLERANCE * body_radius(source), DISTINCT * float(np.median(np.sort(between, axis=1)[:, 1])))
+    rotations, shifts = np.array([one.rotation for one in found]), np.array([one.shift for one in found])
+    rotations = np.concatenate([rotations, rotations.swapaxes(1, 2)])
+    shifts = np.concatenate([shifts, -(rotations[len(found) :] @ shifts[..., None])[..., 0]])
+    after = rotations[:, None] @ rotations, (rotations[:, None] @ shifts[..., None])[..., 0] + shifts[:, None]
+    rotations = np.concatenate([rotations, after[0].reshape(-1, 3, 3)])
+    shifts = np.concatenate([shifts, after[1].reshape(-1, 3)])
+    images = source @ rotations.swapaxes(1, 2) + shifts[:, None]
+    twice = images @ rotations.swapaxes(1, 2) + shifts[:, None]
+    turns = (np.linalg.norm(twice - source, axis=2) > near).any(axis=1)
+    rotations, shifts, images = rotations[turns], shifts[turns], images[turns]
+    squared = ((images[:, :, None] - source) ** 2).sum(axis=3)
+    mapped = (squared < near**2).any(axis=2).sum(axis=1)
+    kept = list[int]()
+    for k in np.argsort(-mapped, kind="stable").tolist():
+        if len(kept) == MOTIONS or mapped[k] < max(LEAST, SHARE * len(source)):
+            break
+        if all(np.linalg.norm(images[k] - images[one], axis=1).max() > near for one in kept):
+            kept.append(k)
+    return rotations[kept], shifts[kept], near
+
+
+def _distinct(places: Floats, near: float) -> list[int]:
+    """Those of some places (m, 3) that are in the place of none before."""
+    kept = list[int]()
+    for k, place in enumerate(places):
+        if not kept or float(np.linalg.norm(places[kept] - place, axis=1).min()) > near:
+            kept.append(k)
+    return kept
+
+
+def _beyond(source: Floats, places: Floats, radius: float) -> Bools:
+    """Which places (m, 3) are outside the hull of points (n, 3), in the space that these span."""
+    from scipy.spatial import ConvexHull  # slow to import
+
+    centre = source.mean(axis=0)
+    _, spread, axes = np.linalg.svd(source - centre, full_matrices=False)
+    across = axes[spread > TOLERANCE * spread[0]]
+    along, every = (source - centre) @ across.T, (places - centre) @ across.T
+    if along.shape[1] == 1:
+        return np.asarray((every < along.min() - INSIDE * radius) | (every > along.max() + INSIDE * radius))[:, 0]
+    faces = ConvexHull(along).equations
+    return np.asarray((every @ faces[:, :-1].T + faces[:, -1] > INSIDE * radius).any(axis=1))
+
+
+def beside_continuations(told: Posterior, model: DetectionModel, places: Places, taken: Bools | None) -> Posterior:
+    """A posterior in which what goes on by a body's law may be beside it, or in its stead.
+
+    Parameters
+    ----------
+    told : Posterior
+    model : DetectionModel
+    places : Places
+        Of the body. Where none of them has a detection, the posterior stays as it is.
+    taken : (n',) bool array, optional
+        Detections of other bodies.
+    """
+    if not len(places.points) or not float(told.probabilities.sum()) >= LIKELY:
+        return told
+    modes = told.modes.first(MODES)
+    every = [_continued(model, modes.take(slice(k, k + 1)), places, taken) for k in range(len(modes.log_odds))]
+    of = [k for k, one in enumerate(every) if one is not None]
+    if not of:
+        return told
+    beside, instead = np.array([one for one in every if one is not None]).T
+    factors = np.zeros(len(every))
+    factors[of] = np.logaddexp(0.0, LOG_CONTINUED + beside)
+    with np.errstate(divide="ignore"):
+        other = np.log(told.probabilities[of]) + LOG_CONTINUED + instead
+    return told.beside(factors, float(other.max()))  # from whatever pose, it is the same thing
+
+
+def _continued(model: DetectionModel, mode: Modes, places: Places, taken: Bools | None) -> tuple[float, float] | None:
+    """Log-odds, over a mode, of this with what goes on beside it, and of something else in its stead.
+
+    None where no detection that it leaves is in any of the places.
+    """
+    (assignment,), images = mode.assignments, max(len(model.images), 1)
+    pose, covariance = (mode.rotation, mode.position), mode.covariance[0]
+    free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
+    left = free.copy()
+    left[assignment[assignment >= 0]] = False
+    others = _Body.of(model, images).only(places)
+    if not _is_any_near(others.model(model, free), pose, covariance, model.target[left], model.sigma[left]):
+        return None
+    whole, known = _Body.of(model, images).and_(places).model(model, free), dict[bytes, Settled]()
+    settle(whole, pose, covariance, known=known)
+    if not known:
+        return None
+    best = max(known.values(), key=lambda one: one.log_odds)
+    instead = best.log_odds - float(mode.log_mass[0])
+    # beyond the body is what its own matches leave there
+    own = assignment.reshape(images, -1)
+    more = best.assignment.reshape(images, -1)[:, own.shape[1] :]
+    more = np.where(places.beyond & (more >= 0) & left[more], more, -1)
+    if not (more >= 0).any():
+        return -math.inf, instead
+    both = about(whole, np.concatenate([own, more], axis=1).reshape(1, -1), *pose)[0]
+    outside = others.take(places.beyond).model(model, free)
+    shown = about(outside, more[:, places.beyond].reshape(1, -1), *pose)[0].detected + mode.detected
+    return float((both.log_odds - both.detected + shown - mode.log_odds)[0]), instead
+
+
+def _is_any_near(
+    model: DetectionModel, pose: tuple[Floats, Floats], covariance: Floats, target: Floats, sigma: Floats
+) -> bool:
+    """Whether any of some detections is where a point is expected in a pose with its covariance (6, 6)."""
+    found, at = about(model, np.full((1, model.shape[0]), -1), *pose)
+    shown = found.visible[0] > HIDDEN
+    rows = at.jacobian[0, shown]
+    by_pose = 0.5 * ((rows @ covariance) * rows).sum(axis=(1, 2))
+    squared = ((at.pixels[0, shown][:, None] - target) ** 2).sum(axis=2)
+    return bool((squared < GATE**2 * (by_pose[:, None] + sigma**2)).any())
+
+
+class _Body(NamedTuple):
+    """Points of one image of a body, and what is known of them."""
+
+    points: Floats
+    normals: Floats | None
+    cosine: Floats | None
+    covariance: Floats | None
+    images: int
+
+    @classmethod
+    def of(cls, model: DetectionModel, images: int) -> _Body:
+        """The body of a model."""
+        which = slice(len(model.points) // images)
+        return cls(
+            model.points[which], _taken(model.normals, which), _taken(model.view_cosine, which),
+            _taken(model.source_covariance, which), images,
+        )  # fmt: skip
+
+    def only(self, places: Places) -> _Body:
+        """Places in the stead of its points, as uncertain as these."""
+        m = len(places.points)
+        cosine = None if self.cosine is None else np.full(m, self.cosine.mean())
+        covariance = None if self.covariance is None else np.tile(self.covariance.mean(axis=0), (m, 1, 1))
+        return _Body(places.points, places.normals, cosine, covariance, self.images)
+
+    def and_(self, places: Places) -> _Body:
+        """Its points, followed by places."""
+        more = self.only(places)
+        return _Body(
+            np.concatenate([self.points, more.points]), _joined(self.normals, more.normals),
+            _joined(self.cosine, more.cosine), _joined(self.covariance, more.covariance), self.images,
+        )  # fmt: skip
+
+    def take(self, which: Bools) -> _Body:
+        """Some of its points."""
+        return _Body(
+            self.points[which], _taken(self.normals, which), _taken(self.cosine, which),
+            _taken(self.covariance, which), self.images,
+        )  # fmt: skip
+
+    def model(self, model: DetectionModel, free: Bools) -> DetectionModel:
+        """A model with these points, in the same poses of the same centre, of some detections (n',) only."""
+
+        def of_all(one: Floats | None) -> Floats | None:
+            return None if one is None else np.tile(one, (self.images, *(1,) * (one.ndim - 1)))
+
+        allowed = None
+        if self.images > 1 or not free.all():
+            allowed = (np.repeat(np.arange(self.images), len(self.points))[:, None] == model.image_of) & free
+        wide = copied(
+            model, points=of_all(self.points), normals=of_all(self.normals), view_cosine=of_all(self.cosine),
+            source_covariance=of_all(self.covariance), allowed=allowed, log_weights=None,
+        )  # fmt: skip
+        wide.__dict__["centre"] = model.centre  # to which the poses and their prior refer
+        return wide
+
+
+def _taken(one: Floats | None, which: Bools | slice) -> Floats | None:
+    """Some rows of what may not be known."""
+    return None if one is None else one[which]
+
+
+def _joined(one: Floats | None, other: Floats | None) -> Floats | None:
+    """Rows of what may not be known, one after the other."""
+    return None if one is None or other is None else np.concatenate([one, other])

@@ -1,0 +1,74 @@
+"""Bodies that repeat themselves: another one on the same squares is not trusted, and the body's own part of more is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import rootmatch as rm
+from rootmatch.algebra.rotation import one_rotation_matrix
+from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.continued_bodies import places_beside
+
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0, size=(1280, 960))
+SQUARE, NOISE = 0.03, 0.2
+
+
+def board(rng: np.random.Generator, columns: int, rows: int, holes: int) -> Floats:
+    """Corners of a board, some of them missing."""
+    x, y = np.meshgrid(SQUARE * np.arange(columns), SQUARE * np.arange(rows))
+    every = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    return every[np.sort(rng.permutation(len(every))[holes:])]
+
+
+def image(rng: np.random.Generator, points: Floats) -> tuple[Floats, Integers]:
+    """Shuffled detections of points with four others, and the detection of each point, −1 for none."""
+    R = one_rotation_matrix(rng.normal(0.0, 0.4, 3))
+    pixels = CAMERA.project(points @ R.T + rng.uniform((-0.13, -0.1, 0.5), (-0.07, -0.04, 0.6)))
+    seen = (pixels > 0.0).all(axis=1) & (pixels < (1280.0, 960.0)).all(axis=1) & (rng.random(len(points)) < 0.95)
+    every = np.concatenate([pixels[seen], rng.uniform((0.0, 0.0), (1280.0, 960.0), (4, 2))])
+    order = rng.permutation(len(every))
+    truth = np.full(len(points), -1)
+    truth[seen] = np.argsort(order)[: seen.sum()]
+    return every[order] + rng.normal(0.0, NOISE, every.shape), truth
+
+
+def test_a_board_continues_on_its_squares() -> None:
+    x, y = (one.ravel() for one in np.meshgrid(np.arange(6.0), np.arange(5.0)))
+    corners = np.column_stack([x, y, np.zeros(30)])
+    hole, mark = (corners[:, :2] == (2.0, 3.0)).all(axis=1), np.array([[1.4, 2.3, 0.7]])
+    places = places_beside(np.concatenate([corners[~hole], mark]), None)
+    np.testing.assert_allclose(places.points, np.round(places.points), atol=1e-9)  # and the mark is not continued
+    assert len(np.unique(np.round(places.points), axis=0)) == len(places.points) > 60
+    np.testing.assert_allclose(places.points[~places.beyond], [[2.0, 3.0, 0.0]], atol=1e-9)
+
+
+def test_what_repeats_nothing_or_turns_into_itself_has_no_places() -> None:
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 3))
+    assert not len(places_beside(points, None).points)
+    both = np.concatenate([points, points * (-1.0, -1.0, 1.0)])
+    assert not len(places_beside(both, None).points)
+
+
+def test_another_board_on_the_same_squares_is_not_trusted() -> None:
+    """Before, 7 of these were: the border of the board told its place, though rows go on beyond it."""
+    told = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        source = board(rng, 8, 6, 6)
+        target, _ = image(rng, board(rng, *((10, 8), (9, 6))[seed % 2], 6))
+        match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE)
+        assert not match
+        told.append("same squares" in match.advice)
+    assert sum(told) >= 6
+
+
+def test_the_board_is_trusted_and_so_is_a_part_of_a_larger_one() -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        whole = board(rng, 11, 9, 18)
+        own = (whole[:, 0] < 7.5 * SQUARE) & (whole[:, 1] < 5.5 * SQUARE)
+        for source, points in ((whole[own], whole[own]), (whole[own], np.concatenate([whole[own], whole[~own]]))):
+            target, truth = image(rng, points)
+            match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE)
+            assert match
+            assert (match.assignment == truth[: len(source)]).all()
