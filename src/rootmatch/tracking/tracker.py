@@ -200,7 +200,7 @@ max_evaluations
             `Similarity`, (n', 3) points.
         time : float, optional
             Seconds, later than the previous frame; by default one interval later. Where most of the first steps are
-            longer than a second, a `UserWarning` says once that these may be milliseconds.
+            longer than a second, an `InputWarning` says once that these may be milliseconds.
         prior : Pose, PosePrior or dict, optional
             A pose replaces the tracker's own prediction. Partial knowledge, for example from an inertial sensor, is
             combined with that prediction, and narrows the search for a body that is lost. With ``bodies``, a dict from
