@@ -28,7 +28,7 @@ def fisheye(focal: float) -> rm.Camera:
 def image(camera: rm.Camera, t: tuple[float, float, float] = (0.0, 0.0, 2.0)) -> NDArray[np.float64]:
     """The points and a hot pixel at index 3."""
     rng = np.random.default_rng(2)
-    return np.insert(camera.project(POINTS + t) + rng.normal(0.0, 0.2, (9, 2)), 3, HOT, axis=0)
+    return np.insert(camera.project(POINTS + np.array(t)) + rng.normal(0.0, 0.2, (9, 2)), 3, HOT, axis=0)
 
 
 AFTER = np.arange(9) + (np.arange(9) >= 3)
@@ -65,7 +65,9 @@ def test_one_of_a_rig_is_left_out() -> None:
     cameras = fisheye(330.2), fisheye(330.3)
     shift = np.array([-0.3, 0.0, 0.0])
     rig = rm.Rig([(cameras[0], np.eye(3), np.zeros(3)), (cameras[1], np.eye(3), shift)])
-    pixels = np.concatenate([cameras[0].project(POINTS + (0.0, 0.0, 2.0)), image(cameras[1], (-0.3, 0.0, 2.0))])
+    pixels = np.concatenate(
+        [cameras[0].project(POINTS + np.array([0.0, 0.0, 2.0])), image(cameras[1], (-0.3, 0.0, 2.0))]
+    )
     with pytest.warns(rm.InputWarning, match="1 of 10 detections of its camera, at index 12"):
         found = rm.match(POINTS, (pixels, np.repeat([0, 1], [9, 10])), rm.P3P(rig), noise=0.2)
     assert found.sightings is not None

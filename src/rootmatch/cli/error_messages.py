@@ -53,4 +53,5 @@ def warnings_in_one_line() -> Iterator[None]:
 
         warnings.showwarning = show
         warnings.simplefilter("always", InputWarning)
+        warnings.filterwarnings("ignore", ".*degrees for radians", InputWarning)  # degrees are given here
         yield

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from typing import Any
 from weakref import WeakSet
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Integers
 from rootmatch.cameras.pinhole import Camera, outside_of_circle
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputWarning, UnseenPixelError
@@ -40,7 +41,7 @@ def seen_alone(task: MatchingTask, explain: Callable[[MatchingTask], Finding]) -
     if unseen is None:
         return explain(task)
     predicted = task.prior_pose is not None or bool(task.prior_poses)
-    _report(task, unseen, wrong=unseen.all() or (not predicted and unseen.mean() > MOST))
+    _report(task, unseen, wrong=bool(unseen.all() or (not predicted and unseen.mean() > MOST)))
     columns = np.flatnonzero(~unseen)
     return _among_all(explain(_among(task, columns)), task, columns)
 
@@ -48,9 +49,12 @@ def seen_alone(task: MatchingTask, explain: Callable[[MatchingTask], Finding]) -
 def _cameras(task: MatchingTask) -> list[tuple[Camera, Integers]]:
     """The cameras that have a lens with an edge, and the detections of each."""
     sensor = None if task.problem.source_is_image else task.problem.sensor
-    every = list(sensor.cameras) if isinstance(sensor, Rig) else [sensor]
-    edged = [k for k, one in enumerate(every) if isinstance(one, Camera) and one.lens and np.isfinite(one.lens.radius)]
-    return [(every[k], np.flatnonzero(task.camera_of == k)) for k in edged]
+    every = sensor.cameras if isinstance(sensor, Rig) else [sensor]
+    return [
+        (one, np.flatnonzero(task.camera_of == k))
+        for k, one in enumerate(every)
+        if isinstance(one, Camera) and one.lens is not None and np.isfinite(one.lens.radius)
+    ]
 
 
 def _unseen(task: MatchingTask) -> Bools | None:
@@ -85,7 +89,7 @@ def _report(task: MatchingTask, unseen: Bools, *, wrong: bool) -> None:
 def _among(task: MatchingTask, columns: Integers) -> MatchingTask:
     """The task of some of the detections, with all that is known."""
 
-    def of_columns(pairs: Floats | Bools | None) -> Floats | Bools | None:
+    def of_columns(pairs: Any) -> Any:
         return None if pairs is None else np.ascontiguousarray(pairs[:, columns])
 
     points = task.problem.in_image(task.points.subset(target=columns))

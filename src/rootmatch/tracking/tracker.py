@@ -19,6 +19,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
+from rootmatch.explain.predicted_poses import compared
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
 from rootmatch.frozen import copied
@@ -305,10 +306,8 @@ max_evaluations
         for label, told in given.items():
             if isinstance(told, Pose):
                 self._bodies[label].keep_best(when)
-        parts = {
-            label: self._bodies[label].checked(part, when, self._frame, label in searched)
-            for label, part in self._parts(found).items()
-        }
+        each, frame = self._parts(found).items(), self._frame
+        parts = {label: self._bodies[label].checked(part, when, frame, label in searched) for label, part in each}
         self._length.take(all(part.status is Status.MATCHED for part in parts.values()), cut=found.is_cut)
         changed = False
         if of_images:
@@ -330,6 +329,7 @@ max_evaluations
         name_places(self._identical, self._bodies, parts, when)
         if not of_images and self._frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)
+        parts = {label: compared(part, given.get(label)) for label, part in parts.items()}
         if factor > 1.0:
             parts = {label: copied(part, sequence_factor=factor) for label, part in parts.items()}
         if found.parts is None:
