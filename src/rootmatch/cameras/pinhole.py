@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.cameras.base import CameraModel, tangent_axes
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -268,7 +268,13 @@ class Camera(CameraModel):
 
     def _lens_rays(self, lens: Lens, pixels: ArrayLike) -> Floats:
         """Rays (…, 3) of pixels (…, 2), NaN if the lens shows nothing."""
-        return lens.rays((np.asarray(pixels, dtype=float) - (self.cx, self.cy)) / (self.fx, self.fy))
+        return _lens_rays(lens, (np.asarray(pixels, dtype=float) - (self.cx, self.cy)) / (self.fx, self.fy)).copy()
+
+
+@kept_by_values(8)
+def _lens_rays(lens: Lens, image: Floats) -> Floats:
+    """The inverse of a lens takes a millisecond, and several stages ask for the rays of one frame."""
+    return lens.rays(image)
 
 
 def outside_of_circle(camera: Camera, pixels: Floats, unseen: Bools, index: Integers, name: str) -> str:

@@ -181,7 +181,9 @@ def track(
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
     given_noise = noise_option(noise)
     if given_noise == "auto":
-        raise InputError("--noise: auto given; a tracker needs a number, and `rootmatch match` estimates it of a frame")
+        raise InputError(
+            "--noise: auto given; a tracker needs a number, and `rootmatch match` estimates it from one frame"
+        )
     tracking = motion.tracking_options(given)
     posed = build_problem(str(problem), given)
     from rootmatch.cli.frame_outputs import (

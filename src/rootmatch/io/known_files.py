@@ -133,8 +133,8 @@ class KnownPoses:
             if not self._untold or self.empty:
                 return None
             return (
-                f"{self.path}: {self._untold} of {len(self._asked)} frames have no row within {1e3 * NEAR:g} ms, and no "
-                f"two rows about them that are {1e3 * GAP:g} ms apart or less"
+                f"{self.path}: {self._untold} of {len(self._asked)} frames have no row within {1e3 * NEAR:g} ms, and "
+                f"no two rows about them that are {1e3 * GAP:g} ms apart or less"
             )
         rest = [one for one in every if one.row not in self._used and first <= one.when <= last]
         if not rest:

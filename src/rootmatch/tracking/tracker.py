@@ -281,6 +281,7 @@ max_evaluations
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
+                options=self._length.reordered(self.matcher.options),
                 rivals=rivals, present=present, searching=searching, more_images=True,
                 source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
             )  # fmt: skip
@@ -308,7 +309,9 @@ max_evaluations
                 self._bodies[label].keep_best(when)
         each, frame = self._parts(found).items(), self._frame
         parts = {label: self._bodies[label].checked(part, when, frame, label in searched) for label, part in each}
-        self._length.take(all(part.status is Status.MATCHED for part in parts.values()), cut=found.is_cut)
+        self._length.take(
+            all(part.status is Status.MATCHED for part in parts.values()), cut=found.is_cut or deadline.stopped_early
+        )
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
