@@ -116,3 +116,15 @@ def test_nothing_is_asked_of_degrees_on_the_command_line(folder: Path, tmp_path:
     known = write(tmp_path / "known.csv", f"frame,{DOWN}", [[k, 0, 1, 0, 0, 1, 0, 40] for k in range(FRAMES)])
     result = run("track", folder / "model.csv", folder / "frames.csv", *OPTIONS, "--known", known)
     assert "radians" not in result.stderr
+
+
+def test_errors_ask_what_was_probably_meant() -> None:
+    camera, points = rm.Camera(800.0, 800.0, 320.0, 240.0), np.random.default_rng(1).uniform(-1.0, 1.0, (9, 3))
+    pixels = camera.project(points + np.array([0.0, 0.0, 5.0]))
+    with pytest.raises(rm.InputError, match="transposed"):
+        rm.match(points, pixels.T, rm.P3P(camera))
+    with pytest.raises(rm.InputError, match="expected a number or 'auto'"):
+        rm.match(points, pixels, rm.P3P(camera), noise="automatic")  # type: ignore[arg-type]
+    assert "1 detection given" in rm.Matcher(points, rm.P3P(camera)).match(pixels[:1]).advice
+    with pytest.raises(rm.InputError, match=r"indices \(3, 2\) look transposed"):
+        rm.AffinityTensor(np.array([[0, 1], [5, 6], [10, 11]]), np.ones(2), (4, 4))
