@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,7 +15,6 @@ from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vertical, warn_of_degrees
 from rootmatch.errors import InputError
-from rootmatch.frozen import copied
 from rootmatch.problems.base import Problem
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.points import PointSets, known_normals
@@ -129,7 +128,7 @@ class UP2P(Problem):
     def of_view(self, camera: CameraModel, turn: Floats) -> UP2P:
         """The problem of one camera of a rig, which has the rotation ``turn`` (3, 3) in it."""
         vertical = turn @ np.array(self.vertical_camera)
-        return copied(self, camera=camera, vertical_camera=tuple(vertical.tolist()))
+        return replace(self, camera=camera, vertical_camera=tuple(vertical.tolist()))
 
     def groups(self, points: PointSets, allowed: Bools | None) -> UprightGroups:
         """See `Problem.groups`."""
