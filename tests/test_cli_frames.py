@@ -566,15 +566,48 @@ def test_rows_of_known_poses_that_match_no_frame_are_named(
     late = [[10.0 + k / 60.0, *turn] for k, turn in enumerate(turns)]
     numbers = [[k + 6, *turn] for k, turn in enumerate(turns)]
     for image, column, rows, text in (
-        (timed, "time", near, None),
-        (timed, "time", [*near, late[0]], "1 of 5 rows match no frame, the first is row 6 with time 10;"),
-        (timed, "time", late, "4 of 4 rows match no frame, the first is row 2 with time 10; a time is matched"),
-        (folder / "frames.csv", "frame", numbers, "2 of 4 rows match no frame, the first is row 4 with frame 8"),
+        (timed, "time", [*near, late[0]], f"{FRAMES - 4} of {FRAMES} frames have no row within 1 ms"),
+        (timed, "time", late, "no row matches a frame: time is from 10 to 10.05 there, and from 0 to"),
+        (folder / "frames.csv", "frame", numbers, None),  # it is merely longer
+        (folder / "frames.csv", "frame", [[1, *turns[1]], [3, *turns[3]]], None),
     ):
         known = write(tmp_path / "known.csv", f"{column},{TURN}", rows)
         result = run(command, model, image, *OPTIONS, "--known", known, "--json")
         assert result.stdout.count('"matched"') >= 6
         assert "warning" not in result.stderr if text is None else f"warning: {known}: {text}" in result.stderr
+
+
+def test_a_clock_that_is_off_by_milliseconds_is_interpolated(
+    folder: Path, tmp_path: Path, turns: list[list[float]]
+) -> None:
+    """An IMU is never within a millisecond of a camera."""
+    rows = [[f"{k / 60.0:.6f}", x, y] for k in range(4) for x, y in frame(k)[0].tolist()]
+    timed = write(tmp_path / "timed.csv", "time,x,y", rows)
+    known = write(tmp_path / "known.csv", f"time,{TURN}", [[k / 60.0 + 5e-3, *turn] for k, turn in enumerate(turns)])
+    result = run("track", folder / "model.csv", timed, *OPTIONS, "--known", known, "--json")
+    assert "warning" not in result.stderr
+    assert f"rootmatch: {known}: interpolated at the times of 4 of 4 frames" in result.stderr
+    assert all(json.loads(line)["prior_holds"] for line in result.stdout.splitlines())
+
+
+def test_what_is_known_is_interpolated_between_rows(tmp_path: Path) -> None:
+    rows: list[list[Any]] = []
+    for k in range(2):
+        rows.append([0.02 * k, 0, 0, np.sin(0.1 * k), np.cos(0.1 * k), 2, k, 0, 0, 1 + k, 0, 1, 0.1 * k, 0, 0, 1, 1])
+    rows.append([1.0, *rows[1][1:]])
+    path = write(tmp_path / "known.csv", f"time,{TURN},tx,ty,tz,t_sigma,vx,vy,vz,wx,wy,wz,v_sigma", rows)
+    known = read_known(path)
+    for when, share in ((0.01, 0.5), (0.005, 0.25), (0.0295, 1.475)):
+        found = known.of(time=when)
+        turn, _ = found.rotation
+        np.testing.assert_allclose(turn[:2, 0], [np.cos(0.2 * share), np.sin(0.2 * share)], atol=1e-9)
+        np.testing.assert_allclose(found.position[0], [share, 0.0, 0.0], atol=1e-9)
+        assert found.position[1][0, 0] == (1.0 if share <= 0.5 else 4.0)
+        assert found.vertical[1][2] > 0.0
+    assert known.of(time=0.04) is None
+    assert known.of(time=0.5) is None
+    assert known.unused is not None
+    assert "2 of 5 frames have no row within 1 ms" in known.unused
 
 
 def test_a_time_is_that_of_the_nearest_row(tmp_path: Path, turns: list[list[float]]) -> None:

@@ -529,7 +529,7 @@ def test_a_flight_of_bodies_on_the_command_line(tmp_path: Path) -> None:
 
 
 def test_a_pixel_that_a_lens_cannot_show_stops_no_flight() -> None:
-    """It keeps a frame from being searched, not from being predicted."""
+    """It is left out where a frame is searched and where one is predicted."""
     lens = rm.Camera.from_opencv([[800.0, 0.0, 320.0], [0.0, 780.0, 240.0], [0.0, 0.0, 1.0]], [-0.4, 0.0, 0.0, 0.0])
     rig = rm.Rig([(lens, np.eye(3), np.zeros(3)), (lens, np.eye(3), np.array([-0.3, 0.0, 0.0]))])
     points = np.random.default_rng(5).uniform(-0.5, 0.5, (8, 3))
@@ -541,10 +541,7 @@ def test_a_pixel_that_a_lens_cannot_show_stops_no_flight() -> None:
     index = np.array([0] * 8 + [1] * 9)
     tracker = rm.Tracker(points, rm.P3P(rig), noise=0.3)
     found = tracker.update((np.concatenate(pixels), index))
-    assert found.status is rm.Status.UNTRUSTED
-    assert "folds over" in found.advice
-    assert (found.sightings.assignment == -1).all()
-    assert tracker.update((np.concatenate(pixels[:2]), index[:16])).status is rm.Status.MATCHED
+    np.testing.assert_array_equal(found.sightings.assignment, np.arange(16).reshape(2, 8))
     found = tracker.update((np.concatenate(pixels), index))
     assert found.status is rm.Status.MATCHED
     np.testing.assert_array_equal(found.sightings.assignment, np.arange(16).reshape(2, 8))

@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from rootmatch._version import __version__
-from rootmatch.errors import InputError, RootmatchError
+from rootmatch.errors import InputError, InputWarning, RootmatchError
 from rootmatch.problems import MODULES
 
 if TYPE_CHECKING:
@@ -87,6 +87,7 @@ __all__ = [
     "Camera",
     "Guided",
     "InputError",
+    "InputWarning",
     "Match",
     "Matcher",
     "MotionOptions",

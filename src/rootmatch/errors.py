@@ -17,6 +17,10 @@ class UnseenPixelError(InputError):
     """Pixels where the lens model shows nothing: a fault of one frame, not of the camera or the options."""
 
 
+class InputWarning(UserWarning):
+    """Input that can be used and is probably not what was meant: the text says why, and what to do."""
+
+
 MOST_QUOTED = 60
 """Characters of a value that an error quotes."""
 

@@ -231,7 +231,8 @@ max_hyperedges, max_evaluations
         if detections.ndim != 2 or detections.shape[1] != self.problem.target_dimension:
             return None  # no frame: `rootmatch.match` says what it is
         if len(detections) < least:
-            return f"{len(detections)} detections given, at least {self.problem.order} needed by {self.problem.name}"
+            given = f"{len(detections)} detection{'s' * (len(detections) > 1)} given"
+            return f"{given}, at least {self.problem.order} needed by {self.problem.name}"
         if self.problem.takes_prior:
             one = len(detections) > 1 and bool((detections == detections[0]).all())
             return f"all {len(detections)} detections are the same" if one else None

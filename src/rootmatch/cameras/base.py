@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import cross
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, UnseenPixelError
 
 RIM = 0.05
 """Part of an image's width on both sides of its rim where a predicted point is less and less expected in it: the pose
@@ -50,6 +50,15 @@ class CameraModel(ABC):
     def shows(self, pixels: ArrayLike) -> Bools:
         """Whether each of the detections (…, 2) is the image of some direction, so that `bearings` accepts it."""
         return np.ones(np.shape(pixels)[:-1], np.bool_)
+
+    def seen_bearings(self, pixels: Floats) -> Floats:
+        """As `bearings` of detections (m, 2), but NaN for those that no direction projects to."""
+        try:
+            return self.bearings(pixels)
+        except UnseenPixelError:
+            shown, rays = self.shows(pixels), np.full((len(pixels), 3), np.nan)
+            rays[shown] = self.bearings(pixels[shown])
+            return rays
 
     @abstractmethod
     def jacobian(self, points: ArrayLike) -> Floats:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.cameras.base import CameraModel, tangent_axes
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -259,17 +259,38 @@ class Camera(CameraModel):
         rays = self._lens_rays(self.lens, points)
         beyond = np.isnan(rays).any(axis=-1)
         if beyond.any():
-            x, y = points[beyond][0]
+            beyond, flat = beyond.ravel(), points.reshape(-1, 2)
+            told = outside_of_circle(self, flat, beyond, np.arange(len(flat)), "pixel{}")
             raise UnseenPixelError(
-                f"camera: {int(beyond.sum())} pixels, the first at ({x:g}, {y:g}), lie where the lens model shows "
-                f"nothing: it folds over about {self.lens.radius * self.focal:.0f} px from the principal point; "
-                "remove such points, or calibrate up to the edge of the image"
+                f"camera: {told}, where nothing is seen; remove such points, or calibrate up to the edge of the image"
             )
         return rays
 
     def _lens_rays(self, lens: Lens, pixels: ArrayLike) -> Floats:
         """Rays (…, 3) of pixels (…, 2), NaN if the lens shows nothing."""
-        return lens.rays((np.asarray(pixels, dtype=float) - (self.cx, self.cy)) / (self.fx, self.fy))
+        return _lens_rays(lens, (np.asarray(pixels, dtype=float) - (self.cx, self.cy)) / (self.fx, self.fy)).copy()
+
+
+@kept_by_values(8)
+def _lens_rays(lens: Lens, image: Floats) -> Floats:
+    """The inverse of a lens takes a millisecond, and several stages ask for the rays of one frame."""
+    return lens.rays(image)
+
+
+def outside_of_circle(camera: Camera, pixels: Floats, unseen: Bools, index: Integers, name: str) -> str:
+    """Which pixels (m, 2) lie outside of the image circle of a lens, in words.
+
+    ``unseen``, ``index``: (m,), which do, and what each is counted as; ``name``: with ``{}`` for an s of the plural.
+    """
+    assert camera.lens is not None
+    count, first = int(unseen.sum()), int(np.flatnonzero(unseen)[0])
+    x, y = pixels[first]
+    which = f"at index {index[first]}, ({x:g}, {y:g})"
+    return (
+        f"{count} of {len(pixels)} {name.format('s' * (len(pixels) > 1))}, {'the first ' * (count > 1)}{which}, "
+        f"{'lies' if count == 1 else 'lie'} outside of the lens's image circle "
+        f"(radius {camera.lens.radius * camera.focal:.0f} px)"
+    )
 
 
 def _checked_size(size: Any) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.algebra.rotation import rotation_onto_y
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, InputWarning
 
 Vector = Sequence[float] | NDArray[np.float64]
 IN_BOTH_FRAMES = "one direction, such as down, in the camera frame and in that of the points: 0,1,0 where y points down"
@@ -18,6 +19,17 @@ IN_BOTH_IMAGES = (
     "vanishing point. Two images without one are not supported: match descriptors and use a five-point solver "
     "(OpenCV's findEssentialMat, PoseLib)"
 )
+
+WIDE = 0.35
+"""Standard deviation of an angle, in radians, from which it is said what that is in degrees: 20°. A round value."""
+
+
+def warn_of_degrees(name: str, sigma: float, stacklevel: int = 4) -> None:
+    """Warn of a standard deviation of an angle in radians that may be meant in degrees."""
+    if sigma >= WIDE:
+        told = f"{name}: σ {sigma:g} given, in radians: {np.degrees(sigma):.0f}°"
+        meant = f"degrees for radians? For {sigma:g}° give np.radians({sigma:g})"
+        warnings.warn(f"{told}; {meant}", InputWarning, stacklevel=stacklevel)
 
 
 def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 
 from rootmatch._version import __version__
 from rootmatch.cli.benchmark import benchmark
+from rootmatch.cli.error_messages import warnings_in_one_line
 from rootmatch.cli.exit_codes import BAD_INPUT, INTERRUPTED, READER_GONE, TERMINATED
 from rootmatch.cli.match import match
 from rootmatch.cli.reproduce import reproduce
@@ -58,7 +59,7 @@ class OneLineErrors(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
-        with _gone_by_name():
+        with _gone_by_name(), warnings_in_one_line():
             try:
                 return super().invoke(ctx)
             finally:

@@ -1,12 +1,15 @@
-"""The library's errors in command-line terms: files instead of arrays, options instead of arguments."""
+"""The library's errors and warnings in command-line terms: files instead of arrays, options instead of arguments."""
 
 from __future__ import annotations
 
 import re
+import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, InputWarning
 
 
 @contextmanager
@@ -34,3 +37,21 @@ def as_options(text: str, subjects: Mapping[str, str]) -> str:
 
 def _dashed(name: str) -> str:
     return name.replace("_", "-")
+
+
+@contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Print each `InputWarning` of a block as the command line's own warnings, and others as Python does."""
+    with warnings.catch_warnings():
+        by_default = warnings.showwarning
+
+        def show(message: Any, category: type[Warning], *where: Any, **told: Any) -> None:
+            if issubclass(category, InputWarning):
+                print(f"rootmatch: warning: {message}", file=sys.stderr)
+            else:
+                by_default(message, category, *where, **told)
+
+        warnings.showwarning = show
+        warnings.simplefilter("always", InputWarning)
+        warnings.filterwarnings("ignore", ".*degrees for radians", InputWarning)  # degrees are given here
+        yield

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from rootmatch.cli.track_summary import advice_of
 from rootmatch.io.exports import trajectory_row
 from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite, pose_record, upper_triangle
 from rootmatch.report.text import match_weights
@@ -55,8 +56,9 @@ def frame_record(frame: int, time: float, match: Match, states: Mapping[Any, Tra
     """A tracked frame as numbers, lists and strings that JSON can hold.
 
     Keys: ``frame``, ``time`` (s), ``status``, ``state`` (``"tracking"``, ``"coasting"`` or ``"lost"``),
+    ``advice`` (a sentence), ``prior_holds`` (null without one, or if nothing is trusted), ``stopped_early``,
     ``probability`` (null if it was not needed), ``pairs`` (source point, detection), ``pose`` (see
-    `rootmatch.io.pose_record`; null if it is not known). Of several bodies ``bodies`` has the last five of each.
+    `rootmatch.io.pose_record`; null if it is not known). Of several bodies ``bodies`` has all but the first three.
     """
     if match.bodies is None:
         return {"frame": frame, "time": time, **_body_record(match, states[None])}
@@ -69,6 +71,9 @@ def _body_record(match: Match, state: TrackingState) -> dict[str, Any]:
     return {
         "status": match.status.name.lower(),
         "state": state.name.lower(),
+        "advice": advice_of(match),
+        "prior_holds": match.prior_holds,
+        "stopped_early": match.stopped_early,
         "probability": finite(match.finding.probability),
         "pairs": match.pairs.tolist(),
         "pose": None if pose is None else pose_record(pose),

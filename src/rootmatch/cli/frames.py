@@ -151,9 +151,11 @@ def _read(job: Job, image: Path) -> Iterator[Frame]:
 
 
 def warn_of_unused(known: KnownPoses | None) -> None:
-    """Name what a file of known poses told of no frame that there was."""
+    """Name what a file of known poses told of no frame that there was, and how it told the others."""
     if known is not None and known.unused is not None:
         print(f"rootmatch: warning: {known.unused}", file=sys.stderr)
+    if known is not None and known.interpolated is not None:
+        print(f"rootmatch: {known.interpolated}", file=sys.stderr)
 
 
 Result = tuple[int, str, dict[str, list[list[Any]]], dict[str, Any]]

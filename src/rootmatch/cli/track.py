@@ -18,12 +18,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rootmatch.cli import match_options as option
+from rootmatch.cli import motion_options as motion
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs, warn_of_unused
 from rootmatch.cli.noise import Noise, noise_option
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.surroundings import leaves
+from rootmatch.cli.track_summary import Queue, TrackSummary
 from rootmatch.errors import InputError
 
 RATE = 60.0
@@ -139,6 +141,11 @@ def track(
     resolution: option.Resolution = None,
     min_probability: option.MinProbability = None,
     max_seconds: option.MaxSeconds = None,
+    velocity: motion.Velocity = None,
+    acceleration: motion.Acceleration = None,
+    angular_velocity: motion.AngularVelocity = None,
+    angular_acceleration: motion.AngularAcceleration = None,
+    search_budget: motion.SearchBudget = None,
     seed: option.Seed = 0,
     poses: Poses = None,
     pose_format: PoseFormat = None,
@@ -174,7 +181,10 @@ def track(
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
     given_noise = noise_option(noise)
     if given_noise == "auto":
-        raise InputError("--noise: auto given; a tracker needs a number, and `rootmatch match` estimates it of a frame")
+        raise InputError(
+            "--noise: auto given; a tracker needs a number, and `rootmatch match` estimates it from one frame"
+        )
+    tracking = motion.tracking_options(given)
     posed = build_problem(str(problem), given)
     from rootmatch.cli.frame_outputs import (
         MATCH_COLUMNS,
@@ -201,6 +211,7 @@ def track(
         raise InputError(f"--pose-format: tum is a trajectory of one body, and {model} has a column body; give csv")
     header, delimiter = (TRAJECTORY, " ") if of_tum else ((*pose_columns(posed), "time"), ",")
     count: Counter[str] = Counter()
+    summary, queue = TrackSummary(), Queue()
     times: list[float] = []
     timed, skipped = False, 0
     with (
@@ -210,7 +221,7 @@ def track(
         leaves("what was written is kept")
         files.enter_context(warnings.catch_warnings())
         warnings.filterwarnings("ignore", message="time: the frames are")  # said below, of more frames and of --rate
-        tracker = Tracker(source.points, posed, noise=noises.of(None), **options)
+        tracker = Tracker(source.points, posed, noise=noises.of(None), tracking=tracking, **options)
         load_tracker(posed, source.points, **{name: one for name, one in options.items() if name != "max_seconds"})
         gc.freeze()  # a garbage collection of all that was imported would hold up a frame by 0.05 to 0.2 s
         matches = files.enter_context(closing(AppendedTable(output, MATCH_COLUMNS))) if output else None
@@ -229,6 +240,7 @@ def track(
                 if frame.fault is not None:
                     raise InputError(frame.fault)
                 found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
+                summary.take(found, known=prior is not None)
             except InputError as error:
                 if not skip_bad_frames:
                     raise InputError(f"{error} (frame {frame.number})") from None
@@ -250,9 +262,13 @@ def track(
             if matches is not None:
                 matches.write(match_rows(frame.number, found, source))
             count.update(row[2] for row in statuses)
+            if frames == STANDARD_INPUT and (late := queue.take(when, found.seconds)):
+                print(f"rootmatch: {late}", file=sys.stderr)
             if len(times) < FIRST_FRAMES:
                 times.append(when)
     warn_of_unused(told)
+    for line in summary.lines():
+        print(f"rootmatch: {line}", file=sys.stderr)
     _warn_of_slow_frames(times, None if timed else rate or RATE)
     print(f"rootmatch: {counted(count)}{f', {skipped} left out' if skipped else ''}", file=sys.stderr)
     if not count["matched"]:

@@ -33,6 +33,7 @@ from rootmatch.explain.too_few import are_too_few
 from rootmatch.explain.two_view_decision import assessed as judged_by_views
 from rootmatch.explain.two_view_decision import model_of as two_view_model
 from rootmatch.explain.two_view_motions import match_motions
+from rootmatch.explain.unseen_detections import seen_alone
 from rootmatch.solvers.base import solved
 
 SOLVED = 0.6
@@ -43,8 +44,14 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
     """The finding of a task; its noise is estimated first if requested.
 
     The assignments of a rig are of sightings, see `MatchingTask.rows`. Unless ``searching``, nothing is looked for
-    elsewhere than about predicted poses; it may choose by what is found about those.
+    elsewhere than about predicted poses; it may choose by what is found about those. Detections that a lens cannot show
+    are left out.
     """
+    return seen_alone(task, lambda seen: _searched(seen, searching))
+
+
+def _searched(task: MatchingTask, searching: bool | Choice) -> Finding:
+    """The finding of a task of which every detection can be seen, by predicted poses and searches."""
     if not searching:
         return _predicted(task)
     if callable(searching):

@@ -83,6 +83,8 @@ class Finding:
     reason : str, optional
         Why nothing could be matched, or why the match is not trusted.
     prior_holds : bool, optional
+    contradicted : bool
+        Whether something that is known of the pose in part, and was combined with a prediction, all but excludes it.
     pose : Pose, optional
         Of which a model of the image tells the assignment; a prediction that holds is part of it.
     posterior : Posterior, optional
@@ -125,6 +127,7 @@ class Finding:
     point_error: float = 0.0
     reason: str | None = None
     prior_holds: bool | None = None
+    contradicted: bool = False
     pose: Pose | None = None
     posterior: Posterior | None = None
     model: DetectionModel | None = None

@@ -9,6 +9,7 @@ import numpy as np
 
 from rootmatch.algebra.rotation import one_rotation_vector
 from rootmatch.arrays import Integers
+from rootmatch.cameras.vertical import unit_direction
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
 from rootmatch.explain.rivals import NONE
@@ -30,18 +31,25 @@ from rootmatch.problems.up2pf import UP2PF
 WITHIN = 12.6
 """Squared deviation from a predicted pose up to which it is no contradiction: 95 % of χ² of six parameters."""
 
+CONTRADICTED = 30.0
+"""Squared deviation from what is known in part of a pose beyond which it is contradicted: of three numbers it has a
+chance of 1e-6, and sensors have errors that nobody stated. A round value."""
+EXACT = 1e-12
+"""Least variance of a direction, radians²."""
+
 
 def vertical_of(problem: Problem) -> PosePrior | None:
     """The vertical that a problem has by itself."""
     if not isinstance(problem, UP2P):
         return None
-    return PosePrior(vertical=(problem.vertical_world, problem.vertical_camera, float(problem.vertical_noise)))
+    directions = unit_direction(problem.vertical_world, "up2p"), unit_direction(problem.vertical_camera, "up2p")
+    return PosePrior.unchecked(vertical=(*directions, float(problem.vertical_noise)))
 
 
 def knowledge_of(task: MatchingTask) -> PosePrior | None:
     """Partial knowledge of a task's pose, with the vertical of its problem; None if there is none but that."""
     upright = None if task.known is None else vertical_of(task.problem)
-    return task.known if upright is None or task.known is None else replace(task.known, vertical=upright.vertical)
+    return task.known if upright is None or task.known is None else copied(task.known, vertical=upright.vertical)
 
 
 def predictions_of(task: MatchingTask) -> list[tuple[Pose, float]]:
@@ -65,12 +73,41 @@ def agrees_with_prior(found: Finding) -> bool | None:
     A predicted pose so vague that it tells less than knowing nothing does not hold, but is no contradiction either.
     """
     prior, pose = found.task.prior_pose, found.pose
+    if found.contradicted:
+        return False
     if found.prior_holds is not False or prior is None or pose is None:
         return found.prior_holds
     if prior.covariance is None or pose.covariance is None or len(prior.covariance) != len(pose.covariance):
         return False
     off = np.array([*one_rotation_vector(pose.R @ prior.R.T), *(pose.t - prior.t)])
     return bool(off @ np.linalg.solve(prior.covariance + pose.covariance, off) <= WITHIN)
+
+
+def contradicts(known: PosePrior, pose: Pose) -> bool:
+    """Whether a pose is where what is known of it in part all but excludes it."""
+    spread, apart = np.zeros((6, 6)) if pose.covariance is None else pose.covariance, 0.0
+    if known.vertical is not None:
+        source, camera, sigma = np.asarray(known.vertical[0]), np.asarray(known.vertical[1]), known.vertical[2]
+        turned = pose.R @ source
+        angle = math.atan2(float(np.linalg.norm(np.cross(turned, camera))), float(turned @ camera))
+        apart = angle**2 / max(sigma**2 + float(np.linalg.eigvalsh(spread[:3, :3])[-1]), EXACT)
+    parts = []
+    if known.rotation is not None:
+        R, covariance = known.rotation
+        parts.append((one_rotation_vector(pose.R @ np.asarray(R).T), np.asarray(covariance) + spread[:3, :3]))
+    if known.place is not None:
+        parts.append((pose.t - known.place[0], known.place[1] + spread[3:6, 3:6]))
+    apart = max(apart, *(float(off @ np.linalg.lstsq(both, off)[0]) for off, both in parts), 0.0)
+    return apart > CONTRADICTED
+
+
+def compared(found: Finding, told: Pose | PosePrior | None) -> Finding:
+    """A finding about a prediction that what is ``told`` of its pose in part was combined with, compared with that.
+
+    The combination is of first order, and a vertical that is upside down does not change it.
+    """
+    against = isinstance(told, PosePrior) and found.pose is not None and contradicts(told, found.pose)
+    return copied(found, prior_holds=False, contradicted=True) if against and found.prior_holds is not None else found
 
 
 def poses_of_finding(found: Finding) -> list[Pose | None]:

@@ -19,7 +19,7 @@ from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.prior_validation import Prior, check_predicted, of_each
 from rootmatch.explain.rivals import NONE, Rivals
-from rootmatch.explain.validation import check_choice, check_not_exact, check_problem, split_candidates
+from rootmatch.explain.validation import check_not_exact, check_problem, split_candidates
 from rootmatch.frozen import copied, once
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import wide_first
@@ -157,7 +157,8 @@ class MatchingTask:
             Capability.RESOLUTION.require(problem.takes_prior and has_pixels, problem.name)
         estimates = isinstance(noise, str)
         if estimates:
-            check_choice("noise", noise, ("auto",))
+            if noise != "auto":
+                raise InputError(f"noise: {noise!r} given; expected a number or 'auto'")
             if source_noise is not None and problem.noisy_source:
                 raise InputError('noise: "auto" is not estimated beside source_noise= of point sets; give a number')
             noise = 0.0  # until it is estimated

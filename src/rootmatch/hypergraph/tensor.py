@@ -71,7 +71,10 @@ class AffinityTensor:
         indices = np.require(given, np.int32, ["C", "W", "A"])
         weights = _float_array("weights", self.weights)
         if weights.shape != (indices.shape[0],):
-            raise InputError(f"weights: got shape {weights.shape}; expected ({indices.shape[0]},), one a hyper-edge")
+            turned = f"; indices {indices.shape} look transposed" if weights.shape == indices.shape[1:] else ""
+            raise InputError(
+                f"weights: got shape {weights.shape}; expected ({indices.shape[0]},), one a hyper-edge{turned}"
+            )
         fault, edge = contraction.first_fault(indices, weights, n, n_target)
         if fault != contraction.VALID:
             pairs = [divmod(int(a), n_target) for a in indices[edge]]

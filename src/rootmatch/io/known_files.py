@@ -6,6 +6,7 @@ It is a file of its own, or columns of the file of detections.
 from __future__ import annotations
 
 import math
+import warnings
 from bisect import bisect_left
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, InputWarning, quoted
 from rootmatch.io.calibrations.values import errors_at
 from rootmatch.io.csv_tables import number, positive, read_table, refuse_repeats
 from rootmatch.problems.pose_fit.pose_checks import rotation_of_quaternion
@@ -30,6 +31,11 @@ COLUMNS = (*ROTATION, *POSITION, *VERTICAL)
 NEAR = 1e-3
 """Seconds that the time of a row may be from that of its frame: files are rounded, clocks read twice; in a millisecond
 a hand turns a head by less than the σ of an IMU."""
+GAP = 0.05
+"""Seconds between two rows up to which what is known is interpolated: a quickly turned head (30 rad/s²) is then at most
+half a degree from there. A round value."""
+BEYOND = 0.5
+"""How far beyond both rows, in parts of the time between them. A round value."""
 
 
 @dataclass(frozen=True)
@@ -51,48 +57,90 @@ class KnownPoses:
         ``"frame"`` or ``"time"``, which tells the rows of one frame from those of another; None: they are of every one.
     rows : mapping of str or None to list of KnownRow
         By the label of the body; None where the file has no column ``body``.
+    empty : bool
+        Whether there are rows that tell nothing beside these.
     """
 
-    def __init__(self, path: Path, column: str | None, rows: Mapping[str | None, list[KnownRow]]) -> None:
-        self.path, self.column = path, column
+    def __init__(
+        self, path: Path, column: str | None, rows: Mapping[str | None, list[KnownRow]], empty: bool = False
+    ) -> None:
+        self.path, self.column, self.empty = path, column, empty
         self.rows = {body: sorted(mine, key=attrgetter("when")) for body, mine in rows.items()}
-        self._used = set[int]()
+        self._used, self._asked = set[int](), list[float]()
+        self._between = self._untold = 0
 
     def of(self, frame: int | None = None, time: float | None = None) -> Any:
         """The `PosePrior` of a frame, or a dict of them by label if the file has labels; None if nothing is known.
 
-        A time is matched to the nearest row, at most `NEAR` from it.
+        A time is that of the nearest row, at most `NEAR` from it; otherwise two rows about it, at most `GAP` apart, are
+        interpolated, or continued by half of the time between them.
         """
         asked = {"frame": frame, "time": time, None: math.nan}[self.column]
         if asked is None:
             raise InputError(
                 f"{self.path}: a column {self.column}, and the image file has none; add it there, or leave it out here"
             )
-        found = {body: one for body, mine in self.rows.items() if (one := self._nearest(mine, asked)) is not None}
-        self._used.update(one.row for one in found.values())
-        if None in found:
-            return found[None].prior
-        return {body: one.prior for body, one in found.items()} or None
+        self._asked.append(asked)
+        given = {body: told for body, mine in self.rows.items() if (told := self._told(mine, asked)) is not None}
+        self._used.update(row for rows, _ in given.values() for row in rows)
+        self._between += any(len(rows) > 1 for rows, _ in given.values())
+        self._untold += not given
+        found = {body: prior for body, (_, prior) in given.items()}
+        return found.get(None, found or None)
 
-    def _nearest(self, rows: list[KnownRow], asked: float) -> KnownRow | None:
+    def _told(self, rows: list[KnownRow], asked: float) -> tuple[tuple[int, ...], PosePrior] | None:
+        """The rows that tell of a frame, and what."""
         if self.column is None:
-            return rows[0]
+            return (rows[0].row,), rows[0].prior
         after = bisect_left(rows, asked, key=attrgetter("when"))
         nearest = min(rows[max(after - 1, 0) : after + 1], key=lambda one: abs(one.when - asked))
-        return nearest if abs(nearest.when - asked) <= (NEAR if self.column == "time" else 0.0) else None
+        if abs(nearest.when - asked) <= (NEAR if self.column == "time" else 0.0):
+            return (nearest.row,), nearest.prior
+        if self.column == "frame":
+            return None
+        for k in (after - 1, after - 2, after):  # between two rows, or beyond the last of a run or before the first
+            if not 0 <= k < len(rows) - 1:
+                continue
+            first, second = rows[k : k + 2]
+            gap, since = second.when - first.when, asked - first.when
+            if gap > GAP or not -BEYOND * gap <= since <= (1.0 + BEYOND) * gap:
+                continue
+            if (prior := first.prior.towards(second.prior, since / gap)) is not None:
+                return (first.row, second.row), prior
+        return None
+
+    @property
+    def interpolated(self) -> str | None:
+        """A sentence on the frames that are between rows; None if there are none."""
+        if not self._between:
+            return None
+        return f"{self.path}: interpolated at the times of {self._between} of {len(self._asked)} frames"
 
     @property
     def unused(self) -> str | None:
-        """A sentence on the rows that no frame has asked for; None if there are none."""
-        rest = sorted(
-            (one for mine in self.rows.values() for one in mine if one.row not in self._used), key=attrgetter("row")
-        )
+        """A sentence on rows and frames that do not meet; None if the file is merely longer than they."""
+        if not self._asked or self.column is None:
+            return None
+        every = sorted((one for mine in self.rows.values() for one in mine), key=attrgetter("row"))
+        first, last = min(self._asked), max(self._asked)
+        if not self._used:
+            whens = [one.when for one in every]
+            return (
+                f"{self.path}: no row matches a frame: {self.column} is from {min(whens):.9g} to {max(whens):.9g} "
+                f"there, and from {first:.9g} to {last:.9g} in the frames"
+            )
+        if self.column == "time":
+            if not self._untold or self.empty:
+                return None
+            return (
+                f"{self.path}: {self._untold} of {len(self._asked)} frames have no row within {1e3 * NEAR:g} ms, and "
+                f"no two rows about them that are {1e3 * GAP:g} ms apart or less"
+            )
+        rest = [one for one in every if one.row not in self._used and first <= one.when <= last]
         if not rest:
             return None
-        count = sum(map(len, self.rows.values()))
-        first = f"row {rest[0].row} with {self.column} {rest[0].when:.9g}"
-        near = f"; a time is matched to that of a frame within {1e3 * NEAR:g} ms" if self.column == "time" else ""
-        return f"{self.path}: {len(rest)} of {count} rows match no frame, the first is {first}{near}"
+        where = f"row {rest[0].row} with {self.column} {rest[0].when:.9g}"
+        return f"{self.path}: {len(rest)} of {len(every)} rows match no frame, the first is {where}"
 
 
 def read_known(path: Path, labels: Collection[str] | None = None) -> KnownPoses:
@@ -116,7 +164,7 @@ def read_known(path: Path, labels: Collection[str] | None = None) -> KnownPoses:
         raise InputError(f"{path}: columns frame and time; give one of them")
     column = next((name for name in ("frame", "time") if name in columns), None)
     known: dict[str | None, list[KnownRow]] = {}
-    keys = []
+    keys, empty = [], False
     for row, cells in rows:
         when = math.nan if column is None else number(path, row, column, cells[column])
         body = cells.get("body")
@@ -124,12 +172,13 @@ def read_known(path: Path, labels: Collection[str] | None = None) -> KnownPoses:
             _check_label(f"{path}, row {row}", body, labels)
         keys.append((row, (body, None if column is None else when)))
         told = known_in_row(path, row, cells)
+        empty |= told is None
         if told is not None:
             known.setdefault(body, []).append(KnownRow(when, row, told))
     if column is None:
         refuse_repeats(path, keys, "body", "add a column frame or time, which says of which image each row is")
     refuse_repeats(path, keys, f"{column} and body")
-    return KnownPoses(path, column, known)
+    return KnownPoses(path, column, known, empty)
 
 
 def _check_label(where: str, body: str, labels: Collection[str] | None) -> None:
@@ -153,7 +202,8 @@ def check_groups(path: Path, columns: Collection[str]) -> bool:
 def known_in_row(path: Path, row: int, cells: Mapping[str, str]) -> PosePrior | None:
     """What a row tells of a pose; None if all of its cells are empty."""
     given = {name: _group(path, row, cells, group) for name, group in GROUPS.items()}
-    with errors_at(f"{path}, row {row}"):
+    with errors_at(f"{path}, row {row}"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)  # of degrees for radians: these are degrees
         values = {name: _value(name, group) for name, group in given.items() if group is not None}
         return PosePrior(**values) if values else None  # type: ignore[arg-type]
 

@@ -14,7 +14,6 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import ANTIPODE, Stereographic
-from rootmatch.errors import UnseenPixelError
 from rootmatch.model.compiled.projection import BROWN, KANNALA_BRANDT, NUMBERS, PINHOLE, STEREOGRAPHIC
 from rootmatch.model.compiled.unprojection import unproject
 
@@ -80,15 +79,7 @@ def _rays_of_rig(rig: Rig, target: Floats, offsets: Floats, camera_of: Integers)
 
 def _rays(camera: CameraModel, target: Floats) -> Floats:
     """Unit rays (m, 3) of detections (m, 2) of one camera; NaN where its lens shows nothing."""
-    rays = np.full((len(target), 3), np.nan)
-    if len(target) == 0:
-        return rays
-    try:
-        rays[:] = camera.bearings(target)
-    except UnseenPixelError:
-        shown = camera.shows(target)
-        rays[shown] = camera.bearings(target[shown])
-    return rays
+    return camera.seen_bearings(target) if len(target) else np.empty((0, 3))
 
 
 @kept_by_identity(64)

@@ -126,7 +126,9 @@ def prebuilt_steps() -> dict[str, Step]:
     steps["p3p of a dense image"] = partial(matched, simulated("p3p", 120, 5), noise=10.0)
     steps["noise of p3p"] = partial(matched, sample("p3p"), noise="auto")
     steps["candidates of p3p"] = partial(matched, sample("p3p"), candidates=everything)
-    steps["p3p of a known rotation"] = partial(matched, sample("p3p"), prior=PosePrior(rotation=(np.eye(3), 1.0)))
+    steps["p3p of a known rotation"] = partial(
+        matched, sample("p3p"), prior=PosePrior.unchecked(rotation=(np.eye(3), np.eye(3)))
+    )
     steps["motions of up2p counted"] = partial(matched, simulated("up2p", 10, 2, motions=2), motions="auto")
     return steps
 

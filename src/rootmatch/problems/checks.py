@@ -50,6 +50,8 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
     if array.ndim != 2 or array.shape[1] != dimension:
         of_image = name == "source" and dimension == 3 and array.shape[1:] == (2,)
         hint = "; two images are matched by ThreePlusOne or PlanarMotion" if of_image else ""
+        if array.ndim == 2 and array.shape[0] == dimension:
+            hint = "; transposed? Give one point a row"
         raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected{hint}")
     if len(array) > MOST_POINTS:
         raise InputError(f"{name}: {len(array):,} points given, {MOST_POINTS:,} at most; match a part of them")

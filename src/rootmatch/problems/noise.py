@@ -184,7 +184,11 @@ def with_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
         if not len(target):
             continue
         target = target[:, : one.dimension]
-        rays = one.bearings(target)
-        spread = float(np.sqrt(((rays - rays.mean(axis=0)) ** 2).sum(axis=1).mean()))
-        total[rows] = sigma * np.sqrt(1.0 + (relative * spread / one.angular_noise(target, sigma)) ** 2)
+        rays = one.seen_bearings(target)
+        seen = np.isfinite(rays).all(axis=1)
+        rays, target, sigma = rays[seen], target[seen], sigma[seen]
+        spread = float(np.sqrt(((rays - rays.mean(axis=0)) ** 2).sum(axis=1).mean())) if len(rays) else 0.0
+        total[np.flatnonzero(rows)[seen]] = sigma * np.sqrt(
+            1.0 + (relative * spread / one.angular_noise(target, sigma)) ** 2
+        )
     return replace(points, target_noise=total, noise_alone=own)

@@ -60,9 +60,9 @@ class TrackingOptions(Options):
     present : float
         Detections, relative to the last matched frame, from which a frame whose prediction fails is searched.
     search_budget : int
-        Evaluations of a search at 60 frames a second, in proportion more at longer intervals; of every seventh that
-        finds nothing four times as many, of every 31st 16 times. Larger for a body of many points, such as a map, where
-        a long frame does no harm.
+        Evaluations of a search at 60 frames a second, in proportion more at longer intervals; every seventh that
+        finds nothing takes four times as many, every 31st 16 times. Larger for a body of many points, such as a
+        map, where a long frame does no harm.
     search_every : int
         Frames before a followed body is searched for elsewhere.
     motion : MotionOptions

@@ -5,6 +5,8 @@ from __future__ import annotations
 import warnings
 from statistics import median
 
+from rootmatch.errors import InputWarning
+
 SLOW = 1.0
 """Seconds between two frames beyond which a time is hardly one in seconds. Not tuned."""
 FIRST_STEPS = 5
@@ -24,4 +26,4 @@ class FrameSteps:
         self.steps.append(step)
         if len(self.steps) == FIRST_STEPS and (step := median(self.steps)) > SLOW:
             text = f"time: the frames are {step:.3g} s apart; where times are in milliseconds, divide them by 1000"
-            warnings.warn(text, stacklevel=3)
+            warnings.warn(text, InputWarning, stacklevel=3)

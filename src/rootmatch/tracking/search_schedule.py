@@ -11,6 +11,8 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import SearchPart, shows_most
+from rootmatch.explain.match_options import MatchOptions
+from rootmatch.frozen import copied
 from rootmatch.tracking.followed_body import FollowedBody
 
 LONGEST_SEARCH = 16
@@ -41,6 +43,10 @@ class SearchLength:
         Where frames come at longer intervals, there is more time for each.
         """
         return round(evaluations * self.factor * min(max(gap / INTERVAL, 1.0), LONGEST_SEARCH))
+
+    def reordered(self, options: MatchOptions) -> MatchOptions:
+        """The options of the next search: after one that was cut short it draws others first, not the same again."""
+        return options if not self.failures else copied(options, seed=options.seed + self.failures)
 
     def take(self, found: bool, cut: bool) -> None:
         """Count a frame: whether everything was found in it, and whether its search was cut short."""

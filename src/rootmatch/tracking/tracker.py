@@ -19,6 +19,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
+from rootmatch.explain.predicted_poses import compared
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
 from rootmatch.frozen import copied
@@ -200,7 +201,7 @@ max_evaluations
             `Similarity`, (n', 3) points.
         time : float, optional
             Seconds, later than the previous frame; by default one interval later. Where most of the first steps are
-            longer than a second, a `UserWarning` says once that these may be milliseconds.
+            longer than a second, an `InputWarning` says once that these may be milliseconds.
         prior : Pose, PosePrior or dict, optional
             A pose replaces the tracker's own prediction. Partial knowledge, for example from an inertial sensor, is
             combined with that prediction, and narrows the search for a body that is lost. With ``bodies``, a dict from
@@ -280,6 +281,7 @@ max_evaluations
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
+                options=self._length.reordered(self.matcher.options),
                 rivals=rivals, present=present, searching=searching, more_images=True,
                 source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
             )  # fmt: skip
@@ -305,11 +307,11 @@ max_evaluations
         for label, told in given.items():
             if isinstance(told, Pose):
                 self._bodies[label].keep_best(when)
-        parts = {
-            label: self._bodies[label].checked(part, when, self._frame, label in searched)
-            for label, part in self._parts(found).items()
-        }
-        self._length.take(all(part.status is Status.MATCHED for part in parts.values()), cut=found.is_cut)
+        each, frame = self._parts(found).items(), self._frame
+        parts = {label: self._bodies[label].checked(part, when, frame, label in searched) for label, part in each}
+        self._length.take(
+            all(part.status is Status.MATCHED for part in parts.values()), cut=found.is_cut or deadline.stopped_early
+        )
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
@@ -330,6 +332,7 @@ max_evaluations
         name_places(self._identical, self._bodies, parts, when)
         if not of_images and self._frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)
+        parts = {label: compared(part, given.get(label)) for label, part in parts.items()}
         if factor > 1.0:
             parts = {label: copied(part, sequence_factor=factor) for label, part in parts.items()}
         if found.parts is None:

@@ -23,6 +23,7 @@ from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_p
 
 REWEIGHTED = 2
 """How often covariances of projections are taken anew. Not tuned: the first fit has them to a few per cent."""
+AHEAD = 0.0, 0.0, 1.0
 
 
 def camera_poses(
@@ -54,7 +55,8 @@ def camera_poses(
         From which all are fitted; else from the prediction, or without one from many.
     """
     centre, unit, packed, target, places, weight = packed_matches(points, assignments)
-    rays = camera.bearings(points.target)[target]
+    rays = camera.seen_bearings(points.target)[target]
+    rays[weight == 0.0] = AHEAD  # of no match, where the lens may show nothing
     image = points.target[target] if points.target.shape[1] == 2 else rays
     axes = np.eye(3)
     if upright is not None:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.algebra.rotation import cross_matrix, one_rotation_matrix, rotation_vector
+from rootmatch.algebra.rotation import cross_matrix, one_rotation_matrix, one_rotation_vector, rotation_vector
 from rootmatch.arrays import Floats
-from rootmatch.cameras.vertical import unit_direction
+from rootmatch.cameras.vertical import unit_direction, warn_of_degrees
 from rootmatch.errors import InputError
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import checked_rotation, numbers
@@ -22,6 +22,9 @@ LEAST_TILT = 1e-5
 WIDEST = 1.0
 """Largest standard deviation of an angle, in radians: degrees were meant beyond. A round value. Of a rotation, that of
 its best known axis: an inertial sensor may know nothing of another."""
+
+SAME = 1e-6
+"""Difference up to which two unit vectors of a file are the same: files are rounded. A round value."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -125,6 +128,34 @@ class PosePrior:
         covariance[:3, :3], covariance[3:, 3:] = turn[1], place[1]
         return Pose.unchecked(turn[0], place[0], covariance)
 
+    @classmethod
+    def unchecked(cls, rotation: Any = None, position: Any = None, vertical: Any = None) -> PosePrior:
+        """Of values that another prior or problem has checked, σ of rotation and position as covariances."""
+        one = object.__new__(cls)
+        one.__dict__.update(rotation=rotation, position=position, vertical=vertical)
+        return one
+
+    def towards(self, other: PosePrior, share: float) -> PosePrior | None:
+        """What both tell, at a time between this one (share 0) and the other (1) or a little beyond; None if nothing.
+
+        σ is that of the nearer.
+        """
+        pairs = [(getattr(self, name), getattr(other, name)) for name in ("rotation", "position", "vertical")]
+        told: list[Any] = [None if None in pair else pair for pair in pairs]
+        rotation, position, vertical = told
+        k = int(share > 0.5)
+        if rotation is not None:
+            (first, _), (second, _) = rotation
+            rotation = one_rotation_matrix(share * one_rotation_vector(second @ first.T)) @ first, rotation[k][1]
+        if position is not None:
+            position = position[0][0] + share * (position[1][0] - position[0][0]), position[k][1]
+        if vertical is not None:
+            (world, first, _), (same, second, _) = vertical
+            between = unit_direction(first + share * (second - first), "prior: vertical")
+            vertical = (world, between, vertical[k][2]) if np.allclose(world, same, atol=SAME) else None
+        nothing = rotation is None and position is None and vertical is None
+        return None if nothing else PosePrior.unchecked(rotation, position, vertical)
+
     def with_prediction(self, pose: Pose) -> Pose:
         """A predicted pose and this together, to first order: what a tracker predicts and a sensor measures."""
         if self.rotation is not None:
@@ -186,6 +217,7 @@ def _check_angle(name: str, sigma: float) -> None:
             f"prior: {name}: σ {sigma:g} given, in radians: {np.degrees(sigma):.0f}°; give radians up to {WIDEST:g}, "
             "such as np.radians(2.0) for 2°"
         )
+    warn_of_degrees(f"prior: {name}", sigma, stacklevel=5)
 
 
 def _told(part: tuple[ArrayLike, ArrayLike]) -> str:

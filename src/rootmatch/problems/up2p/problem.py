@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
-from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vertical
+from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vertical, warn_of_degrees
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.p3p import P3P
@@ -85,6 +85,7 @@ class UP2P(Problem):
         )
         if not (0.0 <= self.vertical_noise < 1.0):
             raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
+        warn_of_degrees("vertical_noise", float(self.vertical_noise))
 
     def rotations(self) -> tuple[Floats, Floats]:
         """Rotations of world and of camera that bring their verticals onto the y axis."""

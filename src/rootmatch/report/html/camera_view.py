@@ -8,7 +8,6 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
     from rootmatch.problems.pose_fit.pose import Pose
@@ -67,9 +66,6 @@ def _on_image(match: Match, pose: Pose) -> Floats:
         camera = None if centre is None else Camera(pose.focal, pose.focal, float(centre[0]), float(centre[1]))
     if camera is None:
         return nowhere
-    try:
-        rays = camera.bearings(match.target)
-    except InputError:
-        return nowhere  # beyond what the lens can show
+    rays = camera.seen_bearings(match.target)
     z = rays[:, 2:]
     return np.where(z > STEEPEST, rays[:, :2] / np.where(z > STEEPEST, z, 1.0), np.nan)

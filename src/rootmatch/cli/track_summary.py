@@ -1,0 +1,107 @@
+"""What ``rootmatch track`` says of all frames together: why some are not matched, and what they contradict.
+
+The poses of frames are rows of numbers, in which no sentence has a place.
+"""
+
+from __future__ import annotations
+
+import re
+import select
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from statistics import median
+from typing import TYPE_CHECKING
+
+from rootmatch.cli.error_messages import as_options
+
+if TYPE_CHECKING:
+    from rootmatch.result import Match
+
+LATE = 1.0
+"""Seconds by which answers come later than the first ones from which it is said that frames wait. A round value."""
+WAITING = 20
+"""Frames in a row that were there before the one before was answered, which say so. A round value."""
+_NAMES = re.compile(r"`(search_budget|min_probability|max_seconds)`")
+_NUMBERS = re.compile(r"\d+(\.\d+)?(e[-+]?\d+)?")
+
+
+def advice_of(match: Match) -> str:
+    """The advice about a frame by what its match knows, without the trials and fits of `rootmatch.Match.advice`."""
+    from rootmatch.explain.status_advice import advice
+
+    confidence = None if match.finding.every_confidence is None else match.confidence
+    return advice(match.shown, confidence, match.stopped_early)
+
+
+class TrackSummary:
+    """Reasons of the frames that are not matched, and of matches that contradict what is known."""
+
+    def __init__(self) -> None:
+        self._reasons: Counter[str] = Counter()
+        self._examples: dict[str, str] = {}
+        self._known = self._contradicted = 0
+
+    def take(self, match: Match, known: bool) -> None:
+        """Count a frame; ``known``: whether something was known of it."""
+        for one in [match] if match.bodies is None else match.bodies.values():
+            if not one:
+                advice = advice_of(one)
+                kind = _NUMBERS.sub("#", advice)
+                self._reasons[kind] += 1
+                self._examples.setdefault(kind, advice)
+            elif known and one.prior_holds is not None:
+                self._known += 1
+                self._contradicted += not one.prior_holds
+
+    def lines(self) -> Iterator[str]:
+        """What to say at the end."""
+        if 2 * self._contradicted > self._known:
+            yield (
+                f"warning: {self._contradicted} of {self._known} matches contradict what is known of their pose, and "
+                "were found without it; check its directions, frames and σ"
+            )
+        if self._reasons:
+            kind, count = self._reasons.most_common(1)[0]
+            of = f"{count} of {self._reasons.total()} that are not matched"
+            yield f"{of}: {in_options(self._examples[kind])}"
+
+
+def in_options(advice: str) -> str:
+    """An advice in terms of the command line."""
+    return as_options(_NAMES.sub(r"\1=", advice.replace(" in `TrackingOptions`", "")), {})
+
+
+class Queue:
+    """Whether frames of standard input wait for the answers to those before, longer and longer."""
+
+    def __init__(self) -> None:
+        self._clock = time.monotonic
+        self._least = float("inf")
+        self._waiting = 0
+        self._took: list[float] = []
+        self._told = False
+
+    def take(self, when: float, seconds: float) -> str | None:
+        """Count a frame of a time, answered now after some work; a warning the first time that frames pile up."""
+        late = self._clock() - when
+        self._least = min(self._least, late)
+        self._waiting = self._waiting + 1 if _is_ready() else 0
+        self._took = [*self._took[1 - WAITING :], seconds]
+        if self._told or self._waiting < WAITING or late - self._least < LATE:
+            return None
+        self._told = True
+        return (
+            f"warning: frames arrive faster than they are answered, which takes {1e3 * median(self._took):.0f} ms, and "
+            f"are {late - self._least:.1f} s late by now; bound each with --max-seconds, or say how fast the body or "
+            "the camera moves (--velocity, --acceleration)"
+        )
+
+
+def _is_ready() -> bool:
+    """Whether standard input has more to read at once."""
+    try:
+        return bool(select.select([sys.stdin], [], [], 0.0)[0])
+    except (OSError, ValueError, TypeError):  # no pipe, or a system that asks sockets alone
+        return False

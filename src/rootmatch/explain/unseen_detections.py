@@ -1,0 +1,107 @@
+"""Detections outside of a lens's image circle: nothing of the scene is seen there, so they are clutter and left out.
+
+A hot pixel in a corner of a fisheye image is one. That most detections of an image lie there is a wrong lens.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+from weakref import WeakSet
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Integers
+from rootmatch.cameras.pinhole import Camera, outside_of_circle
+from rootmatch.cameras.rig import Rig
+from rootmatch.errors import InputWarning, UnseenPixelError
+from rootmatch.explain.body_findings import among_all
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.zoom_hypotheses import candidate_of
+from rootmatch.frozen import copied
+from rootmatch.model.views import rays_of
+
+INNER = 0.8
+"""Part of the radius of the image circle within which no detection is asked whether the lens shows it: the inverse of a
+lens may take milliseconds. A round value."""
+MOST = 0.5
+"""Part of the detections that may lie outside of the circle: with more the lens is wrong. A round value."""
+
+_warned: WeakSet[Camera] = WeakSet()
+
+
+def seen_alone(task: MatchingTask, explain: Callable[[MatchingTask], Finding]) -> Finding:
+    """The finding of a task by the detections that a lens can show; its indices are those of all.
+
+    Raises `UnseenPixelError` if that is none of them, or, where no pose is predicted, less than half.
+    """
+    unseen = _unseen(task)
+    if unseen is None:
+        return explain(task)
+    predicted = task.prior_pose is not None or bool(task.prior_poses)
+    _report(task, unseen, wrong=bool(unseen.all() or (not predicted and unseen.mean() > MOST)))
+    columns = np.flatnonzero(~unseen)
+    return _among_all(explain(_among(task, columns)), task, columns)
+
+
+def _cameras(task: MatchingTask) -> list[tuple[Camera, Integers]]:
+    """The cameras that have a lens with an edge, and the detections of each."""
+    sensor = None if task.problem.source_is_image else task.problem.sensor
+    every = sensor.cameras if isinstance(sensor, Rig) else [sensor]
+    return [
+        (one, np.flatnonzero(task.camera_of == k))
+        for k, one in enumerate(every)
+        if isinstance(one, Camera) and one.lens is not None and np.isfinite(one.lens.radius)
+    ]
+
+
+def _unseen(task: MatchingTask) -> Bools | None:
+    """Which detections (n',) lie where a lens shows nothing; None if none does."""
+    unseen = np.zeros(task.shape[1], np.bool_)
+    for camera, own in _cameras(task):
+        assert camera.lens is not None
+        pixels = task.points.target[own, :2]
+        from_axis = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+        outer = np.flatnonzero((from_axis**2).sum(axis=1) > (INNER * camera.lens.radius) ** 2)
+        if len(outer):
+            unseen[own[outer]] = ~np.isfinite(rays_of(camera, pixels[outer])).all(axis=1)
+    return unseen if unseen.any() else None
+
+
+def _report(task: MatchingTask, unseen: Bools, *, wrong: bool) -> None:
+    """Warn of the detections that are left out, once for each camera, or refuse them."""
+    of_rig = task.rig is not None
+    for camera, own in _cameras(task):
+        if not unseen[own].any() or (camera in _warned and not wrong):
+            continue
+        of = " of its camera" if of_rig else ""
+        told = outside_of_circle(camera, task.points.target[own, :2], unseen[own], own, f"detection{{}}{of}")
+        if wrong:
+            raise UnseenPixelError(
+                f"target: {told}: this is hardly the lens that took the image; check its calibration and its size"
+            )
+        _warned.add(camera)
+        warnings.warn(f"target: {told}, where nothing of the scene is seen: left out", InputWarning, stacklevel=5)
+
+
+def _among(task: MatchingTask, columns: Integers) -> MatchingTask:
+    """The task of some of the detections, with all that is known."""
+
+    def of_columns(pairs: Any) -> Any:
+        return None if pairs is None else np.ascontiguousarray(pairs[:, columns])
+
+    points = task.problem.in_image(task.points.subset(target=columns))
+    return copied(task, points=points, allowed=of_columns(task.allowed), weights=of_columns(task.weights))
+
+
+def _among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
+    """A finding among some detections, and those of its bodies, as one among all."""
+    if found.task.noise_is_estimated and not task.noise_is_estimated:
+        task = task.with_noise(found.task.noise)
+    whole = copied(found.task, points=task.points, allowed=task.allowed, weights=task.weights)
+    each = None if found.parts is None else enumerate(found.parts.items())
+    parts = None if each is None else {label: _among_all(one, task.body(k), columns) for k, (label, one) in each}
+    model = None if found.model is None else candidate_of(whole, []).model
+    return copied(among_all(found, whole, columns), model=model, parts=parts, left=None)
