@@ -20,6 +20,7 @@ from rootmatch.samplers.guided.hypotheses import Hypotheses
 from rootmatch.samplers.guided.local_growth import PartialVerification
 from rootmatch.samplers.guided.local_search import MISSED, LocalSearch
 from rootmatch.samplers.guided.local_triples import run_local_tests
+from rootmatch.samplers.guided.minimal_sets import near_others
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import begin_with
 from rootmatch.samplers.guided.rivals import RIVAL_MISSED
@@ -84,7 +85,7 @@ def test_local_tests_are_those_of_all_images_that_are_near(visible: float) -> No
     search = search_of_points(surface(50, 0), target)
     level = search.levels[1]
     points = np.ascontiguousarray(search._triples(level)[:6])
-    others = search._others_of(points)
+    others = near_others(points, search.neighbours)
     sets = prepare_sets(search.tables, points, others, np.zeros(len(points), np.int64))
     near = np.ascontiguousarray(search.near[:, : level.images])
     test = sequential_test(search.clutter, visible, 0, least=4, normals=False)

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Integers
 from rootmatch.deadline import Deadline, Pace
 from rootmatch.jit.threads import threads_worth
 from rootmatch.problems.kernels import kernels_of
@@ -22,6 +22,7 @@ from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
 from rootmatch.samplers.guided.local_growth import VERIFIED, Lead, PartialVerification, grown
 from rootmatch.samplers.guided.local_triples import run_local_tests
+from rootmatch.samplers.guided.minimal_sets import near_others, nearest
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS
 from rootmatch.samplers.guided.search import Search
@@ -101,8 +102,8 @@ class LocalSearch(Search):
         self.wide, self.spent = False, {False: 0, True: 0}
         """Whether the last triples tried were wide ones, and image triples solved of local and of wide ones."""
         self.sure_sets = SETS  # hypotheses grow by them
-        self.neighbours = _nearest(self.positions, max(*POINTS, LOOKED_UP))
-        self.near = _nearest(self.grid.positions.T, max(IMAGES))
+        self.neighbours = nearest(self.positions, max(*POINTS, LOOKED_UP))
+        self.near = nearest(self.grid.positions.T, max(IMAGES))
         n, most = self.neighbours.shape[1], LOCAL * (self.n_target - 1)
         sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= most]
         self.levels = [Level(p, q, self.n_target * q * (q - 1), FIRST_WAVE) for p, q in sizes]
@@ -197,7 +198,7 @@ class LocalSearch(Search):
         near = np.ascontiguousarray(self.near[:, : level.images])
         solved = len(points) * level.cost
         most = batches.verified_of_listed(solved)
-        others = self._others_of(points)
+        others = near_others(points, self.neighbours)
         sets = prepare_sets(self.tables, points, others, np.zeros(len(others), np.int64))
         survivors, ratios, counts = run_local_tests(
             self.tables, self.grid, self._local_test(level.waves), sets, near=near, allowed=self.allowed,
@@ -244,13 +245,6 @@ class LocalSearch(Search):
                 known.append(found.best[int(found.evidence.argmax())])
         self.leads = []
 
-    def _others_of(self, points: Integers) -> Integers:
-        """The neighbours of each triple's first point that are not in it, nearest first."""
-        near = self.neighbours[points[:, 0]]
-        own = (near[:, :, None] == points[:, None, :]).any(axis=2)
-        order = np.argsort(own, axis=1, kind="stable")[:, : near.shape[1] - 2]
-        return np.ascontiguousarray(np.take_along_axis(near, order, axis=1))
-
     def _local_test(self, wave: int) -> SequentialTest:
         """The sequential test of a wave, ever more patient with hidden points."""
         return sequential_test(self.clutter, VISIBLE, wave, least=self.minimal + 1, normals=False)
@@ -286,13 +280,3 @@ class LocalSearch(Search):
         near = self.near[best[matched[:, 0]], :images]
         met = (near == best[matched[:, 1], None]).any(axis=1) & (near == best[matched[:, 2], None]).any(axis=1)
         return float(met.sum()) / len(triples)
-
-
-def _nearest(positions: Floats, most: int) -> Integers:
-    """The nearest of the points (n, 2 or 3) to each, itself left out, nearest first: (n, at most ``most``)."""
-    from scipy.spatial import cKDTree  # slow to import, and only large objects need it
-
-    k = min(most, len(positions) - 1)
-    _, found = cKDTree(positions).query(positions, k=k + 1)
-    others = np.argsort(found == np.arange(len(positions))[:, None], axis=1, kind="stable")[:, :k]
-    return np.ascontiguousarray(np.take_along_axis(found, others, axis=1).astype(np.int64))

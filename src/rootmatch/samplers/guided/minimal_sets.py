@@ -115,6 +115,24 @@ def widest(positions: Floats, members: Integers, size: int, count: int, rng: np.
     return sets[np.argsort(-width(positions, sets), kind="stable")[:count]]
 
 
+def nearest(positions: Floats, most: int) -> Integers:
+    """The nearest of the points (n, 2 or 3) to each, itself left out, nearest first: (n, at most ``most``)."""
+    from scipy.spatial import cKDTree  # slow to import, and only large objects need it
+
+    k = min(most, len(positions) - 1)
+    _, found = cKDTree(positions).query(positions, k=k + 1)
+    others = np.argsort(found == np.arange(len(positions))[:, None], axis=1, kind="stable")[:, :k]
+    return np.ascontiguousarray(np.take_along_axis(found, others, axis=1).astype(np.int64))
+
+
+def near_others(triples: Integers, neighbours: Integers) -> Integers:
+    """The ``neighbours`` (n, k) of the first point of triples (T, 3), nearest first, without their own: (T, k − 2)."""
+    near = neighbours[triples[:, 0]]
+    own = (near[:, :, None] == triples[:, None, :]).any(axis=2)
+    order = np.argsort(own, axis=1, kind="stable")[:, : near.shape[1] - 2]
+    return np.ascontiguousarray(np.take_along_axis(near, order, axis=1))
+
+
 def others_of(sets: Integers, n: int) -> Integers:
     """The points (S, n − m) that are not in each set, ascending."""
     free = np.ones((len(sets), n), np.bool_)

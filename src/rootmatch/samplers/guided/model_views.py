@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from functools import cached_property
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
-from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE
+from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE, near_others, nearest, width
 from rootmatch.samplers.guided.sequential_test import PreparedSets, prepare_sets
-from rootmatch.samplers.guided.triangle_shapes import add_near_shapes, shape_tables
+from rootmatch.samplers.guided.triangle_shapes import NARROW, add_near_shapes, shape_tables
 from rootmatch.samplers.guided.visibility import LOST, covering_order, detected_views, facing_points, sphere, within
 from rootmatch.samplers.guided.visible_triples import VisibleSets
 
 PREPARED = 4096
 """Triples that are prepared for images to come: some 60 µs and 5 kB each."""
+NEIGHBOURS, LOOKED_UP = 6, 24
+"""Neighbours of a point that its local triples are taken from, and that these predict. Round values."""
 LARGEST_WAVE = 32
 """Most triples after which it is asked again whether enough were tried."""
 DIRECTIONS = 1_024
@@ -48,6 +51,8 @@ class ModelViews:
         self._whole: VisibleSets | None = None
         self._views: dict[int, Bools] = {}
         self._met: dict[int, list[Integers]] = {}
+        self._local_waves: dict[int, VisibleSets] = {}
+        self._local_met: dict[int, Integers] = {}
 
     def prepare(self, tables: Any) -> None:
         """Prepare all waves of up to `PREPARED` triples: late ones are needed in few images, and take long together."""
@@ -70,6 +75,48 @@ class ModelViews:
             )
             self._waves[number] = VisibleSets(prepared, shapes)
         return self._waves[number]
+
+    def local_wave(self, number: int, tables: Any) -> VisibleSets:
+        """So many of the `local` triples, whose others are near them; ``tables`` as in `wave`."""
+        if number not in self._local_waves:
+            points = self.local[number * LARGEST_WAVE : (number + 1) * LARGEST_WAVE].copy()
+            others = near_others(points, self.neighbours)
+            prepared = prepare_sets(tables, points, others, np.zeros(len(points), np.int64))
+            # their images are narrow, and those have shapes as from afar
+            far = slice(0, DIRECTIONS)
+            shapes = shape_tables(self.positions, self.cameras[far], self.seen[far], points)
+            shapes[:, NARROW:] = True
+            self._local_waves[number] = VisibleSets(prepared, shapes)
+        return self._local_waves[number]
+
+    @cached_property
+    def neighbours(self) -> Integers:
+        """The points near each, nearest first."""
+        return nearest(self.positions, LOOKED_UP)
+
+    @cached_property
+    def local(self) -> Integers:
+        """Triples (T, 3) of a point and two of its neighbours that views show: the best about each, then the next."""
+        pairs = np.array(list(combinations(range(min(NEIGHBOURS, len(self.positions) - 1)), 2)), np.int64)
+        n, rng = len(self.positions), np.random.default_rng(len(self.positions))
+        triples = np.empty((n, len(pairs), 3), np.int64)
+        triples[:, :, 0], triples[:, :, 1:] = np.arange(n)[:, None], self.neighbours[:, pairs]
+        every = triples.reshape(-1, 3)
+        shown = within(every, self.visible).mean(axis=0)
+        worth = (shown * width(self.positions, every)).reshape(n, -1)
+        order = np.argsort(-worth, axis=1, kind="stable")
+        turns = np.take_along_axis(triples, order[..., None], axis=1).transpose(1, 0, 2)
+        ordered = np.concatenate([rng.permutation(turn) for turn in turns])
+        return ordered[within(ordered, self.visible).any(axis=0)]
+
+    def local_met(self, matched: int) -> Integers:
+        """How many of the `local` triples of the first waves are within each view with ``matched`` points, (W, V)."""
+        if matched not in self._local_met:
+            views = detected_views(matched, self.normals, self.view_cosine)
+            inside = within(self.local, views)
+            starts = np.arange(0, len(self.local), LARGEST_WAVE)
+            self._local_met[matched] = np.add.reduceat(inside, starts, axis=1, dtype=np.int64).cumsum(axis=1).T
+        return self._local_met[matched]
 
     def whole(self, tables: Any) -> VisibleSets:
         """The triples of all waves; see `wave`."""

@@ -27,6 +27,8 @@ depends on the direction alone, and from there on from ever nearer. The first is
 ANY = 2 * SIDE * SIDE * len(WIDTHS)
 """Instead of a cell: a triple seen from so near that its shape was not foreseen; every table allows it."""
 CELLS = ANY + 1
+NARROW = 2 * SIDE * SIDE
+"""Cells of images that are as narrow as those from afar; they are the first."""
 RIM = 0.15
 """Height over the equator up to which a shape is taken for its mirror image too: noise turns flat triangles over."""
 NEAR = tuple(0.15 * 1.12**step for step in range(22))

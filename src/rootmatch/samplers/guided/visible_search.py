@@ -4,33 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Integers
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.jit.threads import threads_worth
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.crowding import crowding
 from rootmatch.samplers.guided.dispatch import has_listed
-from rootmatch.samplers.guided.local_search import CROWDED, LEAST, LocalSearch
-from rootmatch.samplers.guided.model_views import model_views
+from rootmatch.samplers.guided.hypotheses import strongest_of
+from rootmatch.samplers.guided.local_search import CROWDED, IMAGES, LEAST, LOCAL, LocalSearch
+from rootmatch.samplers.guided.model_views import LARGEST_WAVE, model_views
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.refinement import begin_with
 from rootmatch.samplers.guided.rivals import SAME, allowed_to, fewest
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.triangle_shapes import CELLS, image_cells
-from rootmatch.samplers.guided.visibility import DETECTED, FACING, MISSED, seen_together
-from rootmatch.samplers.guided.visible_triples import VisibleSets, run_visible_tests
+from rootmatch.samplers.guided.visibility import DETECTED, FACING, FAILURE, MISSED, seen_together
+from rootmatch.samplers.guided.visible_triples import Ring, VisibleSets, rings_of, run_visible_tests
 
 MOST_DETECTIONS = 256
 """Detections beyond which the cells of their triples take too much memory: 34 MB."""
 
 SHAPES_PER_SOLVED = 16
 """Image triples whose shape is looked up in the time of one that is solved."""
+LEAST_RING = 32_000
+"""Image triples that a smaller ring has at least: some milliseconds for each triple of points. A round value."""
 CHUNKS = 32
 """Chunks of the triples that are ranked alone: each looks for its weakest at every one that it keeps. A round value."""
 SECONDS_PER_TRIPLE = 5e-8
@@ -42,6 +47,38 @@ times (16 and 30 points, five scenes each from 1000). A round value."""
 LEAST_MATCHED = 6
 """Points of a pose that must not have been missed, at least: two minimal sets. Fewer hardly tell a pose from chance,
 and to look for them would take most of the time."""
+
+
+@dataclass
+class Turn:
+    """How many of the triples were tried with images of one ring."""
+
+    ring: Ring
+    share: float
+    """Of the work, beside those of other rings. By the root of their costs the mean time is least over all sizes of an
+    object in the image, if each is as probable as twice that."""
+    spent: int = 0
+    """Image triples tried."""
+    wave: int = 0
+    """The wave that is tried, and how many of its triples were."""
+    done: int = 0
+
+
+class LocalSets(NamedTuple):
+    """Local triples that meet all rivals of a pose."""
+
+    ring: Ring
+    """Their images."""
+    missed: Floats
+    """Probability (W,) of having missed one after each wave."""
+
+
+def sizes_of(images: Integers) -> list[int]:
+    """Detections near each of some that rings are made of: all, and halves of them down to some that cost little."""
+    sizes = [len(images) - 1]
+    while len(images) * (sizes[0] // 2) ** 2 >= LEAST_RING:
+        sizes.insert(0, sizes[0] // 2)
+    return sizes
 
 
 def ranks_triples(task: SamplingTask) -> bool:
@@ -82,42 +119,107 @@ class VisibleSearch(Search):
         self.cells = image_cells(np.ascontiguousarray(self.grid.rays))
         same, met = np.eye(self.n_target, dtype=np.bool_), np.zeros(CELLS, np.bool_)
         met[self.cells[~(same | same[:, None] | same[:, :, None])]] = True
+        self.strongest = 0.0
+        """Evidence of the strongest hypothesis that was solved anew."""
+        self.every = rings_of(np.arange(self.n_target), self.grid.positions, [self.n_target - 1])[0]
         self.met = np.flatnonzero(met)
         """The shapes that any image triple has."""
 
     def _steps(self) -> Iterator[None]:
         """See `Search`: triples of points that are visible together, with all images of a shape that they can have."""
-        images = np.arange(self.n_target)
-        batch, pace = batches.FIRST, Pace(self.deadline)
-        for number in range(len(self.views.edges)):
-            sets = self.views.wave(number, self.tables)
-            count, done = len(sets.shapes), 0
-            while done < count:
-                last = min(count, done + pace.block(max(1, batch // len(images) ** 3)))
-                if last == done:
-                    return
-                self._try_visible(sets, done, last, images, self.allowed)
-                done, batch = last, batches.next_batch(batch)
-                yield
-            matched = max(self._most_matched(), LEAST_MATCHED)
-            if self._none_missed_of(matched, number + 1):
-                self.conclusive = True
+        yield from self._in_rings(np.arange(self.n_target), self.allowed)
+        self.conclusive = 0.0 < self.missed <= MISSED  # not where all listed triples were tried before that
+
+    def _in_rings(
+        self, images: Integers, allowed: Bools, least: int | None = None, seen: float = math.inf
+    ) -> Iterator[None]:
+        """Try triples with some images until a pose that explains so many points can hardly have been missed.
+
+        ``least``: those that the strongest hypothesis explains, by default. Images that lie close together are few, so
+        their triples come first, as many as their cost allows: those of an object that fills the image are not much
+        later, and those of a small one far sooner.
+        """
+        turns = [Turn(ring, math.sqrt(ring.cost)) for ring in rings_of(images, self.grid.positions, sizes_of(images))]
+        batch, pace, waves = batches.FIRST, Pace(self.deadline), len(self.views.edges)
+        while True:
+            matched = max(self._most_matched(), LEAST_MATCHED) if least is None else least
+            done = min(turn.wave for turn in turns)
+            self.missed = self.views.missed(matched, done) if done < waves else 0.0
+            open_turns = [one for one in turns if one.wave < waves and self.views.missed(matched, one.wave) > MISSED]
+            if not open_turns:
                 return
-        self.missed = 0.0  # everything was tried
+            turn = min(open_turns, key=lambda one: (one.spent + one.ring.cost) / one.share)
+            sets = self.views.wave(turn.wave, self.tables)
+            last = min(len(sets.shapes), turn.done + pace.block(max(1, batch // turn.ring.cost)))
+            if last == turn.done:
+                return
+            self._try_visible(sets, turn.done, last, turn.ring, allowed, seen)
+            self._look_closer()
+            turn.spent += (last - turn.done) * turn.ring.cost
+            turn.done, batch = last, batches.next_batch(batch)
+            if last == len(sets.shapes):
+                turn.done, turn.wave = 0, turn.wave + 1
+            yield
+
+    def _look_closer(self) -> None:
+        """Solve wide sets of the strongest hypothesis anew, if it is stronger than those before.
+
+        What is right may be met by a triple that predicts badly, and is beyond chance by another one.
+        """
+        strongest = max((float(batch.evidence.max()) for batch in self.hypotheses), default=-math.inf)
+        if strongest > self.strongest:
+            begin_with(self, strongest_of(self.hypotheses)[None])
+            self.strongest = max(float(batch.evidence.max()) for batch in self.hypotheses)
 
     def _missed_among(self, images: Integers, matched: int, known: Integers | None = None) -> float:
-        """See `Search`: sets that are visible together, until no pose that explains so many can well be missed."""
+        """See `Search`: sets that are visible together, until no pose that explains so many can well be missed.
+
+        Rivals that have the detections of a pose which is ``known`` are met by local triples as it is, or by wide ones
+        if those cost less.
+        """
         explained = SAME * matched if known is not None else fewest(matched, SAME)
         least, mask = max(self.minimal + 1, math.ceil(explained)), allowed_to(self, images)
-        for number in range(len(self.views.edges)):
-            sets, pace, done = self.views.wave(number, self.tables), Pace(self.deadline), 0
-            while done < len(sets.shapes) and (block := pace.block(len(sets.shapes) - done)):
-                self._try_visible(sets, done, min(len(sets.shapes), done + block), images, mask, seen=least)
-                done += block
-            missed = self.views.missed(least, number + 1)
-            if missed <= MISSED or self._spent():
-                return missed
-        return 0.0
+        local = None if known is None else self._local_of(images, least, known)
+        before = self.missed
+        for _ in self._in_rings(images, mask, least, least) if local is None else self._locally(local, mask, least):
+            if self._spent():
+                break
+        missed, self.missed = self.missed, before
+        return missed
+
+    def _local_of(self, images: Integers, least: int, known: Integers) -> LocalSets | None:
+        """How local triples may meet all rivals of a known pose with its images; None where wide ones cost less."""
+        number, most = 0, math.perm(len(images), self.minimal)
+        while number < len(self.views.edges) and self.views.missed(least, number) > MISSED:
+            number += 1
+        cost, found = self.views.edges[number - 1][1] * most if number else 0, None
+        sizes = [size for size in IMAGES if size <= LOCAL * (len(images) - 1)]
+        if not sizes:
+            return None
+        own = self.views.local[(known[self.views.local] >= 0).all(axis=1)]
+        for ring in (rings_of(images, self.grid.positions, [size])[0] for size in sizes):
+            near = ring.near[np.searchsorted(images, known[own[:, 0]])]
+            met = (near[:, None] == known[own[:, 1:], None]).any(axis=2).all(axis=1)
+            lost = 1.0 - (1.0 - FAILURE) * float(met.mean()) if len(own) else 1.0
+            missed = (lost ** self.views.local_met(least)).mean(axis=1)
+            enough = int((missed > MISSED).sum()) + 1
+            if enough <= len(missed) and enough * LARGEST_WAVE * ring.cost < cost:
+                cost, found = enough * LARGEST_WAVE * ring.cost, LocalSets(ring, missed[:enough])
+        return found
+
+    def _locally(self, local: LocalSets, allowed: Bools, least: int) -> Iterator[None]:
+        """Try local triples until a pose that explains so many points can hardly have been missed."""
+        pace, self.missed = Pace(self.deadline), 1.0
+        for number, missed in enumerate(local.missed.tolist()):
+            sets, done = self.views.local_wave(number, self.tables), 0
+            while done < len(sets.shapes):
+                last = done + pace.block(len(sets.shapes) - done)
+                if last == done:
+                    return
+                self._try_visible(sets, done, last, local.ring, allowed, least)
+                done = last
+            self.missed = missed
+            yield
 
     def triples(self, most: int) -> tuple[Integers, Integers, bool]:
         """Triples of points (T, 3) that may be visible together, with images (T, 3) of a shape that they can have.
@@ -128,7 +230,7 @@ class VisibleSearch(Search):
         sets = self.views.whole(self.tables)
         survivors, ratios, counts = run_visible_tests(
             self.tables, self.grid, test, sets, self.cells,
-            images=np.arange(self.n_target), first=0, last=len(sets.shapes),
+            ring=self.every, first=0, last=len(sets.shapes),
             allowed=self.allowed, keep=max(most // 8, 1), chunks=CHUNKS,
         )  # fmt: skip
         self.evaluated += int(counts[:, ::2].sum())
@@ -138,11 +240,6 @@ class VisibleSearch(Search):
         first = np.sort(np.unique(same, return_index=True)[1])
         whole = len(first) <= most and bool((ratios.min(axis=1) == -np.inf).all())
         return found.points[first[:most]], images[first[:most]], whole
-
-    def _none_missed_of(self, matched: int, waves: int) -> bool:
-        """Whether the first waves would have met a pose that explains this many points."""
-        self.missed = self.views.missed(matched, waves)
-        return self.missed <= MISSED
 
     def _test(self, wave: int, seen: float = math.inf) -> SequentialTest:
         """The sequential test, the same for all waves, with a detection rate for points that face the camera."""
@@ -157,22 +254,21 @@ class VisibleSearch(Search):
         )
 
     def _try_visible(
-        self, sets: VisibleSets, first: int, last: int, images: Integers, allowed: Bools, seen: float = math.inf
+        self, sets: VisibleSets, first: int, last: int, ring: Ring, allowed: Bools, seen: float = math.inf
     ) -> None:
         """Test the sets ``first … last − 1``, and verify the survivors of the highest ratio.
 
         Raises `OutOfTime` if the deadline in force passes before a set can end.
         """
-        triples = math.perm(len(images), self.minimal)
-        checkpoint(SECONDS_PER_TRIPLE * triples)
-        tasks = (last - first) * triples
+        checkpoint(SECONDS_PER_TRIPLE * ring.cost)
+        tasks = (last - first) * ring.cost
         if not sets.shapes[first:last, self.met].any():
             self.evaluated += tasks // SHAPES_PER_SOLVED
             return
         most = batches.verified_of_listed(tasks)
         survivors, ratios, counts = run_visible_tests(
             self.tables, self.grid, self._test(0, seen), sets, self.cells,
-            images=images, first=first, last=last, allowed=allowed,
+            ring=ring, first=first, last=last, allowed=allowed,
             keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
             threads=threads_worth(tasks // (SHAPES_PER_SOLVED * batches.WORTH_A_THREAD)),
         )  # fmt: skip

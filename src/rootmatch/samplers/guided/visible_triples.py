@@ -7,6 +7,8 @@ to be visible beside the triple.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,13 +39,39 @@ class VisibleSets(NamedTuple):
     """(S, CELLS) shapes that the image of each may have."""
 
 
+class Ring(NamedTuple):
+    """Detections that images of triples are taken from, by how near they are to that of the first point."""
+
+    images: Integers
+    """(L,) those of first points."""
+    near: Integers
+    """(L, q) detections near each, nearest first: of the other two points."""
+    inner: int = 0
+    """Of so many of them at most one is tried: what has both is in a smaller ring."""
+
+    @property
+    def cost(self) -> int:
+        """Image triples of each set."""
+        most, least = self.near.shape[1], self.inner
+        return int(len(self.images) * (most * (most - 1) - least * (least - 1)))
+
+
+def rings_of(images: Integers, positions: Floats, sizes: Sequence[int]) -> list[Ring]:
+    """Rings of so many detections about each of some ``images`` (L,), ascending; ``positions`` (2, n') of all."""
+    place = positions[:, images]
+    distance2 = ((place[:, :, None] - place[:, None]) ** 2).sum(axis=0)
+    np.fill_diagonal(distance2, -1.0)
+    near = images[distance2.argsort(axis=1, kind="stable")[:, 1:]]
+    return [Ring(images, near[:, :most].copy(), least) for least, most in pairwise([0, *sizes])]
+
+
 def run_visible_tests(
     tables: Any,
     grid: DetectionGrid,
     test: SequentialTest,
     sets: VisibleSets,
     cells: NDArray[np.int16],
-    images: Integers,
+    ring: Ring,
     first: int,
     last: int,
     allowed: Bools,
@@ -53,8 +81,8 @@ def run_visible_tests(
 ) -> tuple[Integers, Floats, Integers]:
     """Surviving hypotheses of the sets ``first … last − 1``, those of the highest ratio.
 
-    As `run_sequential_tests`; ``cells`` (n', n', n') of `image_cells`, ``images`` (L,) the detections that the triple's
-    images are taken from.
+    As `run_sequential_tests`; ``cells`` (n', n', n') of `image_cells`, ``ring`` the detections that the triple's images
+    are taken from.
     """
     prepared = sets.prepared
     survivors = np.full((chunks, keep, 5), -1, np.int64)
@@ -63,54 +91,55 @@ def run_visible_tests(
     n_target = grid.positions.shape[1]
 
     # a task is a set with one image of its first point
-    bounds = [len(images) * bound for bound in chunk_bounds(first, last, chunks)]
+    bounds = [len(ring.images) * bound for bound in chunk_bounds(first, last, chunks)]
 
     def test_some(first_task: int, last_task: int) -> None:
         scratch, block = np.zeros((2 * ROOTS, BLOCK)), np.zeros((BLOCK_ROWS, BLOCK))
         passed, picked = np.zeros((ROOTS, BLOCK), np.bool_), np.zeros((3, BLOCK), np.int64)
-        row, stamp = np.zeros(len(images) + 1, np.int64), np.zeros(n_target, np.int64)
+        row, stamp = np.zeros(ring.near.shape[1] + 1, np.int64), np.zeros(n_target, np.int64)
         _test_some(
-            tables, grid, test, prepared, sets.shapes, cells, images, allowed, first_task, last_task,
+            tables, grid, test, prepared, sets.shapes, cells, ring, allowed, first_task, last_task,
             np.array(bounds), scratch, block, passed, picked, row, stamp, survivors, ratios, counts,
         )  # fmt: skip
 
-    in_chunks(test_some, bounds, threads, max(1, QUICK // max(len(images), 1) ** 2))
+    in_chunks(test_some, bounds, threads, max(1, QUICK // max(ring.near.shape[1], 1) ** 2))
     return survivors, ratios, counts
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _test_some(  # type: ignore[no-untyped-def]
-    tables, grid, test, sets, shapes, cells, images, allowed, first, last, bounds, scratch, block, passed, picked,
+    tables, grid, test, sets, shapes, cells, ring, allowed, first, last, bounds, scratch, block, passed, picked,
     row, stamp, survivors, ratios, counts,
 ):  # fmt: skip
     """Tasks ``first … last − 1`` of chunks between ``bounds``: a set with one image of its first point.
 
     The arrays from ``scratch`` to ``stamp`` are scratch.
     """
-    tables, grid, sets, shapes, cells = borrowed((tables, grid, sets, shapes, cells))
-    images, allowed, scratch, block, passed = borrowed((images, allowed, scratch, block, passed))
+    tables, grid, sets, shapes, cells, ring = borrowed((tables, grid, sets, shapes, cells, ring))
+    allowed, scratch, block, passed = borrowed((allowed, scratch, block, passed))
     picked, row, stamp, survivors, ratios, counts = borrowed((picked, row, stamp, survivors, ratios, counts))
     points_of, others_of, coordinates_of, own_of, _ = sets
     masked = allowed.shape[0] > 0
-    several = images.size
+    images, near, inner = ring
+    count, several = near.shape
     tick = 0
     for chunk in range(bounds.size - 1):
         start, end = max(bounds[chunk], first), min(bounds[chunk + 1], last)
         solved, tested, looked, filled = 0, 0, 0, 0
         for task in range(start, end):
-            s, one = task // several, task % several
+            s, one = task // count, task % count
             i, shape, a = points_of[s], shapes[s], images[one]
             for two in range(several):
-                b = images[two]
-                if a == b or (masked and not (allowed[i[0], a] and allowed[i[1], b])):
+                b = near[one, two]
+                if masked and not (allowed[i[0], a] and allowed[i[1], b]):
                     continue
                 possible = 0
-                for three in range(several):
-                    row[possible] = images[three]
-                    possible += shape[cells[a, b, images[three]]]
+                for three in range(inner if two < inner else 0, several):
+                    row[possible] = near[one, three]
+                    possible += shape[cells[a, b, near[one, three]]]
                 for place in range(possible):
                     c = row[place]
-                    if c in (a, b) or (masked and not allowed[i[2], c]):
+                    if c == b or (masked and not allowed[i[2], c]):
                         continue
                     picked[0, filled], picked[1, filled], picked[2, filled] = a, b, c
                     gather_listed(tables, grid, a, b, c, block, filled)
@@ -123,7 +152,7 @@ def _test_some(  # type: ignore[no-untyped-def]
                         )  # fmt: skip
                         solved, tested, looked = solved + filled, tested + some_tested, looked + some_looked
                         tick, filled = tick + some_tested, 0
-            if filled > 0 and (one == several - 1 or task == end - 1):  # a block is of one set
+            if filled > 0 and (one == count - 1 or task == end - 1):  # a block is of one set
                 some_tested, some_looked = _test_block(
                     tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled,
                     masked, allowed, scratch, block, passed, picked, stamp, tick, survivors[chunk], ratios[chunk],
