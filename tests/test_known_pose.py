@@ -276,6 +276,17 @@ def test_many_points_are_searched_before_their_pairs_are_tried() -> None:
     np.testing.assert_array_equal(match.assignment[:36], np.arange(36))
 
 
+def test_what_a_short_search_may_have_missed_counts_though_the_vertical_holds() -> None:
+    """A vertical predicts no pose; about a rotation every pose is proposed, and no search needs to meet it."""
+    scene = Scene(0, visible=7, clutter=30)
+    short, long = rm.Guided(budget=3_000), rm.Guided(budget=100_000)
+    upright = scene.match(scene.prior("vertical"), sampler=short)
+    assert upright.status is rm.Status.AMBIGUOUS
+    assert "the search ended before it could exclude another pose" in upright.advice
+    assert scene.is_right(scene.match(scene.prior("vertical"), sampler=long))
+    assert scene.is_right(scene.match(scene.prior("rotation"), sampler=short))
+
+
 @pytest.mark.parametrize("is_rig", [False, True])
 def test_a_camera_whose_place_is_known_needs_no_search(is_rig: bool) -> None:
     """Points of a room before a camera, of which half are seen, with clutter, and its place to 5 cm."""

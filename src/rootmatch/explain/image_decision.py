@@ -86,6 +86,7 @@ def told_by(
     body: Candidate,
     *,
     missed: float = 0.0,
+    missed_as_known: float = 0.0,
     taken: NDArray[np.bool_] | None = None,
     of_others: NDArray[np.bool_] | None = None,
 ) -> Finding:
@@ -100,6 +101,8 @@ def told_by(
         The body of that posterior.
     missed : float
         Probability that a pose which explains as much was never met.
+    missed_as_known : float
+        The same where the pose agrees with what was known before: no search need meet what was predicted.
     taken : (n',) bool array, optional
         Detections of other bodies: the result is a mode without any of them, or nothing.
     of_others : (n',) bool array, optional
@@ -146,7 +149,7 @@ def told_by(
         fault = fault._replace(alike=log_odds_alike(model, modes, k, of_others))
     prediction = -1 if origins is None else int(origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
-    missed = 0.0 if holds else missed  # a search need not meet what is predicted
+    missed = missed_as_known if holds else missed
     trusted = told.believed(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
     sure = None if trusted is None else trusted.assignment
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))

@@ -76,8 +76,11 @@ def _searched(
     found: Finding,
     proposed: Proposals | None = None,
 ) -> Finding:
-    """What searches find, weighed with what was ``proposed`` and told by ``found``."""
-    named, evaluated = list[Integers](), 0
+    """What searches find, weighed with what was ``proposed`` and told by ``found``.
+
+    What one of them would have met was not missed.
+    """
+    named, evaluated, missed = list[Integers](), 0, 1.0
     for one, columns in _searches(task):
         # with what is known every pose was proposed: without it, what is known would have to be wrong
         if proposed is not None and one.problem is task.problem and are_too_few(one, math.log(DOUBT)):
@@ -86,12 +89,15 @@ def _searched(
         while part is not None and len(columns) >= part.problem.order and not task.deadline.passed():
             searched = solve(part)
             evaluated, part = evaluated + searched.evaluated, searched.left
+            missed = min(missed, searched.facts.missed)
             searched = among_all(searched, task, columns)
             named += searched.named or searched.every
             with suppress(OutOfTime):
                 body = body.proposed(named, proposed)
                 base = replace(searched, task=task, evaluated=evaluated, named=(), left=None)
-                found = told_by(base, body.alone(), body)
+                # where all that is known leaves was proposed, a search need not meet it
+                as_known = missed if proposed is None else 0.0
+                found = told_by(base, body.alone(), body, missed=missed, missed_as_known=as_known)
             if found.status is Status.MATCHED:
                 return found
     return found
