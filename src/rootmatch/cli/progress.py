@@ -7,8 +7,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from typing import TYPE_CHECKING
 
-from rootmatch.backends.strongest import Progress as Show
+if TYPE_CHECKING:
+    from rootmatch.backends.strongest import Progress as Show
 
 DELAY = 2.0
 """Seconds of work after which a bar appears by default."""
@@ -67,7 +69,7 @@ def _lines(what: str) -> Show:
         if step > reported or now - told > INTERVAL:
             reported, told = step, now
             left = timedelta(seconds=round((now - started) * (total - done) / max(done, 1)))
-            after = f", about {left} left" if 0 < done < total else ""
+            after = f", about {left} left" if total <= 100 * done < 100 * total else ""
             print(f"{what}: {100 * done // max(total, 1)} %{after}", file=sys.stderr, flush=True)
 
     return show

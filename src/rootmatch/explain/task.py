@@ -155,13 +155,12 @@ class MatchingTask:
         if options.resolution is not None:
             has_pixels = hasattr(problem, "camera") and not problem.noise_is_angular
             Capability.RESOLUTION.require(problem.takes_prior and has_pixels, problem.name)
-        estimates = isinstance(noise, str)
-        if estimates:
+        if estimates := isinstance(noise, str):
             if noise != "auto":
                 raise InputError(f"noise: {noise!r} given; expected a number or 'auto'")
             if source_noise is not None and problem.noisy_source:
                 raise InputError('noise: "auto" is not estimated beside source_noise= of point sets; give a number')
-            noise = 0.0  # until it is estimated
+            noise = 0.0
         else:
             check_not_exact(noise)
         if not isinstance(source, CheckedSource):

@@ -280,10 +280,9 @@ max_evaluations
             noise = stated if factor == 1.0 else np.asarray(stated) * factor ** (1 if np.ndim(stated) < 3 else 2)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
-                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
-                options=self._length.reordered(self.matcher.options),
-                rivals=rivals, present=present, searching=searching, more_images=True,
-                source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
+                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget, rivals=rivals,
+                present=present, searching=searching, more_images=True, log_inexact=self._inexact.log_odds,
+                source_noise=self._inexact.error, options=self._length.reordered(self.matcher.options),
             )  # fmt: skip
 
         searched: set[Label | None] = set(self._bodies)
@@ -307,11 +306,10 @@ max_evaluations
         for label, told in given.items():
             if isinstance(told, Pose):
                 self._bodies[label].keep_best(when)
-        each, frame = self._parts(found).items(), self._frame
-        parts = {label: self._bodies[label].checked(part, when, frame, label in searched) for label, part in each}
-        self._length.take(
-            all(part.status is Status.MATCHED for part in parts.values()), cut=found.is_cut or deadline.stopped_early
-        )
+        for label, part in (parts := dict(self._parts(found))).items():
+            parts[label] = self._bodies[label].checked(part, when, self._frame, label in searched)
+        matched = all(part.status is Status.MATCHED for part in parts.values())
+        self._length.take(matched, cut=found.is_cut or deadline.stopped_early)
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search

@@ -153,7 +153,7 @@ class VisibleSearch(Search):
             last = min(len(sets.shapes), turn.done + pace.block(max(1, batch // turn.ring.cost)))
             if last == turn.done:
                 return
-            self._try_visible(sets, turn.done, last, turn.ring, allowed, seen)
+            self._try_visible(sets, turn.done, last, turn.ring, allowed, seen=seen)
             self._look_closer()
             turn.spent += (last - turn.done) * turn.ring.cost
             turn.done, batch = last, batches.next_batch(batch)
@@ -216,7 +216,7 @@ class VisibleSearch(Search):
                 last = done + pace.block(len(sets.shapes) - done)
                 if last == done:
                     return
-                self._try_visible(sets, done, last, local.ring, allowed, least)
+                self._try_visible(sets, done, last, local.ring, allowed, seen=least)
                 done = last
             self.missed = missed
             yield
