@@ -280,8 +280,8 @@ max_evaluations
             noise = stated if factor == 1.0 else np.asarray(stated) * factor ** (1 if np.ndim(stated) < 3 else 2)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
-                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget, rivals=rivals,
-                present=present, searching=searching, more_images=True, log_inexact=self._inexact.log_odds,
+                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, rivals=rivals,
+                present=present, searching=searching, budget=budget, more_images=True, log_inexact=self._inexact.log_odds,
                 source_noise=self._inexact.error, options=self._length.reordered(self.matcher.options),
             )  # fmt: skip
 
