@@ -280,9 +280,10 @@ max_evaluations
             noise = stated if factor == 1.0 else np.asarray(stated) * factor ** (1 if np.ndim(stated) < 3 else 2)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
-                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, rivals=rivals,
-                present=present, searching=searching, budget=budget, more_images=True, log_inexact=self._inexact.log_odds,
-                source_noise=self._inexact.error, options=self._length.reordered(self.matcher.options),
+                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
+                rivals=rivals, present=present, searching=searching, more_images=True,
+                options=self._length.reordered(self.matcher.options),
+                source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
             )  # fmt: skip
 
         searched: set[Label | None] = set(self._bodies)
@@ -306,8 +307,7 @@ max_evaluations
         for label, told in given.items():
             if isinstance(told, Pose):
                 self._bodies[label].keep_best(when)
-        for label, part in (parts := dict(self._parts(found))).items():
-            parts[label] = self._bodies[label].checked(part, when, self._frame, label in searched)
+        parts = {k: self._bodies[k].checked(one, when, self._frame, k in searched) for k, one in self._parts(found).items()}
         matched = all(part.status is Status.MATCHED for part in parts.values())
         self._length.take(matched, cut=found.is_cut or deadline.stopped_early)
         changed = False
