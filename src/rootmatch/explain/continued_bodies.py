@@ -271,9 +271,7 @@ class _Body(NamedTuple):
             model, points=of_all(self.points), normals=of_all(self.normals), view_cosine=of_all(self.cosine),
             source_covariance=of_all(self.covariance), allowed=allowed, log_weights=None,
         )  # fmt: skip
-        # the poses and their prior refer to the centre of the body
-        normals = np.empty((0, 3)) if wide.normals is None else np.asarray(wide.normals, float)
-        wide.__dict__.update(centre=model.centre, about_centre=(wide.points - model.centre, normals))
+        wide.__dict__["centre"] = model.centre  # to which the poses and their prior refer
         return wide
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.continued_bodies import beside_continuations, places_beside
+from rootmatch.explain.continued_bodies import LIKELY, beside_continuations, places_beside
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
@@ -42,8 +42,6 @@ KEPT = 0.8
 """Part of its matches that has to remain of a trusted body: a pose that is certain with fewer is called ambiguous,
 because too much of what it shows is unknown. A round value."""
 
-LIKELY = 0.5
-"""Probability that the body is in view from which it is asked whether something else is. A round value."""
 BY_ITS_LAW = (
     "something else that repeats itself as the body does, like another board on the same squares, explains more of the "
     "detections; give all such bodies with `bodies=`, or points that tell them apart"

@@ -222,7 +222,8 @@ class DetectionModel:
     @once
     def about_centre(self) -> tuple[Floats, Floats]:
         """Points (n, 3) about the centre, and normals (n, 3) or (0, 3)."""
-        centred = about_centre(self.points)[1]
+        kept, centred, _ = about_centre(self.points)
+        centred = centred if self.centre is kept else self.points - self.centre
         return centred, np.empty((0, 3)) if self.normals is None else np.array(self.normals, float)
 
     def _in_blobs(self, at: Linearised) -> Linearised:

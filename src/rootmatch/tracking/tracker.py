@@ -281,9 +281,8 @@ max_evaluations
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
-                rivals=rivals, present=present, searching=searching, more_images=True,
-                options=self._length.reordered(self.matcher.options),
-                source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
+                present=present, searching=searching, options=self._length.reordered(self.matcher.options),
+                rivals=rivals, more_images=True, source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
             )  # fmt: skip
 
         searched: set[Label | None] = set(self._bodies)
@@ -307,7 +306,8 @@ max_evaluations
         for label, told in given.items():
             if isinstance(told, Pose):
                 self._bodies[label].keep_best(when)
-        parts = {k: self._bodies[k].checked(one, when, self._frame, k in searched) for k, one in self._parts(found).items()}
+        each, frame = self._parts(found).items(), self._frame
+        parts = {label: self._bodies[label].checked(part, when, frame, label in searched) for label, part in each}
         matched = all(part.status is Status.MATCHED for part in parts.values())
         self._length.take(matched, cut=found.is_cut or deadline.stopped_early)
         changed = False
