@@ -83,7 +83,7 @@ def test_a_flight_in_an_unknown_unit() -> None:
 def test_a_scale_that_many_frames_tell_is_not_biased() -> None:
     """Errors of second order in each frame would add up: of 1e-4 here, where 200 frames tell the scale to 1e-3."""
     errors = []
-    for seed in range(2):
+    for seed in range(3):
         rng = np.random.default_rng([seed, 19])
         tracker = rm.Tracker(BODY, rm.Similarity(), noise=(0.0, 1.5))
         for _ in range(200):
@@ -91,7 +91,7 @@ def test_a_scale_that_many_frames_tell_is_not_biased() -> None:
         assert match.pose is not None
         assert match.pose.covariance is not None
         errors.append((match.pose.scale - 1.0) / match.pose.covariance[6, 6] ** 0.5)
-    assert abs(np.mean(errors)) < 1.0  # with a standard deviation of .71
+    assert abs(np.mean(errors)) < 0.8  # with a standard deviation of .58
     assert np.mean(np.square(errors)) < 3.0
 
 

@@ -160,7 +160,7 @@ class MatchingTask:
                 raise InputError(f"noise: {noise!r} given; expected a number or 'auto'")
             if source_noise is not None and problem.noisy_source:
                 raise InputError('noise: "auto" is not estimated beside source_noise= of point sets; give a number')
-            noise = 0.0
+            noise = 0.0  # until it is estimated
         else:
             check_not_exact(noise)
         if not isinstance(source, CheckedSource):
