@@ -147,8 +147,9 @@ KEPT = "come with it cannot be used"
 
 def without(folder: Path, gone: list[list[str]], changed: list[list[str]] = [], work: str | None = None) -> dict:  # noqa: B006
     """What a process finds to which insides of Numba are not there."""
-    # compiled code would be found on disk, whatever it was compiled with
+    # compiled code would be found on disk, whatever it was compiled with; optimising it takes longer than running it
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
+    environment["NUMBA_OPT"] = "0"
     program = [sys.executable, "-c", WITHOUT, json.dumps([gone, changed, work])]
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]

@@ -28,9 +28,10 @@ Floats = NDArray[np.float64]
 def images(source: Floats, normals: Floats | None, R: Floats, t: Floats) -> dict[int, int]:
     """The nearest point to each after a motion, where that is near and faces alike (oppositely: after a reflection)."""
     off = cdist(source @ R.T + t, source)
+    within = np.minimum(tolerance(source), DISTINCT * neighbours(source))
     found = {}
     for i, row in enumerate(off):
-        near = [j for j in np.argsort(row) if row[j] < min(tolerance(source), DISTINCT * neighbours(source)[j])]
+        near = [j for j in np.argsort(row) if row[j] < within[j]]
         if normals is not None:
             near = [j for j in near if np.linalg.det(R) * (R @ normals[i]) @ normals[j] >= FACING]
         if near:

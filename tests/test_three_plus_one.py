@@ -22,6 +22,7 @@ from instances import random_unit
 from rootmatch.backends import cpu
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
+from rootmatch.jit.decorators import driver
 from rootmatch.problems.residual_dispatch import PANEL_ROWS, SCRATCH_ROWS, fill_panel, slab_residual
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 from rootmatch.problems.three_plus_one.problem import ThreePlusOne
@@ -582,6 +583,13 @@ class TestDegenerate:
             assert residual(instance, instance.target, Normalised(), 2.0 * instance.camera2.fx) == LARGE
 
 
+@driver()
+def slab(tables, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-def]
+    """Both steps of a slab, kept on disk: they take longer to compile than all other tests of this file."""
+    fill_panel(tables, kind, i, j, panel)
+    slab_residual(tables, kind, i, j, first, panel, scratch, out)
+
+
 class TestSlab:
     @pytest.mark.parametrize("kind", [QR(), QRBoth(), SVD(), Normalised(), Joint(), Normalised(0b100010), QR(0b11)])
     def test_a_slab_is_its_edges(self, kind: object) -> None:
@@ -595,8 +603,7 @@ class TestSlab:
             first = int(i[2]) + 1
             out = np.full((9 - first, 12), -1.0)
             rooms = np.empty((PANEL_ROWS, 12)), np.empty((SCRATCH_ROWS, 9))
-            fill_panel(tables, kind, np.append(i, first), np.append(j, 0), rooms[0])
-            slab_residual(tables, kind, np.append(i, first), np.append(j, 0), first, *rooms, out)
+            slab(tables, kind, np.append(i, first), np.append(j, 0), first, *rooms, out)
             rest = [k for k in range(12) if k not in j]
             sources = np.array([[*i, first + r] for r in range(9 - first) for _ in rest])
             targets = np.array([[*j, k] for _ in range(9 - first) for k in rest])
