@@ -328,3 +328,16 @@ def test_the_gate_is_narrower_where_detections_crowd() -> None:
         pixels = rng.uniform((0.0, 0.0), (640.0, 480.0), (count, 2))
         factors.append(narrowed(Camera(1000.0, 1000.0, 320.0, 240.0).bearings(pixels).T, 0.008))
     assert factors[0] == 1.0 > factors[1] > factors[2] == NARROWEST
+
+
+def test_chance_ends_no_search_in_part_of_the_images() -> None:
+    """Of five points, of which chance matches all, one minimal set is enough; a pose with four needs most of them."""
+    rng = np.random.default_rng(0)
+    points, target = 0.05 * rng.normal(size=(5, 3)), rng.uniform(0.0, 1000.0, (24, 2))
+    problem, found = P3P(Camera(900.0, 900.0, 500.0, 500.0)), []
+    for in_part in (False, True):
+        options = Guided(budget=100_000_000, stopping=StoppingOptions(in_part=in_part))
+        found.append(search(problem, points, target, 4.0, options=options))
+    assert max((one >= 0).sum() for one in found[0].assignments) == 5
+    assert found[1].evaluated > 3 * found[0].evaluated
+    assert found[1].missed < 0.05

@@ -102,9 +102,18 @@ class _Body(SearchedBody):
         """Whether it was searched for, or its prediction makes a search unnecessary."""
         return self.among >= 0 or self.enough
 
+    @property
+    def is_left_over(self) -> bool:
+        """Whether it is most probably in a pose that explains less than one of which other bodies have the detections.
+
+        The search ended there: that it would have met whatever explains as much holds for that pose only.
+        """
+        best, told = self.candidate.modes, self.told.modes
+        return len(best.rotation) > 0 < len(told.rotation) and not np.array_equal(best.rotation[0], told.rotation[0])
+
     def worth_a_search(self, budget: int) -> bool:
         """Whether another search among the free detections, with this budget, may find more than the last one."""
-        if self.settled or (self.among < 0 and self.enough):
+        if (self.settled and not self.is_left_over) or (self.among < 0 and self.enough):
             return False
         fewer = self.among < 0 or int(self.free.sum()) < self.among
         torn = float(self.told.probabilities.sum()) >= IN_VIEW and self.pose < DOUBTED

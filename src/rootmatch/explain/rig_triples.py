@@ -25,8 +25,9 @@ scenes are right with 256, 4 with 1,024, 20 with 4,096 (tests/test_rig_triples.p
 camera are detected, 128 find the same as 256, alone and among eight more clutter points in each image: 376 of 390
 bodies, 495 of 503 (benchmarks/flights.py, rig, 3 flights from 1100; 1000, 1100 and 1101)."""
 
-FEW = 1024
-"""Triples without normals that a bounded search looks at: some ten milliseconds. A round value."""
+FEW, EVALUATIONS = 1024, 600
+"""Triples without normals that any bounded search looks at, some ten milliseconds, and evaluations of its budget for
+which it looks at one: they take about as long. Round values."""
 
 
 def assignments_of_triples(
@@ -64,7 +65,7 @@ def assignments_of_triples(
 
 def most_triples(task: MatchingTask) -> int:
     """How many triples of a camera are all looked at where no normals rank them; if there are more, none is."""
-    return TRIPLES if task.budget is None else FEW
+    return TRIPLES if task.budget is None else min(max(FEW, task.budget // EVALUATIONS), TRIPLES)
 
 
 def search_meets(task: MatchingTask, model: DetectionModel, assignment: Integers, points: int | None = None) -> bool:

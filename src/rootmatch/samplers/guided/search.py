@@ -101,9 +101,8 @@ class Search:
         """Those of sets that were drawn, not made of what is known."""
         self._known: tuple[Integers, Integers, Hypotheses] | None = None
         self.hypotheses: list[Hypotheses] = []
-        self.conclusive = False
-        self.missed = 1.0
-        """Probability of having missed a pose that explains as much as the strongest hypothesis."""
+        self.conclusive, self.missed = False, 1.0
+        """Whether it ended for want of nothing, and the probability of having missed a pose as good as the strongest."""
 
     def run(self) -> None:
         """Batch after batch until enough is found, every minimal set was tried, or the budget is spent."""
@@ -168,14 +167,15 @@ class Search:
 
     def _none_missed(self, tried: TriedSets | None, sets_done: int) -> bool:
         """Whether a pose that explains as many points as the best one would have been met by the sets tried."""
-        matched = self._most_matched()
+        by_chance = self.options.stopping.in_part and not self.is_beyond_chance()
+        matched = self.minimal + 1 if by_chance else self._most_matched()
         if tried is not None:
             self.missed = tried.missed(matched)
-        elif not self.single or (matched := max(matched, self.fewest)) <= self.minimal + 1:
+        elif not self.single or not (by_chance or (matched := max(matched, self.fewest)) > self.minimal + 1):
             return False
         else:
             self.missed = missed_at_random(matched, self.n, self.minimal, sets_done)
-            if self.hypotheses:
+            if self.hypotheses and not by_chance:
                 self.missed = min(self.missed, missed_as_met(strongest_of(self.hypotheses), self.drawn))
         return self.missed <= MISSED
 

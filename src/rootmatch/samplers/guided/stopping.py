@@ -21,6 +21,9 @@ class StoppingOptions(Options):
     alarm in a thousand searches. By construction."""
     complete: float = option(0.9, above=0.0, most=1.0)
     """Fraction of the points that can be matched from which the hypotheses are complete and the search ends."""
+    in_part: bool = option(False)
+    """Whether other images tell which hypotheses are right, as those of a rig's other cameras: then what chance
+    explains as well ends no search, however much it explains."""
 
 
 TRUSTED = math.log(19.0)
