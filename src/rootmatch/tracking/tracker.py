@@ -229,8 +229,9 @@ max_evaluations
             check_predicted(prior, self.labels, self.matcher.problem)
         limit = self.matcher.options.max_seconds if max_seconds is None else max_seconds
         deadline = Deadline(limit, started=started)
-        given: dict[Label | None, Prior] = {} if prior is None or isinstance(prior, Mapping) else {None: prior}
-        given.update(prior.items() if isinstance(prior, Mapping) else ())
+        given: dict[Label | None, Prior] = {}
+        if prior is not None:
+            given.update(prior.items() if isinstance(prior, Mapping) else {None: prior}.items())
         with self._turns:
             when, before = self._time(time), self.time
             if before is not None and when <= before:
