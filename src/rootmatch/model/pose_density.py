@@ -17,8 +17,6 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.frozen import once
-from rootmatch.model.compiled.bounding import bound
-from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.compiled.known_terms import prior_terms
 
 FIELD = 2.0
@@ -36,6 +34,8 @@ TURNS = 2.0 * math.pi
 EXACT = 1e-6
 """Smallest standard deviation of a prediction: in radians, relative to the distance, and relative to other
 directions."""
+RIDGE = EXACT * np.eye(6)
+"""Of a covariance in units of its standard deviations."""
 LEAST = 3
 """Matches of a mode: with fewer a pose is not determined unless it is predicted, and a body that shows no more is not
 told from clutter."""
@@ -186,18 +186,20 @@ class Gaussian(Mixed):
             return np.ones_like(squared)
         return np.asarray((self.freedom + 6.0) / (self.freedom + np.maximum(squared, 6.0)))
 
-    @property
+    @once
     def bounded(self) -> Floats:
         """The covariance, no more certain than `EXACT` in any direction."""
-        return self._bounds[0]
+        distance = max(math.sqrt(self.position @ self.position), 1e-300)
+        least = EXACT * np.array([1.0, 1.0, 1.0, distance, distance, distance])
+        scale = np.sqrt(np.maximum(self.covariance.diagonal(), least**2))
+        unit = scale[:, None] * scale
+        return np.asarray((self.covariance / unit + RIDGE) * unit)
 
     @once
-    def _bounds(self) -> tuple[Floats, Floats, float]:
-        """That, its inverse (6, 6), and the logarithm of the density at its peak."""
-        out = np.empty((6, 6)), np.empty((6, 6))
-        # copies: what is read-only or of another layout is another type to a kernel
-        logarithm = bound(np.array(self.covariance, float, order="C"), np.array(self.position, float), EXACT, out)
-        return *out, -0.5 * (6.0 * LOG_2PI + logarithm) - _log_mass(self.freedom)
+    def _precision(self) -> tuple[Floats, float]:
+        """The precision (6, 6), and the logarithm of the density at its peak."""
+        logarithm = 0.5 * float(np.linalg.slogdet(2.0 * math.pi * self.bounded)[1]) + _log_mass(self.freedom)
+        return np.asarray(np.linalg.inv(self.bounded), np.float64), -logarithm
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,12 +289,12 @@ def packed(predictions: Sequence[tuple[Gaussian, float]]) -> tuple[Floats, ...]:
     """Predictions with their shares as arrays for the kernel."""
     if not predictions:
         return NO_PREDICTIONS
-    each = [one._bounds for one, _ in predictions]
+    each = [one._precision for one, _ in predictions]
     return (
         np.array([one.rotation for one, _ in predictions]),
         np.array([one.position for one, _ in predictions]),
-        np.array([whole for _, whole, _ in each]),
-        np.array([peak + share for (*_, peak), (_, share) in zip(each, predictions, strict=True)]),
+        np.array([whole for whole, _ in each]),
+        np.array([peak + share for (_, peak), (_, share) in zip(each, predictions, strict=True)]),
         np.array([one.freedom for one, _ in predictions], dtype=float),
     )
 
