@@ -61,7 +61,7 @@ class ForeignLights:
         return self._holds
 
     def _chance_to_hold(self) -> float:
-        each = self.own[self.seen >= max(self.time - RECENT, self.since)].tolist()
+        each: list[float] = self.own[self.seen >= max(self.time - RECENT, self.since)].tolist()
         if len(each) <= DETERMINE:
             return math.prod(each)
         none, one, two = 1.0, 0.0, 0.0  # probability of so few right ones, of what `DETERMINE` is more
