@@ -183,7 +183,6 @@ class MatchingTask:
                 if options.motions != 1
                 else 'noise: "auto" is not estimated from several bodies; give a number of pixels'
             )
-        each = of_each(prior)
         return cls(
             problem=problem,
             points=points,
@@ -195,9 +194,9 @@ class MatchingTask:
             weights=weights,
             bodies=labels,
             prior_pose=prior if isinstance(prior, Pose) else None,
-            prior_poses={label: one for label, one in each.items() if isinstance(one, Pose)},
+            prior_poses={label: one for label, one in of_each(prior).items() if isinstance(one, Pose)},
             known=prior if isinstance(prior, PosePrior) else None,
-            known_of={label: one for label, one in each.items() if isinstance(one, PosePrior)},
+            known_of={label: one for label, one in of_each(prior).items() if isinstance(one, PosePrior)},
             **told,
         )
 

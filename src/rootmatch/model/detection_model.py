@@ -121,7 +121,6 @@ class DetectionModel:
 
     @once
     def _measures(self) -> tuple[Floats, Floats, float]:
-        """Of the points, see `about_centre`."""
         return about_centre(self.points)
 
     @once
