@@ -94,6 +94,17 @@ def test_a_triple_seen_from_nearest_is_of_any_shape() -> None:
     assert all(cells[order] == ANY for order in permutations(range(3)))
 
 
+def test_only_triples_that_face_a_camera_amid_them_are_of_any_shape() -> None:
+    whole = views_of(*ball(5)).whole(tables_of(5, 0)[0])
+    assert whole.shapes[:, ANY].mean() < 0.2  # who is inside of a ball sees no point's front
+    rng = np.random.default_rng(2)
+    plate = np.column_stack([rng.uniform(-1.0, 1.0, (8, 2)), np.zeros(8)])
+    normals = np.tile([0.0, 0.0, 1.0], (8, 1))
+    tables = rm.P3P(CAMERA).prepare(plate, rng.uniform(0.0, 400.0, (8, 2)), NOISE, normals)
+    whole = views_of(plate, normals).whole(tables)
+    assert whole.shapes[:, ANY].all()
+
+
 def test_missed_is_that_of_the_sets_tried() -> None:
     points, normals = ball(6)
     views = views_of(points, normals)

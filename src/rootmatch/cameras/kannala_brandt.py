@@ -36,7 +36,7 @@ class KannalaBrandt(Lens):
         k1, k2, k3, k4 = self.values
         return float(min(np.sqrt(first_positive_root([9.0 * k4, 7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])), np.pi))
 
-    @property
+    @cached_property
     def radius(self) -> float:
         """See `Lens.radius`."""
         return float(self._radial(np.array([self.angle]))[0][0])

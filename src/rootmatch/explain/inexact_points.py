@@ -69,7 +69,7 @@ def gains_of_errors(found: Finding) -> Floats:
     model, told, misfit = found.model, found.posterior, _misfit(found)
     if model is None or told is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
-    modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * body_radius(model.points)
+    modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * model.radius
     _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
     return gains_of_residuals(model, (misfit.squared, moved), misfit.dof, errors)
 
@@ -115,7 +115,7 @@ def _chance(found: Finding, again: Finding, before: Floats, which: int) -> float
     assert again.posterior is not None
     modes = found.posterior.modes
     elsewhere = ((modes.assignments >= 0) & (modes.assignments != again.assignment)).any(axis=1)
-    errors = ERRORS * body_radius(found.model.points)
+    errors = ERRORS * found.model.radius
     smooth = log_odds_if_smooth(found.model, again.posterior.modes, again.mode, errors)
     own = np.logaddexp.reduce([(again.log_odds or 0.0) + before[which], *(smooth[:OWN] + before)])
     other = (found.log_odds or 0.0) + math.log(WRONG_MODEL * misfit.for_something_else())

@@ -12,7 +12,8 @@ from weakref import WeakSet
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Integers
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_identity
+from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.pinhole import Camera, outside_of_circle
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputWarning, UnseenPixelError
@@ -46,34 +47,45 @@ def seen_alone(task: MatchingTask, explain: Callable[[MatchingTask], Finding]) -
     return _among_all(explain(_among(task, columns)), task, columns)
 
 
-def _cameras(task: MatchingTask) -> list[tuple[Camera, Integers]]:
-    """The cameras that have a lens with an edge, and the detections of each."""
-    sensor = None if task.problem.source_is_image else task.problem.sensor
+@kept_by_identity(16)
+def _edges(sensor: CameraModel | None) -> tuple[dict[int, Camera], Floats]:
+    """The cameras that have a lens with an edge, by their numbers; rows (C, 5) of what tells what is near the edge.
+
+    Principal point, focal lengths, and the squared distance in these from which a detection is asked for.
+    """
     every = sensor.cameras if isinstance(sensor, Rig) else [sensor]
-    return [
-        (one, np.flatnonzero(task.camera_of == k))
-        for k, one in enumerate(every)
-        if isinstance(one, Camera) and one.lens is not None and np.isfinite(one.lens.radius)
-    ]
+    edges, rows = dict[int, Camera](), np.tile([0.0, 0.0, 1.0, 1.0, np.inf], (len(every), 1))
+    for k, one in enumerate(every):
+        if isinstance(one, Camera) and one.lens is not None and np.isfinite(one.lens.radius):
+            edges[k], rows[k] = one, (one.cx, one.cy, one.fx, one.fy, (INNER * one.lens.radius) ** 2)
+    return edges, rows
+
+
+def _sensor(task: MatchingTask) -> CameraModel | None:
+    return None if task.problem.source_is_image else task.problem.sensor
 
 
 def _unseen(task: MatchingTask) -> Bools | None:
     """Which detections (n',) lie where a lens shows nothing; None if none does."""
-    unseen = np.zeros(task.shape[1], np.bool_)
-    for camera, own in _cameras(task):
-        assert camera.lens is not None
-        pixels = task.points.target[own, :2]
-        from_axis = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
-        outer = np.flatnonzero((from_axis**2).sum(axis=1) > (INNER * camera.lens.radius) ** 2)
-        if len(outer):
-            unseen[own[outer]] = ~np.isfinite(rays_of(camera, pixels[outer])).all(axis=1)
+    edges, rows = _edges(_sensor(task))
+    if not edges:
+        return None
+    pixels, of = task.points.target[:, :2], rows[task.camera_of]
+    outer = (((pixels - of[:, :2]) / of[:, 2:4]) ** 2).sum(axis=1) > of[:, 4]
+    if not outer.any():
+        return None
+    unseen = np.zeros(len(outer), np.bool_)
+    for k, camera in edges.items():
+        own = np.flatnonzero(outer & (task.camera_of == k))
+        unseen[own] = ~np.isfinite(rays_of(camera, pixels[own])).all(axis=1)
     return unseen if unseen.any() else None
 
 
 def _report(task: MatchingTask, unseen: Bools, *, wrong: bool) -> None:
     """Warn of the detections that are left out, once for each camera, or refuse them."""
     of_rig = task.rig is not None
-    for camera, own in _cameras(task):
+    for k, camera in _edges(_sensor(task))[0].items():
+        own = np.flatnonzero(task.camera_of == k)
         if not unseen[own].any() or (camera in _warned and not wrong):
             continue
         of = " of its camera" if of_rig else ""

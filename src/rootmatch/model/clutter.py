@@ -176,7 +176,8 @@ class Clutter:
         return np.asarray(np.linalg.inv(np.eye(len(self.centres)) - about))
 
 
-def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[Integers] = ()) -> Clutter:
+@kept_by_values(8, frozen=False)
+def clutter_of(target: Floats, sigma: Floats, areas: Floats, image_of: Integers | None = None) -> Clutter:
     """The clutter of an image, computed once for all bodies and searches in it.
 
     Parameters
@@ -184,16 +185,15 @@ def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[In
     target, sigma : (n', 2) and (n',) arrays
     areas : (C,) array
         Of `clutter_areas`.
-    images : sequence of int arrays
-        As there: detections crowd within an image.
+    image_of : (n',) int array, optional
+        Image of each detection: they crowd within an image. One by default.
     """
-    label = np.zeros(len(target), np.int64)
-    for k, own in enumerate(images):
-        label[own] = k
+    label = np.zeros(len(target), np.int64) if image_of is None else image_of
     mean = float(areas.sum()) / len(areas)
     return _clutter(target, sigma, 1.0 / areas[label], np.full(2, math.sqrt(mean)), label, crowds=PSEUDO)
 
 
+@kept_by_values(8, frozen=False)
 def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
     """The clutter among targets of a plane or of space, which fills a box.
 
@@ -208,7 +208,6 @@ def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
     return _clutter(target, sigma, uniform, extents, label, crowds=PSEUDO_IN_SPACE)
 
 
-@kept_by_values(8, frozen=False)
 def _clutter(
     target: Floats, sigma: Floats, uniform: Floats, extents: Floats, label: Integers, *, crowds: float
 ) -> Clutter:

@@ -112,12 +112,16 @@ class DetectionModel:
     @once
     def centre(self) -> Floats:
         """Mean (3,) of the points, to which positions refer and about which rotations turn."""
-        return about_centre(self.points)[0]
+        return self._measures[0]
 
     @property
     def radius(self) -> float:
         """Root mean square distance of the points from it."""
-        return about_centre(self.points)[2]
+        return self._measures[2]
+
+    @once
+    def _measures(self) -> tuple[Floats, Floats, float]:
+        return about_centre(self.points)
 
     @once
     def images(self) -> list[Integers]:
@@ -133,7 +137,7 @@ class DetectionModel:
     @once
     def clutter(self) -> Clutter:
         """Distribution of clutter in the image."""
-        return clutter_of(self.target, self.sigma, self.areas, self.images)
+        return clutter_of(self.target, self.sigma, self.areas, self.image_of)
 
     @once
     def image_of(self) -> Integers:
@@ -222,7 +226,7 @@ class DetectionModel:
     @once
     def about_centre(self) -> tuple[Floats, Floats]:
         """Points (n, 3) about the centre, and normals (n, 3) or (0, 3)."""
-        kept, centred, _ = about_centre(self.points)
+        kept, centred, _ = self._measures
         centred = centred if self.centre is kept else self.points - self.centre
         return centred, np.empty((0, 3)) if self.normals is None else np.array(self.normals, float)
 

@@ -61,15 +61,14 @@ class ForeignLights:
         return self._holds
 
     def _chance_to_hold(self) -> float:
-        each = self.own[self.seen >= max(self.time - RECENT, self.since)].tolist()
-        last = min(DETERMINE, len(each))
-        count = [1.0] + last * [0.0]  # probability of so many right ones, or more for the last
+        each: list[float] = self.own[self.seen >= max(self.time - RECENT, self.since)].tolist()
+        if len(each) <= DETERMINE:
+            return math.prod(each)
+        none, one, two = 1.0, 0.0, 0.0  # probability of so few right ones, of what `DETERMINE` is more
         for own in each:
-            for k in range(last, 0, -1):
-                more = own * count[k - 1]
-                count[k] += more
-                count[k - 1] -= more
-        return count[-1]
+            wrong = 1.0 - own
+            none, one, two = wrong * none, wrong * one + own * none, wrong * two + own * one
+        return 1.0 - none - one - two
 
     def _now(self, chance: Floats, time: float) -> Floats:
         """Probabilities (n,) at a time: what was beside the body may have left since the last match."""

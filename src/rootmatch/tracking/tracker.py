@@ -225,12 +225,12 @@ max_evaluations
             was before, and goes on with the next frame.
         """
         started = perf_counter()
-        if prior is not None:
-            check_predicted(prior, self.labels, self.matcher.problem)
         limit = self.matcher.options.max_seconds if max_seconds is None else max_seconds
         deadline = Deadline(limit, started=started)
-        given: dict[Label | None, Prior] = {} if prior is None or isinstance(prior, Mapping) else {None: prior}
-        given.update(prior.items() if isinstance(prior, Mapping) else ())
+        given: dict[Label | None, Prior] = {}
+        if prior is not None:
+            check_predicted(prior, self.labels, self.matcher.problem)
+            given.update(prior.items() if isinstance(prior, Mapping) else {None: prior}.items())
         with self._turns:
             when, before = self._time(time), self.time
             if before is not None and when <= before:

@@ -25,15 +25,15 @@ WIDTHS = (0.8, 1.2, 1.8, 2.7)
 """Sums of the versines of an image triple that part its shapes: below the first it is seen from afar, where its shape
 depends on the direction alone, and from there on from ever nearer. The first is some 50° on each side."""
 ANY = 2 * SIDE * SIDE * len(WIDTHS)
-"""Instead of a cell: a triple seen from so near that its shape was not foreseen; every table allows it."""
+"""Instead of a cell: a triple seen from so near that its shape was not foreseen, in tables of triples that can be."""
 CELLS = ANY + 1
 NARROW = 2 * SIDE * SIDE
 """Cells of images that are as narrow as those from afar; they are the first."""
 RIM = 0.15
 """Height over the equator up to which a shape is taken for its mirror image too: noise turns flat triangles over."""
-NEAR = tuple(0.15 * 1.12**step for step in range(22))
+NEAR = (0.01, 0.03, 0.06, 0.09, 0.12, *(0.15 * 1.12**step for step in range(22)))
 """Distances, in longest sides, of near cameras from a triple's centroid. From farther away it is not as wide as the
-first of `WIDTHS`, from nearer wider than the last."""
+first of `WIDTHS`; from nearer than 0.15 it is wider than the last, and most triples do not face a camera there."""
 SLACK = 1.1
 """Factor on the sum of the versines by which a width is taken for the next one too. Not tuned: half a step of `NEAR`
 changes it by 1.1 at the most."""
@@ -115,6 +115,8 @@ def _mark(points, i, j, k, x, y, z, least, table):  # type: ignore[no-untyped-de
     orientation = (ay * bz - az * by) * cx + (az * bx - ax * bz) * cy + (ax * by - ay * bx) * cz
     sheet, u, v, height = _place(hab, hbc, hca, orientation)
     row, column = _number(u), _number(v)
+    if _layer(total * SLACK) == len(WIDTHS):
+        table[ANY] = True
     for layer in range(max(_layer(total / SLACK), least), min(_layer(total * SLACK) + 1, len(WIDTHS))):
         for side in range(2):
             if side != sheet and height > RIM:
@@ -131,7 +133,6 @@ def _shape_tables(points, cameras, visible, sets, tables):  # type: ignore[no-un
         for q in range(cameras.shape[0]):
             if visible[q, i] and visible[q, j] and visible[q, k]:
                 _mark(points, i, j, k, cameras[q, 0], cameras[q, 1], cameras[q, 2], 0, tables[s])
-        tables[s, ANY] = True
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
