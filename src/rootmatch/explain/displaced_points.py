@@ -1,8 +1,9 @@
 """Points of a matched body that have no match, and a detection near their place: the body may be bent, or another one.
 
-A point that has no detection is hidden or dark, and what lies near its image is clutter by chance. Or it is somewhere
+A point that has no detection is hidden or dark, and what lies near its place is clutter by chance. Or it is somewhere
 else on the body by N(0, τ² I), with τ of the sizes of `rootmatch.model.image_alike.ERRORS`, and is seen there by every
-camera. Both are weighed against each other; the first needs no more than usual clutter, so that the advice is rare.
+camera: of a body that is not as it was given, one point is, and each is as probable. The advice names what is more
+probable than the other.
 
 Between two point sets both are labellings, and their odds are those of the model with that point less certain.
 """
@@ -16,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
+from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.point_set_decision import model_of
 from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
@@ -24,15 +25,13 @@ from rootmatch.model.image_alike import ERRORS, REACH
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.prediction import HIDDEN
-from rootmatch.model.priors import ALIKE
+from rootmatch.model.priors import INEXACT
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
-LEAST = math.log(MIN_PROBABILITY) - math.log1p(-MIN_PROBABILITY)
-"""Log-odds from which a point is said to be somewhere else."""
-LOG_OFF = math.log(ALIKE / len(ERRORS))
-"""Log-odds that a point is off by each of these errors."""
-LOG_PRIOR = LOG_OFF - math.log1p(-USUAL_RATE)
-"""Log-odds that a point is off by each of these errors, of those that it is hidden or dark."""
+LEAST = 0.0
+"""Log-odds from which a point is said to be somewhere else: where that is more probable than not."""
+LOG_OFF = math.log(INEXACT / len(ERRORS))
+"""Log-odds that one of a body's points is off by each of these errors, of those that all are as given."""
 
 
 class Displaced(NamedTuple):
@@ -75,7 +74,7 @@ def displaced_points(found: Finding, taken: Bools | None = None) -> list[Displac
 
 
 def _between_sets(found: Finding, taken: Bools | None) -> list[Displaced]:
-    """The same between two point sets: with another variance, a point's nearest target that is left is its own."""
+    """The same between two point sets: the nearest target that is left is a point's own, if that is off."""
     from scipy.stats import chi2  # slow to import
 
     model, assignment, out = model_of(found.task), found.assignment, list[Displaced]()
@@ -84,15 +83,15 @@ def _between_sets(found: Finding, taken: Bools | None) -> list[Displaced]:
     if model is None or not left.any():
         return []
     one, n = model.judged_one(assignment), len(assignment)
-    errors, reach = ERRORS * body_radius(model.clouds.source), REACH * float(one.fit.scale[0] * ERRORS[-1])
+    errors = ERRORS * body_radius(model.clouds.source)
     away = np.where(left, np.linalg.norm(one.fit.places[0][0][:, None] - model.clouds.target, axis=2), np.inf)
-    nearest, (squared, _) = away.argmin(axis=1), one.fit.predictions(0)
-    narrow = float(chi2.isf(TRUST.noise_chance, model.clouds.target.shape[1]))
-    near = away.min(axis=1) < reach * body_radius(model.clouds.source)
-    for point in np.flatnonzero((assignment < 0) & near & (squared[np.arange(n), nearest] > narrow)):
+    nearest, squared = away.argmin(axis=1), one.fit.predictions(0)[0][np.arange(n), away.argmin(axis=1)]
+    near = away.min(axis=1) < REACH * float(one.fit.scale[0]) * errors[-1]
+    apart = squared > float(chi2.isf(TRUST.noise_chance, model.clouds.target.shape[1]))
+    for point in np.flatnonzero((assignment < 0) & near & apart):
         own = np.where(np.arange(n) == point, nearest, assignment)
         odds = [_log_odds(model, own, np.where(np.arange(n) == point, error, 0.0)) for error in errors]
-        if LOG_OFF + float(np.logaddexp.reduce(odds)) - float(one.log_odds[0]) >= LEAST:
+        if LOG_OFF - math.log(n) + float(np.logaddexp.reduce(odds)) - float(one.log_odds[0]) >= LEAST:
             out.append(Displaced(int(point), nearest[point : point + 1], float(away[point].min())))
     return out
 
@@ -147,7 +146,10 @@ def _displaced(model: DetectionModel, place: _Place, rows: Integers, free: Bools
     wide = narrow + errors[:, None, None] ** 2 * (by_point @ by_point.T)
     squared = np.einsum("i,kij,j->k", off, np.linalg.inv(wide), off)
     fits = -0.5 * (squared + np.linalg.slogdet(2.0 * np.pi * wide)[1])
-    log_odds = LOG_PRIOR + float(np.logaddexp.reduce(fits))
+    log_odds = LOG_OFF - math.log(model.shape[0] // max(len(model.images), 1)) + float(np.logaddexp.reduce(fits))
+    log_odds -= math.log1p(-USUAL_RATE)  # what is dark is so in all cameras
+    count = np.bincount(model.image_of[free])[model.image_of[detections]]
+    log_odds -= float(np.log(count - 0.5).sum())  # any clutter point may be the one that is near
     missed = np.setdiff1d(shown, seen)
     log_odds += float(np.log(place.lit[seen]).sum() + np.log1p(-place.lit[missed]).sum())
     log_odds -= float(model.clutter.log_density[detections].sum())
