@@ -1,0 +1,132 @@
+"""What goes on by the law of a body that repeats itself, between two point sets: another lattice with the same spacing.
+
+The places and the hypotheses are those of `rootmatch.explain.continued_bodies`; the evidence is that of
+`rootmatch.model.point_set_model`, with places in the stead of points. Any share of them may be shown, or a window.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.deadline import checkpoint
+from rootmatch.explain.continued_bodies import LIKELY, MODES, Places, factors_of, places_beside
+from rootmatch.model.labelling_sums import same_motion
+from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_posterior import PointSetPosterior
+from rootmatch.model.prediction import GATE
+from rootmatch.model.shown_regions import log_of_detected
+from rootmatch.problems.points import PointClouds
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
+from rootmatch.samplers.point_sets.congruent import grown
+
+ROUNDS = 3
+"""Rounds in which a motion is fitted to what is in its places. A round value."""
+
+
+def beside_sets(told: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> PointSetPosterior:
+    """A posterior in which what goes on by a body's law may be beside it, or in its stead.
+
+    Parameters
+    ----------
+    told : PointSetPosterior
+    model : PointSetModel
+    taken : (n',) bool array, optional
+        Targets of other bodies.
+    """
+    source = model.clouds.source
+    if not float(told.probabilities.sum()) >= LIKELY:
+        return told
+    flat = np.zeros((len(source), 3 - source.shape[1]))
+    places = places_beside(np.concatenate([source, flat], axis=1), None)
+    if not len(places.points):
+        return told
+    left, factors, first = np.ones(len(told.assignments), np.bool_), np.zeros(len(told.assignments)), list[Integers]()
+    labels = np.full(len(left), -1)
+    while left.any() and len(first) < MODES:
+        own = left & same_motion(told.assignments, told.assignments[left.argmax()])
+        own[left.argmax()] = True
+        labels[own] = len(first)
+        first.append(told.assignments[left.argmax()])
+        left &= ~own
+    beyond = _Continued(replace(model, prior=None, weights=None, allowed=None), places, taken)
+    every = [beyond.over(one) for one in first]
+    shares = np.bincount(labels[labels >= 0], told.probabilities[labels >= 0], len(first))
+    found = factors_of(every, shares, math.log(1.0 / model.present - 1.0))
+    if found is None:
+        return told
+    factors[labels >= 0] = found[0][labels[labels >= 0]]
+    return told.beside(factors, found[1])
+
+
+class _Continued:
+    """The model of a body with points in all places that its law leads to, and of those beyond it alone."""
+
+    def __init__(self, model: PointSetModel, places: Places, taken: Bools | None) -> None:
+        clouds, points = model.clouds, places.points[:, : model.clouds.source.shape[1]]
+        self.body, self.beyond = model, places.beyond
+        self.others = _with_points(clouds, points)
+        self.whole = replace(model, clouds=_joined(clouds, self.others))
+        self.outside = replace(model, clouds=_with_points(clouds, points[places.beyond]))
+        self.free = np.ones(len(clouds.target), np.bool_) if taken is None else ~taken
+
+    def over(self, assignment: Integers) -> tuple[float, float] | None:
+        """Log-odds, over a labelling (n,), of this with what goes on beside it, and of something else in its stead.
+
+        None where no target that it leaves is in any of the places.
+        """
+        checkpoint()
+        one, left = self.body.judged_one(assignment), self.free.copy()
+        left[assignment[assignment >= 0]] = False
+        squared, variance = replace(one.fit, clouds=self.others).squares()
+        if not (squared < GATE**2 * variance)[..., left].any():
+            return None
+        none = np.full(len(self.beyond), -1)
+        clouds, allowed = self.whole.clouds, None if self.free.all() else np.tile(self.free, (len(none), 1))
+        labels = np.concatenate([assignment, none])[None]
+        if allowed is not None:
+            allowed = np.concatenate([np.tile(self.free, (len(assignment), 1)), allowed])
+        for _ in range(ROUNDS):
+            labels = grown(clouds, labels, self.body.mirror, allowed)
+        found = self.whole.judged(labels)
+        best = int(found.log_odds.argmax())
+        mass = float(one.log_odds[0])
+        instead = float(found.log_odds[best]) - mass
+        more = labels[best, len(assignment) :]
+        more = np.where(self.beyond & (more >= 0) & left[more], more, -1)
+        if not (more >= 0).any():
+            return -math.inf, instead
+        both = self.whole.judged(np.concatenate([assignment, more])[None])
+        outside = replace(both.fit, clouds=self.outside.clouds, assignments=more[None, self.beyond])
+        shown = _log_shown(self.body, one.fit) + _log_shown(self.outside, outside) - _log_shown(self.whole, both.fit)
+        return float(both.log_odds[0]) + shown - mass, instead
+
+
+def _log_shown(model: PointSetModel, fit: PointSetFit) -> float:
+    """Part of the log-odds of a labelling that tells which of the points have a target, and where they are shown."""
+    matched = (fit.assignments >= 0).sum(axis=1)
+    shown = log_of_detected(len(model.clouds.source), matched, model.detection_rate)
+    return float(shown[0] + np.logaddexp.reduce(model.log_factors(fit), axis=0)[0])
+
+
+def _with_points(clouds: PointClouds, points: Floats) -> PointClouds:
+    """The same targets with other source points (m, k), as uncertain as the source's."""
+    known, m = clouds.source_covariance, len(points)
+    return clouds._replace(
+        source=points,
+        source_variance=np.full(m, clouds.source_variance.mean()),
+        source_covariance=None if known is None else np.tile(known.mean(axis=0), (m, 1, 1)),
+    )
+
+
+def _joined(clouds: PointClouds, others: PointClouds) -> PointClouds:
+    """The points of both sources, before the same targets."""
+    first, second = clouds.source_covariance, others.source_covariance
+    return clouds._replace(
+        source=np.concatenate([clouds.source, others.source]),
+        source_variance=np.concatenate([clouds.source_variance, others.source_variance]),
+        source_covariance=None if first is None or second is None else np.concatenate([first, second]),
+    )
