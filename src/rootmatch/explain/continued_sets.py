@@ -53,8 +53,10 @@ def beside_sets(told: PointSetPosterior, model: PointSetModel, taken: Bools | No
         first.append(told.assignments[left.argmax()])
         left &= ~own
     beyond = _Continued(replace(model, prior=None, weights=None, allowed=None), places, taken)
-    every = [beyond.over(one) for one in first]
     shares = np.bincount(labels[labels >= 0], told.probabilities[labels >= 0], len(first))
+    shares = np.maximum(shares, 1e-300)
+    odds, mass = [beyond.odds(one) for one in first], np.log(shares) + told.log_total
+    every = [None if one is None else (one[0] - m, one[1] - m) for one, m in zip(odds, mass, strict=True)]
     found = factors_of(every, shares, math.log(1.0 / model.present - 1.0))
     if found is None:
         return told
@@ -73,8 +75,8 @@ class _Continued:
         self.outside = replace(model, clouds=_with_points(clouds, points[places.beyond]))
         self.free = np.ones(len(clouds.target), np.bool_) if taken is None else ~taken
 
-    def over(self, assignment: Integers) -> tuple[float, float] | None:
-        """Log-odds, over a labelling (n,), of this with what goes on beside it, and of something else in its stead.
+    def odds(self, assignment: Integers) -> tuple[float, float] | None:
+        """Log-odds, over clutter, of a labelling (n,) with what goes on beside it, and of something else in its stead.
 
         None where no target that it leaves is in any of the places.
         """
@@ -93,8 +95,7 @@ class _Continued:
             labels = grown(clouds, labels, self.body.mirror, allowed)
         found = self.whole.judged(labels)
         best = int(found.log_odds.argmax())
-        mass = float(one.log_odds[0])
-        instead = float(found.log_odds[best]) - mass
+        instead = float(found.log_odds[best])
         more = labels[best, len(assignment) :]
         more = np.where(self.beyond & (more >= 0) & left[more], more, -1)
         if not (more >= 0).any():
@@ -102,7 +103,7 @@ class _Continued:
         both = self.whole.judged(np.concatenate([assignment, more])[None])
         outside = replace(both.fit, clouds=self.outside.clouds, assignments=more[None, self.beyond])
         shown = _log_shown(self.body, one.fit) + _log_shown(self.outside, outside) - _log_shown(self.whole, both.fit)
-        return float(both.log_odds[0]) + shown - mass, instead
+        return float(both.log_odds[0]) + shown, instead
 
 
 def _log_shown(model: PointSetModel, fit: PointSetFit) -> float:

@@ -179,15 +179,19 @@ def assessed(
     """The finding of proposed labellings; their scores are computed when they are asked for."""
     _, base = unjudged(task, sampled, None)
     base = replace(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
-    found, models = [posterior(model, judged, mirrored)], [model]
+    found, models, log_odds = [posterior(model, judged, mirrored)], [model], [0.0]
     if (repeated := with_repetition(model, judged)) is not None:
-        again = posterior(repeated.model, repeated.judged, mirrored)
-        found.append(replace(again, log_total=again.log_total + repeated.log_odds))
+        found.append(posterior(repeated.model, repeated.judged, mirrored))
         models.append(repeated.model)
-    told = [beside_sets(one, of, None) for one, of in zip(found, models, strict=True)]
+        log_odds.append(repeated.log_odds)
+    every = [beside_sets(one, of) for one, of in zip(found, models, strict=True)]
+    before, told = (
+        [replace(one, log_total=one.log_total + more) for one, more in zip(some, log_odds, strict=True)]
+        for some in (found, every)
+    )
     best = max(range(len(told)), key=lambda k: told[k].log_total)
     whole = mixed(told)
-    if mixed(found).present - whole.present > LIKELY:
+    if mixed(before).present - whole.present > LIKELY:
         base = replace(base, reason=BY_ITS_LAW)
     return told_by(base, whole, models[best])
 
