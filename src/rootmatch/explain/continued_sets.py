@@ -44,24 +44,21 @@ def beside_sets(told: PointSetPosterior, model: PointSetModel, taken: Bools | No
     places = places_beside(np.concatenate([source, flat], axis=1), None)
     if not len(places.points):
         return told
-    left, factors, first = np.ones(len(told.assignments), np.bool_), np.zeros(len(told.assignments)), list[Integers]()
-    labels = np.full(len(left), -1)
-    while left.any() and len(first) < MODES:
-        own = left & same_motion(told.assignments, told.assignments[left.argmax()])
-        own[left.argmax()] = True
+    labels, first = np.full(len(told.assignments), -1), list[Integers]()
+    while (labels < 0).any() and len(first) < MODES:
+        best = int((labels < 0).argmax())
+        own = (labels < 0) & same_motion(told.assignments, told.assignments[best])
+        own[best] = True
         labels[own] = len(first)
-        first.append(told.assignments[left.argmax()])
-        left &= ~own
+        first.append(told.assignments[best])
+    of = labels >= 0
     beyond = _Continued(replace(model, prior=None, weights=None, allowed=None), places, taken)
-    shares = np.bincount(labels[labels >= 0], told.probabilities[labels >= 0], len(first))
-    shares = np.maximum(shares, 1e-300)
+    shares = np.maximum(np.bincount(labels[of], told.probabilities[of], len(first)), 1e-300)
+    # of what has copies, the weight is not that of its own matches
     odds, mass = [beyond.odds(one) for one in first], np.log(shares) + told.log_total
     every = [None if one is None else (one[0] - m, one[1] - m) for one, m in zip(odds, mass, strict=True)]
     found = factors_of(every, shares, math.log(1.0 / model.present - 1.0))
-    if found is None:
-        return told
-    factors[labels >= 0] = found[0][labels[labels >= 0]]
-    return told.beside(factors, found[1])
+    return told if found is None else told.beside(np.where(of, found[0][labels], 0.0), found[1])
 
 
 class _Continued:
@@ -86,11 +83,9 @@ class _Continued:
         squared, variance = replace(one.fit, clouds=self.others).squares()
         if not (squared < GATE**2 * variance)[..., left].any():
             return None
-        none = np.full(len(self.beyond), -1)
-        clouds, allowed = self.whole.clouds, None if self.free.all() else np.tile(self.free, (len(none), 1))
-        labels = np.concatenate([assignment, none])[None]
-        if allowed is not None:
-            allowed = np.concatenate([np.tile(self.free, (len(assignment), 1)), allowed])
+        labels = np.append(assignment, np.full(len(self.beyond), -1))[None]
+        clouds = self.whole.clouds
+        allowed = None if self.free.all() else np.tile(self.free, (labels.shape[1], 1))
         for _ in range(ROUNDS):
             labels = grown(clouds, labels, self.body.mirror, allowed)
         found = self.whole.judged(labels)

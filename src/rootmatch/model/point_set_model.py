@@ -331,7 +331,7 @@ class PointSetModel:
 def _log_counts(n: int, n_target: int, detection_rate: float | None) -> Floats:
     """See `PointSetModel`."""
     m = np.arange(min(n, n_target) + 1)
-    return log_of_detected(n, m, detection_rate) + log_odds_of_counts((n_target,), len(m) - 1)[0]
+    return np.asarray(log_of_detected(n, m, detection_rate) + log_odds_of_counts((n_target,), len(m) - 1)[0])
 
 
 def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
