@@ -48,16 +48,18 @@ def test_a_hidden_sphere_is_not_elsewhere(seed: int) -> None:
     assert "not where" not in match.advice
 
 
-def test_one_camera_does_not_tell_it_from_a_stray_detection() -> None:
+@pytest.mark.parametrize("strays", [0, 40])
+def test_one_camera_does_not_tell_it_from_one_of_many_stray_detections(strays: int) -> None:
     rng = np.random.default_rng(3)
     body = rng.uniform(-100, 100, (10, 3))
     bent = body.copy()
     bent[4] += (15.0, 10.0, 0.0)
     seen = CAMERA.project(bent + np.array([0, 0, 900])) + rng.normal(0, 0.2, (10, 2))
-    match = rm.match(body, seen, rm.P3P(CAMERA), noise=0.2)
+    every = np.concatenate([seen, rng.uniform((0, 0), (1280, 960), (strays, 2))])
+    match = rm.match(body, every, rm.P3P(CAMERA), noise=0.2)
     assert match
     assert match.assignment[4] == -1
-    assert "not where" not in match.advice
+    assert ("point 4 is not where" in match.advice) == (strays == 0)
 
 
 def test_the_detection_of_another_body_is_none_of_a_point() -> None:
@@ -77,3 +79,31 @@ def test_the_detection_of_another_body_is_none_of_a_point() -> None:
     assert match
     assert match.bodies is not None
     assert "not where" not in match.bodies["tool"].advice
+
+
+@pytest.mark.parametrize("problem", [rm.Rigid(), rm.Similarity()])
+def test_another_tool_is_told_between_point_sets(problem: rm.Similarity) -> None:
+    """A marker 4 mm elsewhere is not another one that is hidden beside a stray."""
+    rng = np.random.default_rng(0)
+    other, turn = TOOL.copy(), Rotation.random(random_state=0).as_matrix()
+    other[2] += (2.0, 2.0, 2.8)
+    strays = rng.uniform(-300, 300, (3, 3))
+    seen = np.concatenate([other @ turn.T + rng.normal(0.0, 0.2, other.shape), strays])
+    match = rm.match(TOOL, seen, problem, noise=(0.0, 0.2))
+    assert match
+    assert match.assignment[2] == -1
+    assert "point 2 is not where the model has it: a detection is 2" in match.advice
+    assert "σ from its place" in match.advice
+    hidden = rm.match(TOOL, np.delete(seen, 2, axis=0), problem, noise=(0.0, 0.2))
+    assert hidden
+    assert "not where" not in hidden.advice
+
+
+def test_a_marker_of_another_tool_is_none_of_a_point_between_point_sets() -> None:
+    other = np.random.default_rng(0).uniform(-80, 80, (6, 3))
+    other[0] = TOOL[2] + (2.0, 2.0, 2.8)
+    points = np.concatenate([TOOL, other])
+    match = rm.match(points, np.delete(points, 2, axis=0) + 5.0, rm.Rigid(), noise=0.2, bodies=[0] * 5 + [1] * 6)
+    assert match
+    assert match.bodies is not None
+    assert "not where" not in match.bodies[0].advice

@@ -14,6 +14,7 @@ All three have the evidence of `rootmatch.model.evidence`, with places in the st
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -164,15 +165,35 @@ def beside_continuations(told: Posterior, model: DetectionModel, places: Places,
         return told
     modes = told.modes.first(MODES)
     every = [_continued(model, modes.take(slice(k, k + 1)), places, taken) for k in range(len(modes.log_odds))]
+    found = factors_of(every, told.probabilities[: len(every)], LOG_CONTINUED)
+    return told if found is None else told.beside(*found)
+
+
+def factors_of(
+    every: Sequence[tuple[float, float] | None], probabilities: Floats, log_prior: float
+) -> tuple[Floats, float] | None:
+    """Logarithm (K,) of the factor of each mode by what is beside it, and of the weight of something in its stead.
+
+    None where no detection is in a place.
+
+    Parameters
+    ----------
+    every : sequence of (float, float), optional
+        Log-odds, over each mode, of this with what goes on beside it, and of something else in its stead.
+    probabilities : (K,) array
+        Of the modes.
+    log_prior : float
+        Logarithm of the odds that either is in view.
+    """
     of = [k for k, one in enumerate(every) if one is not None]
     if not of:
-        return told
+        return None
     beside, instead = np.array([one for one in every if one is not None]).T
     factors = np.zeros(len(every))
-    factors[of] = np.logaddexp(0.0, LOG_CONTINUED + beside)
+    factors[of] = np.logaddexp(0.0, log_prior + beside)
     with np.errstate(divide="ignore"):
-        other = np.log(told.probabilities[of]) + LOG_CONTINUED + instead
-    return told.beside(factors, float(other.max()))  # from whatever pose, it is the same thing
+        other = np.log(probabilities[of]) + log_prior + instead
+    return factors, float(other.max())  # from whatever pose, it is the same thing
 
 
 def _continued(model: DetectionModel, mode: Modes, places: Places, taken: Bools | None) -> tuple[float, float] | None:

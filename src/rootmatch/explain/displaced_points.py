@@ -1,31 +1,37 @@
 """Points of a matched body that have no match, and a detection near their place: the body may be bent, or another one.
 
-A point that has no detection is hidden or dark, and what lies near its image is clutter by chance. Or it is somewhere
+A point that has no detection is hidden or dark, and what lies near its place is clutter by chance. Or it is somewhere
 else on the body by N(0, τ² I), with τ of the sizes of `rootmatch.model.image_alike.ERRORS`, and is seen there by every
-camera. Both are weighed against each other; the first needs no more than usual clutter, so that the advice is rare.
+camera: of a body that is not as it was given, one point is, and each is as probable. The advice names what is more
+probable than the other.
+
+Between two point sets both are labellings, and their odds are those of the model with that point less certain.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
+from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.point_set_decision import model_of
 from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
-from rootmatch.model.image_alike import ERRORS
+from rootmatch.model.image_alike import ERRORS, REACH
 from rootmatch.model.linearised import Linearised
+from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.prediction import HIDDEN
-from rootmatch.model.priors import ALIKE
+from rootmatch.model.priors import INEXACT
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
-LEAST = math.log(MIN_PROBABILITY) - math.log1p(-MIN_PROBABILITY)
-"""Log-odds from which a point is said to be somewhere else."""
-LOG_PRIOR = math.log(ALIKE / len(ERRORS)) - math.log1p(-USUAL_RATE)
-"""Log-odds that a point is off by each of these errors, of those that it is hidden or dark."""
+LEAST = 0.0
+"""Log-odds from which a point is said to be somewhere else: where that is more probable than not."""
+LOG_OFF = math.log(INEXACT / len(ERRORS))
+"""Log-odds that one of a body's points is off by each of these errors, of those that all are as given."""
 
 
 class Displaced(NamedTuple):
@@ -36,7 +42,7 @@ class Displaced(NamedTuple):
     detections: Integers
     """(C',) detections that are its own then, one in each camera that has one."""
     off: float
-    """Their largest distance from where the point is expected, px."""
+    """Their largest distance from where the point is expected, px; between point sets in units of the target."""
 
 
 def displaced_points(found: Finding, taken: Bools | None = None) -> list[Displaced]:
@@ -45,11 +51,13 @@ def displaced_points(found: Finding, taken: Bools | None = None) -> list[Displac
     Parameters
     ----------
     found : Finding
-        Of one body, before one camera or several.
+        Of one body, before one camera or several, or among points of a space.
     taken : (n',) bool array, optional
         Detections of other bodies.
     """
     model, told, problem = found.model, found.posterior, found.task.problem
+    if found.status is Status.MATCHED and found.labellings is not None:
+        return _between_sets(found, taken)
     if found.status is not Status.MATCHED or model is None or told is None or not problem.takes_prior:
         return []
     modes, k = told.modes, found.mode
@@ -63,6 +71,34 @@ def displaced_points(found: Finding, taken: Bools | None = None) -> list[Displac
     candidates = (rows[:, one] for one in np.flatnonzero((found.assignment[rows] < 0).all(axis=0)))
     every = [_displaced(model, _Place(at, modes.covariance[k], lit), own, free) for own in candidates]
     return [one for one in every if one is not None]
+
+
+def _between_sets(found: Finding, taken: Bools | None) -> list[Displaced]:
+    """The same between two point sets: the nearest target that is left is a point's own, if that is off."""
+    from scipy.stats import chi2  # slow to import
+
+    model, assignment, out = model_of(found.task), found.assignment, list[Displaced]()
+    left = np.ones(found.task.shape[1], np.bool_) if taken is None else ~taken
+    left[assignment[assignment >= 0]] = False
+    if model is None or not left.any():
+        return []
+    one, n = model.judged_one(assignment), len(assignment)
+    errors = ERRORS * body_radius(model.clouds.source)
+    away = np.where(left, np.linalg.norm(one.fit.places[0][0][:, None] - model.clouds.target, axis=2), np.inf)
+    nearest, squared = away.argmin(axis=1), one.fit.predictions(0)[0][np.arange(n), away.argmin(axis=1)]
+    near = away.min(axis=1) < REACH * float(one.fit.scale[0]) * errors[-1]
+    apart = squared > float(chi2.isf(TRUST.noise_chance, model.clouds.target.shape[1]))
+    for point in np.flatnonzero((assignment < 0) & near & apart):
+        own = np.where(np.arange(n) == point, nearest, assignment)
+        odds = [_log_odds(model, own, np.where(np.arange(n) == point, error, 0.0)) for error in errors]
+        if LOG_OFF - math.log(n) + float(np.logaddexp.reduce(odds)) - float(one.log_odds[0]) >= LEAST:
+            out.append(Displaced(int(point), nearest[point : point + 1], float(away[point].min())))
+    return out
+
+
+def _log_odds(model: PointSetModel, assignment: Integers, errors: Floats) -> float:
+    """Log-odds of a labelling (n,) of points that are off by so much (n,)."""
+    return float(replace(model, clouds=model.clouds.off_by(errors)).judged(assignment[None]).log_odds[0])
 
 
 class _Place(NamedTuple):
@@ -110,7 +146,10 @@ def _displaced(model: DetectionModel, place: _Place, rows: Integers, free: Bools
     wide = narrow + errors[:, None, None] ** 2 * (by_point @ by_point.T)
     squared = np.einsum("i,kij,j->k", off, np.linalg.inv(wide), off)
     fits = -0.5 * (squared + np.linalg.slogdet(2.0 * np.pi * wide)[1])
-    log_odds = LOG_PRIOR + float(np.logaddexp.reduce(fits))
+    log_odds = LOG_OFF - math.log(model.shape[0] // max(len(model.images), 1)) + float(np.logaddexp.reduce(fits))
+    log_odds -= math.log1p(-USUAL_RATE)  # what is dark is so in all cameras
+    count = np.bincount(model.image_of[free])[model.image_of[detections]]
+    log_odds -= float(np.log(count - 0.5).sum())  # any clutter point may be the one that is near
     missed = np.setdiff1d(shown, seen)
     log_odds += float(np.log(place.lit[seen]).sum() + np.log1p(-place.lit[missed]).sum())
     log_odds -= float(model.clutter.log_density[detections].sum())
@@ -127,7 +166,8 @@ def advice_on_points(found: Finding, whole: Finding | None = None) -> str:
     if whole is not None:
         taken = np.bincount(whole.assignment[whole.assignment >= 0], minlength=whole.task.shape[1]) > 0
     for one in displaced_points(found, taken):
-        in_pixels = found.task.rig is not None or found.task.points.target.shape[1] == 2
+        in_image = found.labellings is None and found.task.points.target.shape[1] == 2
+        in_pixels = found.task.rig is not None or in_image
         sigma = float(found.task.points.detection_noise[one.detections].mean())
         off = f"{one.off:.2g} px" if in_pixels else f"{one.off / sigma:.2g} σ"
         where = f" in {len(one.detections)} cameras" if len(one.detections) > 1 else ""

@@ -11,11 +11,13 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
+from rootmatch.explain.continued_bodies import LIKELY
+from rootmatch.explain.continued_sets import beside_sets
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
-from rootmatch.explain.image_decision import lead_by_odds
+from rootmatch.explain.image_decision import BY_ITS_LAW, lead_by_odds
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
@@ -177,12 +179,21 @@ def assessed(
     """The finding of proposed labellings; their scores are computed when they are asked for."""
     _, base = unjudged(task, sampled, None)
     base = replace(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
-    found = posterior(model, judged, mirrored)
+    found, models, log_odds = [posterior(model, judged, mirrored)], [model], [0.0]
     if (repeated := with_repetition(model, judged)) is not None:
-        again = posterior(repeated.model, repeated.judged, mirrored)
-        again = replace(again, log_total=again.log_total + repeated.log_odds)
-        model, found = repeated.model if again.log_total > found.log_total else model, mixed([found, again])
-    return told_by(base, found, model)
+        found.append(posterior(repeated.model, repeated.judged, mirrored))
+        models.append(repeated.model)
+        log_odds.append(repeated.log_odds)
+    every = [beside_sets(one, of) for one, of in zip(found, models, strict=True)]
+    before, told = (
+        [replace(one, log_total=one.log_total + more) for one, more in zip(some, log_odds, strict=True)]
+        for some in (found, every)
+    )
+    best = max(range(len(told)), key=lambda k: told[k].log_total)
+    whole = mixed(told)
+    if mixed(before).present - whole.present > LIKELY:
+        base = replace(base, reason=BY_ITS_LAW)
+    return told_by(base, whole, models[best])
 
 
 def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> Finding:

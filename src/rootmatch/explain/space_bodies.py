@@ -7,6 +7,7 @@ over everything that any of the searches proposed.
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
@@ -16,8 +17,11 @@ from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
+from rootmatch.explain.continued_bodies import LIKELY
+from rootmatch.explain.continued_sets import beside_sets
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
+from rootmatch.explain.image_decision import BY_ITS_LAW
 from rootmatch.explain.point_set_decision import judged_of, model_of, told_by, wholly_predicted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.modes import uses_of
@@ -68,6 +72,14 @@ class _Body(SearchedBody):
         first = self.told.assignments[:1]
         whole = len(first) > 0 and bool((first >= 0).all()) and self.told.motion >= SURE
         return whole and bool(self.model.judged_one(first[0]).held[0] >= 0)
+
+    def beside(self) -> PointSetPosterior:
+        """What is told of it, where its law may go on in the targets that the others leave."""
+        if not len(self.told.assignments):
+            return self.told
+        first = float(self.model.judged_one(self.told.assignments[0]).log_odds[0])
+        log_total = first - math.log(max(float(self.told.probabilities[0]), 1e-300))
+        return beside_sets(replace(self.told, log_total=log_total), self.model, ~self.free)
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
         """Search among the free targets of the task of all bodies, and add what is found."""
@@ -171,8 +183,11 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     taken = np.zeros(task.shape[1], np.bool_)
     found: dict[int, Finding] = {}
     for body in sorted(bodies, key=lambda one: -one.told.motion):
-        one = told_by(body.found, body.told, body.model, taken)
+        own = body.beside()
+        one = told_by(body.found, own, body.model, taken)
         taken |= uses_of(one.assignment[None], len(taken))[0]
-        reason = LATE if body.among < 0 else None if len(body.told.assignments) else body.found.reason
+        by_law = body.told.present - own.present > LIKELY
+        told = BY_ITS_LAW if by_law else None if len(own.assignments) else body.found.reason
+        reason = LATE if body.among < 0 else told
         found[body.number] = one if one.reason == reason else replace(one, reason=reason)
     return joined(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))

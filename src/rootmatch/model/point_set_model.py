@@ -42,7 +42,7 @@ from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM
-from rootmatch.model.shown_regions import log_of_regions
+from rootmatch.model.shown_regions import log_of_detected, log_of_regions
 from rootmatch.model.targets_box import WEIGHTS, chances_among, chances_in_view, edges_of, space_of
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
@@ -330,14 +330,8 @@ class PointSetModel:
 @lru_cache(maxsize=64)
 def _log_counts(n: int, n_target: int, detection_rate: float | None) -> Floats:
     """See `PointSetModel`."""
-    from scipy.special import betaln, gammaln  # slow to import
-
     m = np.arange(min(n, n_target) + 1)
-    if detection_rate is None:
-        detected = betaln(m + 1.0, n - m + 1.0)
-    else:
-        detected = m * np.log(detection_rate) + (n - m) * np.log1p(-detection_rate)
-    return np.asarray(detected + gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5))
+    return np.asarray(log_of_detected(n, m, detection_rate) + log_odds_of_counts((n_target,), len(m) - 1)[0])
 
 
 def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:

@@ -66,6 +66,18 @@ class PointSetPosterior:
         order = np.concatenate([free[:1], np.delete(np.arange(len(self.probabilities)), free[0])])
         return replace(self, assignments=self.assignments[order], probabilities=self.probabilities[order])
 
+    def beside(self, log_factors: Floats, log_other: float) -> PointSetPosterior:
+        """The same with factors (K,) on the weights of hypotheses, and something else that takes its share.
+
+        ``log_other``: logarithm of the weight of that, in the units of the probabilities.
+        """
+        top = max(float(log_factors.max(initial=0.0)), log_other)
+        weights = self.probabilities * np.exp(log_factors - top)
+        rest = max(1.0 - float(self.probabilities.sum()), 0.0) * math.exp(-top) + math.exp(log_other - top)
+        whole = float(weights.sum()) + rest
+        told = ordered(self.assignments, weights / whole, self.sums)
+        return replace(told, log_total=self.log_total + top + math.log(whole))
+
     @property
     def probability(self) -> float:
         """Probability of the first hypothesis, as a whole."""
@@ -173,7 +185,8 @@ def mixed(parts: Sequence[PointSetPosterior]) -> PointSetPosterior:
     weights = np.concatenate([share * one.probabilities for share, one in zip(shares, parts, strict=True)])
     distinct, label = np.unique(every, axis=0, return_inverse=True)
     sums = [one for k in np.argsort(-shares, kind="stable") for one in parts[k].sums]
-    return ordered(distinct, np.bincount(label.ravel(), weights, len(distinct)).astype(np.float64), sums)
+    told = ordered(distinct, np.bincount(label.ravel(), weights, len(distinct)).astype(np.float64), sums)
+    return replace(told, log_total=float(np.logaddexp.reduce(totals)))
 
 
 def ordered(assignments: Integers, probabilities: Floats, sums: Sequence[LabellingSums]) -> PointSetPosterior:

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, kept_by_values
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.problems.points import squared_distances_to
 
 BY_REGION = 0.2
@@ -24,6 +24,15 @@ FEWEST = 3
 LARGER = 1.2
 """Factor from one number of points of a region to the next one; each is as probable. A round value: with twice as many
 points at each step, the rims of regions are too far from where they are."""
+
+
+def log_of_detected(n: int, matched: Integers, rate: float | None = None) -> Floats:
+    """Logarithm of the chance that so many certain ones of n points have a target, at one rate, flat if unknown."""
+    from scipy.special import betaln  # slow to import
+
+    if rate is None:
+        return np.asarray(betaln(matched + 1.0, n - matched + 1.0))
+    return np.asarray(matched * math.log(rate) + (n - matched) * math.log1p(-rate))
 
 
 def log_of_regions(source: Floats, matched: Bools, rate: float | None = None) -> Floats:
