@@ -23,6 +23,7 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.pose_fit.reference_point import with_curvature
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.pose_fit.shared_errors import SharedPose, fused_with, whole, with_shared
 from rootmatch.problems.up2p import UP2P
@@ -173,11 +174,17 @@ def _by_stated_noise(found: Finding, fit: Pose) -> Pose:
 
 
 def with_shared_errors(found: Finding, fit: Pose, prior: Pose | None) -> Pose:
-    """A fit of a finding with the errors of the source that it has in common with a prediction, counted once."""
+    """A fit of a finding as it is told: with what first order leaves out of its covariance.
+
+    Errors of the source that it has in common with a prediction are counted once.
+    """
     own = fit.shared if isinstance(fit, SharedPose) else None
     if own is None and found.model is not None and isinstance(prior, SharedPose):
         own = errors_by_source(found.model, found.assignment, fit)
-    return fused_with(prior, whole(fit), own) if isinstance(prior, SharedPose) and own is not None else whole(fit)
+    told = fused_with(prior, whole(fit), own) if isinstance(prior, SharedPose) and own is not None else whole(fit)
+    if told.covariance is None or (covariance := with_curvature(told.covariance)) is told.covariance:
+        return told
+    return replace(told, covariance=covariance)
 
 
 def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:

@@ -26,6 +26,7 @@ from rootmatch.model.compiled.averaging import average
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import errors_by_source, evidence, squared_deviations
 from rootmatch.model.modes import Modes
+from rootmatch.model.pose_density import Doubted, Gaussian
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.shared_errors import SharedPose
@@ -55,6 +56,8 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     R, position, covariance = _over_changes(modes, k)
     lines = _weak(covariance, max(math.sqrt(position @ position), 1e-300))
     if lines.shape[1]:
+        covariance = _with_turned_prediction(model, R, position, covariance)
+        lines = _weak(covariance, math.sqrt(position @ position))
         about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
         prior = model.prior.for_kernels
         if model.scene_for_kernels is None or prior is None:
@@ -79,6 +82,28 @@ def _over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]:
     mean = weight @ steps
     spread = (weight[:, None] * steps).T @ steps - np.outer(mean, mean)
     return one_rotation_matrix(mean[:3]) @ R, position + mean[3:], covariance + spread
+
+
+def _with_turned_prediction(model: DetectionModel, R: Floats, position: Floats, covariance: Floats) -> Floats:
+    """The covariance of a fit in which that of its prediction is turned with the body, to where the fit has it.
+
+    What a frame leaves open, as the rotation about a line of points, is the same in the body's frame in every frame. In
+    the camera's it turns with the body, and a prediction that did not would be certain of a part of it.
+    """
+    prior = model.prior
+    if not isinstance(prior, Doubted):
+        return covariance
+    poses = np.array(R[None], float), np.array(position[None], float)
+    mean = prior.predictions[int(prior.prediction_of(*poses)[0])]
+    if not isinstance(mean, Gaussian):
+        return covariance
+    known, turn = prior.terms(*poses).precision[0], np.kron(np.eye(2), R @ mean.rotation.T)
+    try:
+        turned = np.linalg.inv(np.linalg.inv(covariance) - known + turn @ known @ turn.T)
+        np.linalg.cholesky(turned)
+    except np.linalg.LinAlgError:  # what is averaged over changes may be wider than its prediction
+        return covariance
+    return np.asarray(turned)
 
 
 def _averaged(

@@ -11,7 +11,7 @@ from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.arrays import Floats, kept_by_identity
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import about_point, body_radius
+from rootmatch.problems.pose_fit.reference_point import STRAIGHT, about_point, body_radius
 from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose, left_by
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
@@ -201,7 +201,8 @@ class MotionFilter:
         self.scale = pose.scale
         step = np.array([*one_rotation_vector(self.R @ R.T), *(self.t - t), self.scale - scale])[:size]
         self.motion, self.P, inverse = np.empty(12), np.empty(P.shape), np.empty((size, size))
-        left, squared = take_pose((motion, P), step, covariance, (self.motion, self.P, inverse))
+        P, within = self._turned(P, step)
+        left, squared = take_pose((motion, P), within, covariance, (self.motion, self.P, inverse))
         if isinstance(pose, SharedPose):
             self._share(shared, pose, weight * P[:, :size] @ inverse, left_by(covariance, P[:size, :size]))
         self.time, self._ahead = time, None
@@ -215,6 +216,20 @@ class MotionFilter:
             self._mixed(weight, before, step)
         if size == 6 and self._is_among(self.centre - self.R.T @ self.t - self.middle):
             self._go_with(-self.R.T @ self.t)
+
+    def _turned(self, P: Floats, step: Floats) -> tuple[Floats, Floats]:
+        """A predicted covariance as it is where a step takes the body, and the step along its arc.
+
+        It stays as it is in the body's frame, in which no frame changes what its points leave open.
+        """
+        if P[0, 0] + P[1, 1] + P[2, 2] < STRAIGHT**2:
+            return P, step
+        turn, whole = one_rotation_matrix(step[:3]), np.eye(len(P))
+        for k in (0, 3, *range(self.rows, len(P), 3)):
+            whole[k : k + 3, k : k + 3] = turn
+        along = step.copy()
+        along[3:6] = one_rotation_matrix(0.5 * step[:3]) @ step[3:6]
+        return whole @ P @ whole.T, along
 
     def _is_among(self, offset: Floats) -> bool:
         """Whether a camera at a point of the body's frame, from its centre, has the body's points around it."""

@@ -13,6 +13,9 @@ from rootmatch.jit.decorators import FASTMATH, driver
 KEPT_POINTS = 1000
 """Points of a body up to which what frame after frame asks of them is kept. A round value; it bounds memory."""
 
+STRAIGHT = 0.02
+"""Standard deviation of a rotation, in radians, up to which what it moves goes straight on. A round value."""
+
 
 def body_radius(source: Floats) -> float:
     """Root mean square distance of a body's points (n, 3) from their centre."""
@@ -50,6 +53,35 @@ def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats, scale: 
     pose = np.array(R, order="C"), np.array(t), np.array(covariance, order="C"), float(scale)
     out = np.empty(3), np.empty(covariance.shape)
     refer(pose, np.array(point), out)
+    return out
+
+
+def with_curvature(covariance: Floats) -> Floats:
+    """The covariance of a pose, with the square of what first order leaves out of where a rotation takes its position.
+
+    A pose that is free to turn about a line has its position on an arc, τ = A ω + ½ ω × A ω: a covariance of first
+    order is that of the tangent. The second term has the moments of a quadratic form of normal errors.
+
+    Parameters
+    ----------
+    covariance : (6, 6) or (7, 7) float64
+        Of a left rotation perturbation ω in radians, of the position, and of the scale where it is estimated.
+
+    Returns
+    -------
+    (6, 6) or (7, 7) float64
+        That of the same errors; the same array where rotations are known to `STRAIGHT`.
+    """
+    if covariance[0, 0] + covariance[1, 1] + covariance[2, 2] < STRAIGHT**2:
+        return covariance
+    turns = covariance[:3, :3]
+    moved = np.linalg.lstsq(turns, covariance[:3, 3:6])[0].T
+    # ½ (ω × A ω) as ωᵀ Q ω, one Q for each axis
+    each = 0.5 * np.cross(np.eye(3)[:, None], moved.T).transpose(2, 0, 1)
+    each = 0.5 * (each + each.swapaxes(1, 2)) @ turns
+    mean = np.trace(each, axis1=1, axis2=2)
+    out = covariance.copy()
+    out[3:6, 3:6] += 2.0 * np.einsum("iab,jba->ij", each, each) + np.outer(mean, mean)
     return out
 
 
