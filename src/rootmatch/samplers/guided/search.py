@@ -102,7 +102,7 @@ class Search:
         self._known: tuple[Integers, Integers, Hypotheses] | None = None
         self.hypotheses: list[Hypotheses] = []
         self.conclusive, self.missed = False, 1.0
-        """Whether it ended for want of nothing, and the probability of having missed a pose as good as the strongest."""
+        """Whether it ended in want of nothing, and the probability of having missed a pose as good as its best."""
 
     def run(self) -> None:
         """Batch after batch until enough is found, every minimal set was tried, or the budget is spent."""
