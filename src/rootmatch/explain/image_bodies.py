@@ -8,6 +8,7 @@ everything that any of the searches proposed, including look-alikes of other bod
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -38,6 +39,7 @@ from rootmatch.frozen import copied
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.prediction import COMPLETE
+from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.model.proposals import Proposals
 
 IN_VIEW, DOUBTED = 0.95, 0.9
@@ -103,17 +105,18 @@ class _Body(SearchedBody):
         return self.among >= 0 or self.enough
 
     @property
-    def is_left_over(self) -> bool:
-        """Whether it is most probably in a pose that explains less than one of which other bodies have the detections.
+    def is_by_others(self) -> bool:
+        """Whether its pose would not be certain if nothing were known of what the other bodies explain.
 
-        The search ended there: that it would have met whatever explains as much holds for that pose only.
+        A search among all detections ends where it has met what is beyond chance among these, or another body's place.
         """
-        best, told = self.candidate.modes, self.told.modes
-        return len(best.rotation) > 0 < len(told.rotation) and not np.array_equal(best.rotation[0], told.rotation[0])
+        masses = self.candidate.modes.log_mass + PRESENT_ODDS
+        alone = self.told.modes.log_mass[:1] + PRESENT_ODDS - np.logaddexp.reduce(np.append(masses, 0.0))
+        return bool((alone < math.log(SURE)).any())
 
     def worth_a_search(self, budget: int) -> bool:
         """Whether another search among the free detections, with this budget, may find more than the last one."""
-        if (self.settled and not self.is_left_over) or (self.among < 0 and self.enough):
+        if (self.settled and not self.is_by_others) or (self.among < 0 and self.enough):
             return False
         fewer = self.among < 0 or int(self.free.sum()) < self.among
         torn = float(self.told.probabilities.sum()) >= IN_VIEW and self.pose < DOUBTED

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rootmatch.arrays import Integers
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.image_hypotheses import Candidate, is_enough, model_of
@@ -58,15 +58,14 @@ def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
 def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]) -> tuple[SampledTensor, bool]:
     """Hyper-edges within the cameras, with the verified assignments that hypotheses of single cameras lead to.
 
-    The second value says whether every camera's search ended before its budget. A pose that one camera's search would
-    have met was not missed.
+    The second value says whether every camera's search ended before its budget.
     """
     assert task.rig is not None
     n, n_target = task.shape
     guided = task.options.sampler
     if not isinstance(guided, Guided):
         guided = _guided(task.budget or BUDGET, limits[0])
-    indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
+    indices, weights, hypotheses, evaluated, whole, missed_by = [], [], [], 0, True, np.ones(len(task.rig.cameras))
     searching = task.deadline.part(SEARCHED)
     views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
     parts = [of_camera(task, k, guided) for k in views]
@@ -83,7 +82,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
             continue
         sampled = sample(part)
         evaluated += sampled.evaluated
-        whole, missed = whole and sampled.evaluated < guided.budget, min(missed, sampled.missed)
+        whole, missed_by[k] = whole and sampled.evaluated < guided.budget, sampled.missed
         i, j = np.divmod(sampled.tensor.indices.astype(np.int64), len(own))
         indices.append(((k * n + i) * n_target + own[j]).astype(np.int32))
         weights.append(np.asarray(sampled.tensor.weights))
@@ -92,20 +91,32 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
-    verified = _verified(model, hypotheses, limits)
+    verified, all_triples = _verified(model, hypotheses, limits), False
     if task.search_camera is None and not _is_enough(task, model, verified, evaluated):
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
-                more, all_triples = _by_triples(copied(part, deadline=searching), model, k, own, guided) or ([], False)
+                more, every = _by_triples(copied(part, deadline=searching), model, k, own, guided) or ([], False)
                 hypotheses += more
-                missed = 0.0 if all_triples else missed
+                all_triples |= every
         if len(hypotheses) > met:
             verified = _verified(model, hypotheses, limits)
-    every = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
+    of_cameras = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
-    tensor = AffinityTensor.unchecked(np.ascontiguousarray(every), values, task.row_shape, task.row_weights)
+    tensor = AffinityTensor.unchecked(np.ascontiguousarray(of_cameras), values, task.row_shape, task.row_weights)
+    missed = 0.0 if all_triples else _missed(verified, missed_by)
     return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
+
+
+def _missed(verified: Integers, missed_by: Floats) -> float:
+    """Probability that a pose with as many sightings in each camera as the first assignment was missed in all.
+
+    ``missed_by`` (C,): in each, if it shows enough of them.
+    """
+    if not len(verified):
+        return 1.0
+    shown = (verified[0].reshape(len(missed_by), -1) >= 0).sum(axis=1)
+    return float(np.prod(np.where(shown >= LEAST, missed_by, 1.0)))
 
 
 @lru_cache(maxsize=32)
@@ -123,7 +134,8 @@ def of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers
         part,
         problem=task.problem.of_view(task.rig.cameras[k], task.rig.rotations[k]),  # type: ignore[attr-defined]
         points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
-        options=replace(part.options, sampler=guided),
+        # other minimal sets in each camera: what is missed in one is met in another
+        options=replace(part.options, sampler=guided, seed=part.options.seed + k),
     )
     return k, own, part
 
