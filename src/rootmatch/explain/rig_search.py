@@ -111,12 +111,18 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
 def _missed(verified: Integers, missed_by: Floats) -> float:
     """Probability that a pose with as many sightings in each camera as the first assignment was missed in all.
 
-    ``missed_by`` (C,): in each, if it shows enough of them.
+    Of one that no camera shows four points of `search_meets` judges, by the triples that were looked at.
+
+    Parameters
+    ----------
+    verified : (K, n) int array
+    missed_by : (C,) array
+        That probability in each camera, if it shows enough of them.
     """
     if not len(verified):
         return 1.0
-    shown = (verified[0].reshape(len(missed_by), -1) >= 0).sum(axis=1)
-    return float(np.prod(np.where(shown >= LEAST, missed_by, 1.0)))
+    enough = (verified[0].reshape(len(missed_by), -1) >= 0).sum(axis=1) >= LEAST
+    return float(missed_by[enough].prod()) if enough.any() else 0.0
 
 
 @lru_cache(maxsize=32)
