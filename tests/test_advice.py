@@ -150,6 +150,7 @@ def test_residuals_of_what_is_not_there_do_not_say_that_the_noise_is_larger() ->
     assert found.status is rm.Status.UNTRUSTED
     assert "times as large as given, or else the pose is wrong; give noise=" in found.advice
     assert ', or noise="auto", or source_noise= if the model is inexact, and check' in found.advice
+    assert "usual causes are the calibration of the lens, exposure or a rolling shutter, and a bent model" in found.advice
     chance = replace(found.finding, log_odds=-6.4, noise_factor=2.4, noise_dof=8)
     assert "even with 2.4 times the stated noise, which the residuals suggest, this could be chance" in advice(chance)
 

@@ -32,8 +32,8 @@ ADVICE = {
 }
 """Sentences with gaps for what the problem suggests to check and to add."""
 
-
 PRIOR = "a `prior`"
+CAUSES = "; usual causes are the calibration of the lens, exposure or a rolling shutter, and a bent model"
 NOTED = 0.1
 """Probability from which a match that is not trusted is told to be possible. A round value."""
 NOISY = 1.5
@@ -154,7 +154,7 @@ def _of_bodies(finding: Finding) -> str | None:
 def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
     """Why a finding is not trusted: the noise, chance, or that nothing was found."""
     task, facts, factor = finding.task, finding.facts, finding.noise_factor
-    problem, noise = task.problem, task.noise
+    problem, noise, causes = task.problem, task.noise, CAUSES if task.problem.takes_prior else ""
     if finding.point_error:
         return (
             f"no trustworthy match: what was found fits if the points of the body are off by {finding.point_error:.2g} "
@@ -167,12 +167,12 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             return (
                 f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given, "
                 f'or else the pose is wrong; give {told}, or noise="auto"{_or_inexact(task)}, '
-                f"and check {problem.to_check}"
+                f"and check {problem.to_check}{causes}"
             )
         return (
             "no trustworthy match: no pose fits, and even with "
             f"{factor:.1f} times the stated noise, which the residuals suggest, this could be chance; "
-            f"check {problem.to_check}; set {told} only if that is realistic"
+            f"check {problem.to_check}; set {told} only if that is realistic{causes}"
         )
     if _could_be_chance(finding) and facts.probability is not None:
         chance, least = _told_apart(facts.probability, facts.min_probability)
