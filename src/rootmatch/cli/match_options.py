@@ -69,7 +69,9 @@ Image = Annotated[
     Path,
     typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels; frame,x,y for many images."),
 ]
-Problem = Annotated[ProblemName, points("What is known: p3p, up2p, 3p1, planar, up2pf, similarity or rigid.", metavar="PROBLEM")]
+Problem = Annotated[
+    ProblemName, points("What is known: p3p, up2p, 3p1, planar, up2pf, similarity or rigid.", metavar="PROBLEM")
+]
 Camera = Annotated[
     str | None,
     points(
@@ -114,9 +116,7 @@ VerticalNoise = Annotated[
         "up2p: standard deviation of the measured vertical, in degrees on each of two axes.", metavar="DEG", default="0"
     ),
 ]
-Camera2 = Annotated[
-    str | None, points("3p1, planar: the second camera.", metavar="CAMERA", default="as the first")
-]
+Camera2 = Annotated[str | None, points("3p1, planar: the second camera.", metavar="CAMERA", default="as the first")]
 Axis = Annotated[
     str | None,
     points("3p1, planar: the common direction in the first camera's frame.", metavar="X,Y,Z", default="none"),
@@ -214,7 +214,8 @@ MaxHyperedges = Annotated[
     int | None, method("Keep at most the N strongest hyper-edges in memory.", metavar="N", default="5000000")
 ]
 MaxSeconds = Annotated[
-    float | None, method("Stop each image or frame after S seconds, with the best match so far.", metavar="S", default="none")
+    float | None,
+    method("Stop each image or frame after S seconds, with the best match so far.", metavar="S", default="none"),
 ]
 Backend = Annotated[
     str | None, method("Where to compute: auto, cpu, cuda or cuda-float32.", metavar="NAME", default="auto")
