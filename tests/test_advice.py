@@ -150,6 +150,9 @@ def test_residuals_of_what_is_not_there_do_not_say_that_the_noise_is_larger() ->
     assert found.status is rm.Status.UNTRUSTED
     assert "times as large as given, or else the pose is wrong; give noise=" in found.advice
     assert ', or noise="auto", or source_noise= if the model is inexact, and check' in found.advice
+    assert (
+        "usual causes are the calibration of the lens, exposure or a rolling shutter, and a bent model" in found.advice
+    )
     chance = replace(found.finding, log_odds=-6.4, noise_factor=2.4, noise_dof=8)
     assert "even with 2.4 times the stated noise, which the residuals suggest, this could be chance" in advice(chance)
 
@@ -241,3 +244,19 @@ def test_an_empty_match_tells_poses_of_any_assignment() -> None:
     (pose,) = match.poses_of(np.arange(8))
     assert pose is not None
     assert pose.rms < 1.0
+
+
+def test_normalised_coordinates_before_a_camera_in_pixels_are_named() -> None:
+    points = np.random.default_rng(0).uniform(-0.3, 0.3, (8, 3))
+    image = points[:, :2] / (points[:, 2:] + 2.0)
+    given = rm.match(points, image, rm.P3P(rm.Camera(800, 800, 320, 240)))
+    assert not given
+    assert (
+        "look like normalised coordinates (x/z, y/z), and the camera is in pixels; give Camera(1, 1, 0, 0)"
+        in given.advice
+    )
+    assert rm.match(points, image, rm.P3P(rm.Camera(1, 1, 0, 0)), noise=1e-3)
+    strange = np.random.default_rng(1).uniform(-1.0, 1.0, (8, 2))
+    assert "normalised" not in rm.match(points, strange, rm.P3P(rm.Camera(1, 1, 0, 0)), noise=1e-3).advice
+    few = rm.Matcher(points, rm.P3P(rm.Camera(800, 800, 320, 240))).match(image[:2])
+    assert "at least 4 needed" in few.advice

@@ -175,8 +175,32 @@ def test_a_frame_of_few_detections_is_an_empty_match(frame: Any) -> None:
     assert match.status is rm.Status.UNTRUSTED
     assert match.assignment.tolist() == [-1] * 6
     assert match.soft_assignment.shape == (6, len(frame))
-    assert match.probability is None
+    assert match.probability == match.log_odds == 0.0  # as of enough detections among which nothing is found
+    assert match.noise_factor is None
+    assert not (match.confidence > 0.9).any()
     assert "given, at least 4 needed" in match.advice
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        rm.Rigid(dimension=3),
+        rm.Similarity(dimension=3),
+        rm.PlanarMotion(rm.Camera(800, 800, 320, 240), axis=(0, 1, 0), axis2=(0, 1, 0)),
+        rm.P3P(rm.Rig([(rm.Camera(800, 800, 320, 240), np.eye(3), np.zeros(3))])),
+    ],
+)
+def test_a_frame_of_few_points_has_the_probability_zero(problem: rm.Problem) -> None:
+    source = SCENE.source[:, : problem.source_dimension]
+    frame: Any = np.zeros((1, problem.target_dimension))
+    match = rm.Matcher(source, problem).match((frame[:, :2], [0]) if isinstance(problem, rm.P3P) else frame)
+    assert match.status is rm.Status.UNTRUSTED
+    assert match.probability == match.log_odds == 0.0
+
+
+def test_what_has_no_probability_has_none_with_few_detections() -> None:
+    matcher = rm.Matcher(SCENE.source, SCENE.problem, preset="paper")
+    assert matcher.match(SCENE.target[:2]).probability is None
 
 
 def test_a_frame_of_one_detection_many_times_is_an_empty_match() -> None:

@@ -660,3 +660,13 @@ def test_every_option_is_documented() -> None:
         options = set(re.findall(r"--[a-z][a-z0-9-]*", screen)) - {"--help"}
         assert len(options) > 5
         assert not {option for option in options if f"`{option}" not in section}
+
+
+@pytest.mark.parametrize("command", ["match", "track"])
+def test_help_has_room_in_a_narrow_terminal(command: str) -> None:
+    """What a value looks like is said in the text: a wide column for it leaves none for the text."""
+    screen = CliRunner(env={"COLUMNS": "80", "NO_COLOR": "1"}).invoke(app, [command, "--help"]).stdout
+    assert "…" not in screen
+    narrow = screen.split("Points and cameras")[1].split("Method")[0]
+    assert re.search(r"--noise +SIGMA +Standard deviation of a ", narrow)
+    assert "frame after S seconds" in " ".join(screen.replace("│", " ").split())

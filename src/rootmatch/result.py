@@ -163,7 +163,7 @@ class Match:
 
     @property
     def noise_factor(self) -> float | None:
-        """Ratio of the noise that the residuals about the best pose suggest to that stated; None without a pose."""
+        """Ratio of the noise that the residuals about the best pose suggest to that stated; None if none was fitted."""
         return noise_factor(self.finding)
 
     @property
@@ -192,11 +192,11 @@ class Match:
         """Posterior probability that the whole assignment is right.
 
         If the status is MATCHED and doubtful matches were left out, it is that of those that remain; of so many that a
-        thousandth of them is more than 1 − ``min_probability``, that all but this thousandth are right. It comes from a
-        model of all observations, in which the object may be absent, or two views may have nothing in common
-        (docs/model.md). With several motions it is the product of theirs, each weighed with the points and detections
-        that the others leave, and in two views that of all of them together. None if the problem fits no poses, and for
-        the paper's residuals.
+        thousandth of them is more than 1 − ``min_probability``, that all but this thousandth are right. 0.0 if nothing
+        is matched. It comes from a model of all observations, in which the object may be absent, or two views may have
+        nothing in common (docs/model.md). With several motions it is the product of theirs, each weighed with the
+        points and detections that the others leave, and in two views that of all of them together. None if the problem
+        fits no poses, and for the paper's residuals.
         """
         return self._told("probability", np.prod)
 
@@ -207,7 +207,7 @@ class Match:
         Summed over the poses that were weighed and their local changes (a point left out, moved to another detection or
         exchanged with another point). If the status is MATCHED, the pose is certain and doubtful matches are left out,
         so many that the rest is right with ``min_probability`` (up to a thousandth of the matches of a large
-        assignment). NaN if the problem fits no poses, and for the paper's residuals.
+        assignment). NaN where there was nothing to weigh, and where `probability` is None.
         """
         known = self.finding.every_confidence if self.sightings is None else self.sightings.confidence
         if known is not None:
@@ -218,7 +218,7 @@ class Match:
 
     @cached_property
     def log_odds(self) -> float | None:
-        """Logarithm of the odds of the assignment and its pose against clutter alone; None if `probability` is."""
+        """Log-odds of the assignment and its pose against clutter alone, 0.0 without any; None if `probability` is."""
         return self._told("log_odds", np.sum)
 
     def _told(self, name: str, of_bodies: Callable[[list[float]], Any]) -> float | None:

@@ -69,20 +69,22 @@ Image = Annotated[
     Path,
     typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels; frame,x,y for many images."),
 ]
-Problem = Annotated[ProblemName, points("What is known about cameras and points.")]
+Problem = Annotated[
+    ProblemName, points("What is known: p3p, up2p, 3p1, planar, up2pf, similarity or rigid.", metavar="PROBLEM")
+]
 Camera = Annotated[
     str | None,
     points(
-        "p3p, up2p, 3p1, planar: camera in pixels, or a calibration file (OpenCV, COLMAP, Kalibr, ROS, our JSON).",
-        metavar="FX,FY,CX,CY|FILE",
+        "p3p, up2p, 3p1, planar: FX,FY,CX,CY in pixels, or a calibration file (OpenCV, COLMAP, Kalibr, ROS, our JSON).",
+        metavar="CAMERA",
     ),
 ]
 Noise = Annotated[
     str | None,
     points(
-        "Standard deviation of a coordinate, in pixels (similarity, rigid: in the points' unit), or auto. Two "
-        "numbers if both sets are noisy (3p1, planar, similarity, rigid).",
-        metavar="PX|SOURCE,TARGET|auto",
+        "Standard deviation of a coordinate, in pixels (similarity, rigid: in the points' unit), or auto. "
+        "SOURCE,TARGET if both sets are noisy (3p1, planar, similarity, rigid).",
+        metavar="SIGMA",
         default="1, or the columns sigma or sxx,sxy,syy",
     ),
 ]
@@ -114,9 +116,7 @@ VerticalNoise = Annotated[
         "up2p: standard deviation of the measured vertical, in degrees on each of two axes.", metavar="DEG", default="0"
     ),
 ]
-Camera2 = Annotated[
-    str | None, points("3p1, planar: the second camera.", metavar="FX,FY,CX,CY|FILE", default="as the first")
-]
+Camera2 = Annotated[str | None, points("3p1, planar: the second camera.", metavar="CAMERA", default="as the first")]
 Axis = Annotated[
     str | None,
     points("3p1, planar: the common direction in the first camera's frame.", metavar="X,Y,Z", default="none"),
@@ -214,7 +214,8 @@ MaxHyperedges = Annotated[
     int | None, method("Keep at most the N strongest hyper-edges in memory.", metavar="N", default="5000000")
 ]
 MaxSeconds = Annotated[
-    float | None, method("Stop after S seconds and return the best match so far.", metavar="S", default="none")
+    float | None,
+    method("Stop each image or frame after S seconds, with the best match so far.", metavar="S", default="none"),
 ]
 Backend = Annotated[
     str | None, method("Where to compute: auto, cpu, cuda or cuda-float32.", metavar="NAME", default="auto")
@@ -227,11 +228,11 @@ Scheduler = Annotated[
     ),
 ]
 Seed = Annotated[int, method("Random seed; the same seed gives the same match.")]
-Output = Annotated[Path | None, output("Write source,target,weight,motion,residual,confidence.", metavar="CSV")]
+Output = Annotated[Path | None, output("Write source, target, weight, motion, residual, confidence.", metavar="CSV")]
 Poses = Annotated[Path | None, output("Write the pose of each motion with its covariance.", metavar="FILE")]
 PoseFormat = Annotated[
     str | None,
-    output("Format of --poses; colmap writes a folder.", metavar="csv|json|ros|openxr|colmap", default="by the suffix"),
+    output("csv, json, ros, openxr or colmap (a folder).", metavar="FORMAT", default="by the suffix"),
 ]
 Photo = Annotated[Path | None, output("Photograph behind the image points of --plot and --report.", metavar="IMAGE")]
 Plot = Annotated[Path | None, output("Draw the match: .png, .svg or .pdf.", metavar="PICTURE")]

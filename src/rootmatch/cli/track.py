@@ -47,20 +47,20 @@ class PoseFormatName(StrEnum):
 
 
 Model = Annotated[Path, typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space, of one or several bodies.")]
-Problem = Annotated[ProblemName, option.points("What is known about camera and points.")]
+Problem = Annotated[ProblemName, option.points("What is known: p3p, up2p, rigid or similarity.", metavar="PROBLEM")]
 Camera = Annotated[
     str | None,
     option.points(
-        "p3p, up2p: camera in pixels, or a calibration file (OpenCV, COLMAP, Kalibr, ROS, our JSON).",
-        metavar="FX,FY,CX,CY|FILE",
+        "p3p, up2p: FX,FY,CX,CY in pixels, or a calibration file (OpenCV, COLMAP, Kalibr, ROS, our JSON).",
+        metavar="CAMERA",
     ),
 ]
 StatedNoise = Annotated[
     str | None,
     option.points(
-        "Standard deviation of a coordinate, in pixels; rigid, similarity: in the points' unit, two numbers if the "
+        "Standard deviation of a coordinate, in pixels; rigid, similarity: in the points' unit, SOURCE,TARGET if the "
         "model is noisy.",
-        metavar="PX|SOURCE,TARGET",
+        metavar="SIGMA",
         default="1, or the columns sigma or sxx,sxy,syy",
     ),
 ]
@@ -156,11 +156,11 @@ def track(
 ) -> None:
     """Follow one or several bodies through the frames of a camera.
 
-    Each frame is predicted from the previous ones. Every row is written as soon as its frame is complete: at an empty
-    line, or when the next frame begins.
+    Each frame is predicted from the previous ones. A row is written as soon as
+    its frame is complete: at an empty line, or when the next frame begins.
 
-    Exit code 0: something was matched; 1: nothing in any frame; 2: bad input; 130: interrupted, and rows written so
-    far are kept.
+    Exit code 0: something was matched; 1: nothing in any frame; 2: bad input;
+    130: interrupted, and rows written so far are kept.
     """
     given = locals()
     from rootmatch import io

@@ -16,6 +16,7 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Facts, Status, least_trusted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied, once
+from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -288,12 +289,18 @@ def unjudged(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
 
 
 def nothing_found(task: MatchingTask, reason: str | None) -> Finding:
-    """The finding of a task that leaves nothing to match."""
+    """The finding of a task that leaves nothing to match; as of an image without a mode, nothing has the odds 1.
+
+    Of problems without a model no odds are known, here as elsewhere.
+    """
+    by_noise = task.affinity.residual.kind in NOISE_KINDS and not task.options.is_paper
+    told = 0.0 if by_noise and task.problem.least_for_pose else None
     return Finding(
         task=task,
         assignment=np.full(task.rows, -1, np.int64),
         others=[],
-        facts=NOTHING,
+        facts=copied(NOTHING, probability=told),
+        log_odds=told,
         tensor=empty_tensor(task),
         scores=[0.0],
         soft=np.zeros(task.row_shape),

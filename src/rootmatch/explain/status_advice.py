@@ -13,6 +13,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.predicted_poses import agrees_with_prior
 from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.usual_mistakes import as_normalised
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.problems.base import Problem
@@ -32,8 +33,8 @@ ADVICE = {
 }
 """Sentences with gaps for what the problem suggests to check and to add."""
 
-
 PRIOR = "a `prior`"
+CAUSES = "; usual causes are the calibration of the lens, exposure or a rolling shutter, and a bent model"
 NOTED = 0.1
 """Probability from which a match that is not trusted is told to be possible. A round value."""
 NOISY = 1.5
@@ -69,8 +70,8 @@ def advice(
     undetermined : bool
         Whether the matches leave a direction of the pose open; see `is_undetermined`.
     """
-    if finding.reason is not None and finding.status is Status.UNTRUSTED:
-        return f"no trustworthy match: {finding.reason}"
+    if finding.status is Status.UNTRUSTED and (reason := as_normalised(finding.task) or finding.reason) is not None:
+        return f"no trustworthy match: {reason}"
     unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
     if (of_bodies := _of_bodies(finding)) is not None:
         text = of_bodies
@@ -154,7 +155,7 @@ def _of_bodies(finding: Finding) -> str | None:
 def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
     """Why a finding is not trusted: the noise, chance, or that nothing was found."""
     task, facts, factor = finding.task, finding.facts, finding.noise_factor
-    problem, noise = task.problem, task.noise
+    problem, noise, causes = task.problem, task.noise, CAUSES if task.problem.takes_prior else ""
     if finding.point_error:
         return (
             f"no trustworthy match: what was found fits if the points of the body are off by {finding.point_error:.2g} "
@@ -167,12 +168,12 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             return (
                 f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given, "
                 f'or else the pose is wrong; give {told}, or noise="auto"{_or_inexact(task)}, '
-                f"and check {problem.to_check}"
+                f"and check {problem.to_check}{causes}"
             )
         return (
             "no trustworthy match: no pose fits, and even with "
             f"{factor:.1f} times the stated noise, which the residuals suggest, this could be chance; "
-            f"check {problem.to_check}; set {told} only if that is realistic"
+            f"check {problem.to_check}; set {told} only if that is realistic{causes}"
         )
     if _could_be_chance(finding) and facts.probability is not None:
         chance, least = _told_apart(facts.probability, facts.min_probability)

@@ -32,6 +32,23 @@ NOISIER = {f"the noise is {factor:g} times as large": factor for factor in FACTO
 WIDEST = 6.0
 """Largest coordinate x/z or y/z that is taken for one: 80° from the axis. A round value."""
 
+NORMALISED, IN_PIXELS = 2.0, 10.0
+"""Coordinates up to which all of an image are taken for x/z and y/z without any trial, 63° from the axis, and focal
+length from which a camera is in pixels: no image has all that it shows within two of them. Round values."""
+
+
+def as_normalised(task: MatchingTask) -> str | None:
+    """What to say of detections that look like normalised coordinates before cameras in pixels; None if they do not."""
+    camera, target = getattr(task.problem, "camera", None), task.points.target
+    every = getattr(camera, "cameras", (camera,))
+    in_pixels = all(isinstance(own, Camera) and min(own.fx, own.fy) > IN_PIXELS for own in every)
+    if not in_pixels or len(target) < task.problem.order or np.abs(target[:, :2]).max() >= NORMALISED:
+        return None
+    return (
+        "these look like normalised coordinates (x/z, y/z), and the camera is in pixels; give Camera(1, 1, 0, 0), with "
+        "the noise in these units, or pixels"
+    )
+
 
 def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     """Possible mistakes, the commonest first; one about the points is tried without what is known of the pose."""

@@ -29,6 +29,8 @@ KEPT_POINTS = 64
 class P3P(Problem):
     """Pose of a calibrated camera from three points (Fischler & Bolles 1981; paper, section "P3P").
 
+    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+
     The unknown shared by the two triples abc and abd of a hyper-edge is x = b/a, the ratio of the distances of points
     b and a from the camera centre.
 

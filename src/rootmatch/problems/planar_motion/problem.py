@@ -20,6 +20,8 @@ from rootmatch.problems.two_images import TwoImageProblem
 class PlanarMotion(TwoImageProblem):
     """Relative pose of two images from two points, the camera moving in a plane (Ortín & Montiel 2001).
 
+    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+
     The unknown is x = tan(θ/2) of the rotation θ about the plane's normal that takes the first view to the second; it
     belongs to the cameras, so all pairs share it. The direction of the motion within the plane is eliminated. Pixels of
     the first image are the source, of the second the target.

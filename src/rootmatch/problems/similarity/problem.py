@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 class Similarity(Problem):
     """Points of a plane or of space, matched up to rotation, translation and an unknown scale.
 
+    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+
     The unknown is the scale x; a pair of points gives e = x d of its distances d and e, so all pairs share it. A
     hyper-edge of three has two constraints, the shape of a triangle.
 
@@ -146,6 +148,8 @@ class Similarity(Problem):
 @dataclass(frozen=True)
 class Rigid(Similarity):
     """Points of a plane or of space, matched up to rotation and translation: `Similarity` with the scale known to be 1.
+
+    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
 
     A hyper-edge of three has three constraints, the sides of a triangle. Both sets are in the same unit. Parameters and
     errors are those of `Similarity`.

@@ -22,6 +22,8 @@ Unknown = Literal["tan", "cos"]
 class ThreePlusOne(TwoImageProblem):
     """Relative pose of two images from three points and one common direction (Naroditsky et al. 2012; paper, "3P1").
 
+    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+
     The unknown is x = tan(θ/2) or cos θ of the rotation θ about the common direction that takes the first view to the
     second; it belongs to the cameras, so all triples share it. Pixels of the first image are the source, of the second
     the target.

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 class UP2P(Problem):
     """Pose of a calibrated upright camera from two points (Kukelova et al. 2011; paper, section "up2p").
 
+    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+
     The unknown is x = tan(θ/2) of the rotation θ about the vertical; it belongs to the camera, so all pairs share it.
 
     Parameters

@@ -30,6 +30,8 @@ from rootmatch.problems.up2pf.focal_lengths import focal_grid, search_noise
 class UP2PF(Problem):
     """Pose and focal length of an upright camera with square pixels and a known principal point.
 
+    Pass it to `rootmatch.match`; its methods are for those who write problems or samplers of their own.
+
     If the vertical is known, the correspondence of a point X and a pixel gives two equations in the rotation angle θ
     about the vertical, the translation and the focal length f (compare Kukelova et al. 2010, who add radial
     distortion). Three points determine the five unknowns and leave one constraint; a hyper-edge of four has three. The
