@@ -88,7 +88,8 @@ def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     rivals = found.take(np.flatnonzero(found.log_odds > 0.0))
     near = _near(rivals, NEAR * math.sqrt(clouds.target.shape[1]) * float(widths_of(model.clutter)[0]))
     matched = uses_of(rivals.fit.assignments, len(clouds.target))
-    judged = [_alike(model, found, (matched | ~near, matched), rivals, w / math.sqrt(squared)) for w in widths]
+    parts = np.array([matched | ~near, matched])
+    judged = [_alike(model, found, parts, rivals, w / math.sqrt(squared)) for w in widths]
     total, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
     # whether the source is like itself: what is alike elsewhere tells; if so, an alike scene is as probable as none
     itself = 1.0 / (1.0 + math.exp(min(math.log(len(widths) / ALIKE) - float(elsewhere), 700.0)))
@@ -125,24 +126,26 @@ def _most(model: PointSetModel, found: Judged, width: Floats, noise: float) -> f
 
 
 def _alike(
-    model: PointSetModel, found: Judged, parts: tuple[Bools, Bools], rivals: Judged, width: Floats
+    model: PointSetModel, found: Judged, parts: Bools, rivals: Judged, width: Floats
 ) -> tuple[float, float, Floats, Floats]:
     """Log-odds at one width, in units of the source: of all labellings, and of the best elsewhere than the first.
 
-    And (G,), about the motions of rivals: of each of some parts of the targets (G, n').
+    And (G,), about the motions of rivals: of each of two parts (2, G, n') of the targets.
     """
     checkpoint()
     wide = replace(model, repeated=model.clutter, clouds=model.clouds.off_by(width))
     labels = found.fit.assignments
     for _ in range(ROUNDS):
-        labels = grown(wide.clouds, labels, model.mirror, model.allowed)
+        before, labels = labels, grown(wide.clouds, labels, model.mirror, model.allowed)
+        if np.array_equal(before, labels):
+            break
     judged = wide.judged(labels)
     best = judged.take(np.argsort(-judged.log_odds, kind="stable")[: 2 * RIVALS])
     labels, first = best.fit.assignments, found.fit.assignments[0]
     fewer = np.minimum((labels >= 0).sum(axis=1), int((first >= 0).sum()))
     apart = ((labels == first) & (first >= 0)).sum(axis=1) < SHARED * fewer
     labels = np.concatenate([labels, rivals.fit.assignments])  # which have all that is matched
-    more, own = (_with_some(wide, labels, which) for which in parts)
+    more, own = _with_some(wide, labels, parts)
     return float(np.logaddexp.reduce(best.log_odds)), float(best.log_odds[apart].max(initial=-np.inf)), more, own
 
 
@@ -154,10 +157,10 @@ def _near(rivals: Judged, distance: float) -> Bools:
 
 
 def _with_some(model: PointSetModel, labels: Integers, which: Bools) -> Floats:
-    """Log-odds (G,) of all labellings (K, n) with some targets (G, n') only; −∞ where that leaves no motion."""
-    parts = np.where((labels >= 0) & which[:, np.maximum(labels, 0)], labels, -1)
-    enough = (parts >= 0).sum(axis=2) >= FEWEST
+    """Log-odds (P, G) of all labellings (K, n) with some targets (P, G, n') only; −∞ where that leaves no motion."""
+    parts = np.where((labels >= 0) & which[..., np.maximum(labels, 0)], labels, -1)
+    enough = (parts >= 0).sum(axis=-1) >= FEWEST
     odds = np.full(enough.shape, -np.inf)
     if enough.any():
         odds[enough] = model.judged(parts[enough]).log_odds
-    return np.asarray(np.logaddexp.reduce(odds, axis=1))
+    return np.asarray(np.logaddexp.reduce(odds, axis=-1))
