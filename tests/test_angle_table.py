@@ -15,7 +15,6 @@ from rootmatch.explain.known_rotation import GATE
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 
-Floats = NDArray[np.float64]
 CAMERA = rm.Camera(2200.0, 2200.0, 640.0, 480.0)
 SIGMA = 0.3
 

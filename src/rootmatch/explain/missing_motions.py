@@ -24,10 +24,6 @@ BUDGET = 8_000_000
 """Evaluations of the search: half a second. A round value, as of `rootmatch.explain.known_pose`."""
 
 
-ASKED_FOR = 1.0 / (1.0 + math.exp(-PRESENT_ODDS))
-"""Probability of a motion that somebody asks for, before the images are seen."""
-
-
 class Rest(NamedTuple):
     """What the motions found leave to one more."""
 

@@ -21,7 +21,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.assignment import largest_total
-from rootmatch.model.detection_model import RATE_NODES, beta_quadrature
+from rootmatch.model.detection_model import beta_quadrature
 from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
 from rootmatch.model.priors import WRONG_MODEL
@@ -131,7 +131,7 @@ class TwoViewPosterior:
         (n, n_target), rate = self.model.shape, self.model.detection_rate
         if not self.model.weighs_parts:
             return 0.0, np.ones(n)
-        rates, log_weights = beta_quadrature(1.0, 1.0, RATE_NODES) if rate is None else (np.array([rate]), np.zeros(1))
+        rates, log_weights = beta_quadrature(1.0, 1.0) if rate is None else (np.array([rate]), np.zeros(1))
         chance = np.tile(rates, (1, n, 1))
         return few_detected(chance, np.exp(log_weights), np.array([n_target]), self.model.size - 2)
 
