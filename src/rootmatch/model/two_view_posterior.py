@@ -26,7 +26,7 @@ from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.shown_in_part import few_detected
-from rootmatch.model.two_view_alike import alike_odds
+from rootmatch.model.two_view_alike import FEWEST, alike_odds
 from rootmatch.model.two_view_fit import Fitted, distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
@@ -36,8 +36,6 @@ MISSED = 0.1
 nothing in common: what was missed may explain them. A stated value, not measured."""
 FIRST = 128
 """First samples, which tell where to draw. A round value."""
-FEWEST = 16
-"""First samples of images with so many points that there are less than so many. A round value."""
 MOST_RATIOS = 4_000_000
 """Pairs of points times first samples: 32 MB."""
 NAMED = 5
