@@ -165,20 +165,6 @@ def relative_value(p: np.ndarray, x: float) -> float:
     return float(abs((p * powers).sum()) / scale) if scale > 0.0 else 0.0
 
 
-def bezout(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """The matrix B with (p(x) q(y) - p(y) q(x)) / (x - y) = sum B_ij x^i y^j, by sampling and two interpolations."""
-    k = len(p) - 1
-    nodes, others = np.cos(np.arange(k) + 0.3), np.cos(np.arange(k) + 0.7)
-    table = np.array(
-        [
-            [(np.polyval(p, x) * np.polyval(q, y) - np.polyval(p, y) * np.polyval(q, x)) / (x - y) for y in others]
-            for x in nodes
-        ]
-    )
-    left, right = np.vander(nodes, k, increasing=True), np.vander(others, k, increasing=True)
-    return np.linalg.solve(right, np.linalg.solve(left, table).T).T
-
-
 # ------------------------------------------------------------------ noise
 
 

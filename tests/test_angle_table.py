@@ -11,11 +11,10 @@ import rootmatch as rm
 from rootmatch.explain import angle_table
 from rootmatch.explain.angle_table import Agreeing, Directions, looked_up
 from rootmatch.explain.known_pose import match_known
-from rootmatch.explain.known_rotation import GATE
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.limits import GATE
 
-Floats = NDArray[np.float64]
 CAMERA = rm.Camera(2200.0, 2200.0, 640.0, 480.0)
 SIGMA = 0.3
 

@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.model.modes import same_place
 from rootmatch.model.pose_density import Gaussian
-from rootmatch.model.priors import COPY
+from rootmatch.model.priors import COPY, IN_VIEW
 from rootmatch.tracking.followed_places import (
-    IN_VIEW,
     GonePlaces,
     chance_absent,
     chance_of_copy,

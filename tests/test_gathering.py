@@ -15,7 +15,8 @@ from rootmatch.explain.image_hypotheses import Candidate, model_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.gathering import HIDDEN, RATE, gathered, gathered_by_each
+from rootmatch.model.gathering import RATE, gathered, gathered_by_each
+from rootmatch.model.prediction import HIDDEN
 from rootmatch.model.proposals import MinimalSets, poses_of_sets
 from rootmatch.problems.limits import GATE
 from rootmatch.simulation import p3p_scene

@@ -15,7 +15,6 @@ from rootmatch.model.compiled.single_changes import gains_of_matches
 from test_compiled_model import PINHOLE, WEIGHTS, scene
 from test_neighbourhood import one_change_neighbours
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 

@@ -22,10 +22,10 @@ from rootmatch.model.compiled.occluder import (
     WINDOW,
     hide,
 )
-from rootmatch.model.detection_model import RATE_NODES, RATE_PRIOR, beta_quadrature
+from rootmatch.model.detection_model import RATE_PRIOR, beta_quadrature
 
 Floats = NDArray[np.float64]
-RATES = beta_quadrature(*RATE_PRIOR, RATE_NODES)
+RATES = beta_quadrature(*RATE_PRIOR)
 
 
 def one_by_one(owned: NDArray[np.bool_], visible: Floats) -> float:

@@ -32,7 +32,6 @@ from rootmatch.io import check_output, folder_written_whole, write_table, writte
 from rootmatch.report.pictures import match_figure, save_figure
 
 PROGRAM = [sys.executable, "-c", "from rootmatch.cli import main; main()"]
-ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 UNIX = pytest.mark.skipif(os.name == "nt", reason="signals and limits are others there")
 NAMES = ["$\\frac{", "$x^2$", "[red]a[/]", "<b>&amp;</b>", "=1+1", "]]>"]
 

@@ -14,9 +14,9 @@ import rootmatch as rm
 from rootmatch.explain.point_set_decision import model_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.exact_symmetry import exactly_symmetric
-from rootmatch.model.point_set_model import PRESENT, PointSetModel
+from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import posterior
-from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.priors import NOISE_FREEDOM, PRESENT
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import DECADES
 from rootmatch.samplers.point_sets.congruent import congruent_labellings

@@ -177,7 +177,7 @@ def test_what_was_missed_is_the_share_of_parts_that_no_triple_is_all_in() -> Non
     fresh = ShownParts(points, distances(points), np.random.default_rng(1))
     for shown in (6, 20, 40):
         left = []
-        for order in fresh._orders(2_000):
+        for order in fresh._placed(2_000)[1]:
             part = set(np.argsort(order)[:shown].tolist())
             left.append(LOST ** sum(part.issuperset(one) for one in triples.tolist()))
         # so many orders stand for all of them

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.model.point_set_model import PRESENT
+from rootmatch.model.priors import PRESENT
 from rootmatch.tracking.followed_body import RETURN, FollowedBody, TrackingOptions
 
 Floats = NDArray[np.float64]

@@ -15,7 +15,8 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.explain.known_rotation import GATE, MOST_PAIRS
+from rootmatch.explain.known_rotation import MOST_PAIRS
+from rootmatch.problems.limits import GATE
 from rootmatch.samplers.guided.visibility import MISSED
 
 FIRST, MOST_LOOKED = 2_000, 500_000

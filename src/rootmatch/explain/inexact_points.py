@@ -22,7 +22,7 @@ from rootmatch.model.evidence import residuals_of
 from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, gains_of_residuals
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import no_modes
-from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.priors import WRONG_MODEL, probability
 from rootmatch.model.smooth_errors import log_odds_if_smooth
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -120,4 +120,4 @@ def _chance(found: Finding, again: Finding, before: Floats, which: int) -> float
     own = np.logaddexp.reduce([(again.log_odds or 0.0) + before[which], *(smooth[:OWN] + before)])
     other = (found.log_odds or 0.0) + math.log(WRONG_MODEL * misfit.for_something_else())
     against = np.logaddexp.reduce([*modes.log_mass[elsewhere].tolist(), other, *(smooth + LOG_ALIKE)])
-    return 1.0 / (1.0 + math.exp(min(float(against - own), 700.0)))
+    return probability(float(own - against))

@@ -21,12 +21,11 @@ from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.known_density import Known
 from rootmatch.model.prediction import Settled, explained, proposals_of_settled, settle
 from rootmatch.model.proposals import Proposals
+from rootmatch.problems.limits import GATE
 from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
-GATE = 3.5
-"""Standard deviations by which a pair may contradict the rotation. A round value."""
 MOST_PAIRS = 2_000_000
 """Pairs of matches that are looked at, drawn at random where there are more. A round value."""
 MOST_POSES = 30_000

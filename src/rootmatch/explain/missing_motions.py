@@ -17,15 +17,9 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.known_pose import QUICK
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.priors import PRESENT_ODDS
-
-BUDGET = 8_000_000
-"""Evaluations of the search: half a second. A round value, as of `rootmatch.explain.known_pose`."""
-
-
-ASKED_FOR = 1.0 / (1.0 + math.exp(-PRESENT_ODDS))
-"""Probability of a motion that somebody asks for, before the images are seen."""
 
 
 class Rest(NamedTuple):
@@ -134,7 +128,7 @@ def _searched(
         few = few[: min(alone.minimal, len(detections)) + 1]
     if min(len(points), len(detections)) < alone.problem.order:
         return Rest(points, detections, None, few, max(missing, 1))
-    part = replace(alone.subset(points, detections), budget=BUDGET, weighs_parts=False)
+    part = replace(alone.subset(points, detections), budget=QUICK, weighs_parts=False)
     told = solve(replace(part, options=replace(part.options, solver=None)))
     return Rest(points, detections, told, few, max(missing, 1))
 

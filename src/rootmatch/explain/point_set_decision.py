@@ -26,16 +26,16 @@ from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.displaced_motions import with_displaced
 from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances, with_errors_of_source
-from rootmatch.model.point_set_model import PRESENT, Judged, PointSetModel
+from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, mixed, posterior
+from rootmatch.model.priors import PRESENT
 from rootmatch.model.repetition import with_repetition
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grown, is_small
 from rootmatch.solvers.base import Solution
 
-LEAST = 3
-"""Fewest matches that determine a motion."""
 LISTED, WEIGHED = 0.3, 0.035
 """Share of the time left at a deadline to list labellings, or all but so many seconds to weigh them."""
 LEADING = 4
@@ -116,7 +116,7 @@ def _searched(task: MatchingTask, model: PointSetModel, named: list[Integers], j
 
 def judged_of(model: PointSetModel, labellings: Integers) -> Judged:
     """Labellings (K, n), those that determine a motion."""
-    return model.judged(labellings[(labellings >= 0).sum(axis=1) >= LEAST])
+    return model.judged(labellings[(labellings >= 0).sum(axis=1) >= FEWEST])
 
 
 def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
@@ -134,7 +134,7 @@ def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
 def wholly_predicted(model: PointSetModel) -> list[Integers]:
     """Labellings (n,) about predicted motions that have a target for every point."""
     named = [] if model.prior is None else model.prior.labellings(model.clouds)
-    return [one for one in named if len(one) >= LEAST and (one >= 0).all()]
+    return [one for one in named if len(one) >= FEWEST and (one >= 0).all()]
 
 
 def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding | None:
@@ -238,7 +238,7 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
     # a motion that is where it is known to be needs no search
     missed = 0.0 if prior_holds else base.facts.missed
     others = found.assignments[1:]
-    sure = found.sure(least, LEAST) if missed <= TRUST.missed and is_best else None
+    sure = found.sure(least) if missed <= TRUST.missed and is_best else None
     if present >= least and sure is not None:
         left_out = (sure[0] < 0) & (assignment >= 0)
         if left_out.any():

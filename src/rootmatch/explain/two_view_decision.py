@@ -24,11 +24,11 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.posterior import right_together, surest
-from rootmatch.model.priors import COPY
+from rootmatch.model.priors import COPY, PRESENT
 from rootmatch.model.two_view_displaced import displaced
 from rootmatch.model.two_view_fit import distinct, fitted
 from rootmatch.model.two_view_losses import log_chance_of_losses
-from rootmatch.model.two_view_model import PRESENT, TwoViewModel
+from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_places import at_their_places
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 from rootmatch.model.two_view_samples import likeliest_fits, log_values

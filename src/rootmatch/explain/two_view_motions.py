@@ -11,19 +11,18 @@ from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.body_findings import among_all, of_all_bodies
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.missing_motions import ASKED_FOR, Rest, with_missing
+from rootmatch.explain.judged_motions import ROUNDS
+from rootmatch.explain.missing_motions import Rest, with_missing
 from rootmatch.explain.motion_labels import by_size
 from rootmatch.explain.multi_motion import distinct_hyperedges
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import Rivals, model_of, reported, rivals_of, told_by
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.model.priors import IN_VIEW
 from rootmatch.model.two_view_motions import Motion, motions_posterior
 from rootmatch.model.two_view_places import at_their_places
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
-
-ROUNDS = 3
-"""Most rounds in which each motion is weighed among what the others leave. As of `judged_motions`."""
 
 
 def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
@@ -38,7 +37,7 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
     """
     alone = replace(task, options=replace(task.options, motions=1))
     if task.options.motions != "auto":
-        alone = replace(alone, present=ASKED_FOR)
+        alone = replace(alone, present=IN_VIEW)
     searched: list[Rest] = []
     assignment, labels = np.full((2, task.shape[0]), -1, np.int64)
     rest = with_missing(alone, solve, assignment, labels, asked=task.options.motions, searched=searched)

@@ -202,7 +202,7 @@ class DetectionModel:
             return np.array([min(self.rate, HIGHEST_RATE)]), np.zeros(1)
         known = self.normals is not None
         first, second = RATE_PRIOR if known else RATE_PRIOR_WITHOUT_NORMALS
-        return beta_quadrature(first, second, RATE_NODES)
+        return beta_quadrature(first, second)
 
     def centred(self, rotation: ArrayLike, translation: ArrayLike) -> tuple[Floats, Floats]:
         """Rotations (K, 3, 3) and positions (K, 3) of the body's centre, of poses x = R X + t."""
@@ -333,11 +333,11 @@ def triples_of(n: int, n_target: int) -> int:
 
 
 @lru_cache(maxsize=16)
-def beta_quadrature(first: float, second: float, nodes: int) -> tuple[Floats, Floats]:
+def beta_quadrature(first: float, second: float) -> tuple[Floats, Floats]:
     """Nodes in (0, 1) and logarithms of weights of the mean under Beta(first, second), by Gauss and Jacobi."""
     from scipy.special import roots_jacobi  # slow to import
 
-    places, weights = roots_jacobi(nodes, second - 1.0, first - 1.0)
+    places, weights = roots_jacobi(RATE_NODES, second - 1.0, first - 1.0)
     places, weights = 0.5 * (1.0 + places), np.log(weights / weights.sum())
     return places, weights
 

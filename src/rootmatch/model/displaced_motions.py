@@ -11,9 +11,9 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.model.point_set_alike import FEWEST
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.repetition import RIVALS, motions_among
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 from rootmatch.samplers.point_sets.congruent import grown, labelled_by
 from rootmatch.samplers.point_sets.motions import Motions
 

@@ -14,7 +14,7 @@ import numpy as np
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.point_set_model import student
-from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.priors import NOISE_FREEDOM, probability
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
@@ -79,7 +79,7 @@ def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mi
     displaced = student(chi2 / excess, np.full(SIZES, rank), NOISE_FREEDOM) - 0.5 * rank * np.log(excess)
     exact = float(student(np.array([chi2]), np.array([rank]), NOISE_FREEDOM)[0])
     odds = exact - (float(np.logaddexp.reduce(displaced)) - math.log(SIZES)) + math.log(EXACT / (1.0 - EXACT))
-    return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+    return probability(odds)
 
 
 def _fixes_all(points: Floats, variance: float, rank: int) -> bool:

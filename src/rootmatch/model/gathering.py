@@ -11,13 +11,12 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.jit.threads import in_pieces
 from rootmatch.model.compiled.gathering import gather, gather_about
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.prediction import HIDDEN
 from rootmatch.model.proposals import Proposals
 from rootmatch.problems.limits import GATE
 
 RATE = 0.7
 """Detection rate that their order supposes; the model of the image judges them later. A round value."""
-HIDDEN = 0.1
-"""Visibility below which a point is not looked for. A round value."""
 
 
 def gathered(model: DetectionModel, proposals: Proposals, *, least: int, most: int) -> Proposals:

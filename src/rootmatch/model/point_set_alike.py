@@ -24,9 +24,10 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import Judged, PointSetModel
-from rootmatch.model.priors import ALIKE
+from rootmatch.model.priors import ALIKE, probability
 from rootmatch.model.repetition import RIVALS, SHARED, motions_among, widths_of
 from rootmatch.problems.points import squared_distances_to
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 from rootmatch.samplers.point_sets.congruent import grown
 
 BEYOND = 2.0
@@ -45,8 +46,6 @@ NEIGHBOUR = 2
 """Neighbour whose distance is the spacing about a point. A round value."""
 PARTS = 0.25 * 0.5 ** np.arange(4)
 """Widths in parts of the spacing about each point: as wide as the widest of all targets', and down to a 32nd."""
-FEWEST = 3
-"""Matches that determine a motion."""
 
 
 class Likeness(NamedTuple):
@@ -92,7 +91,7 @@ def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     judged = [_alike(model, found, parts, rivals, w / math.sqrt(squared)) for w in widths]
     total, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
     # whether the source is like itself: what is alike elsewhere tells; if so, an alike scene is as probable as none
-    itself = 1.0 / (1.0 + math.exp(min(math.log(len(widths) / ALIKE) - float(elsewhere), 700.0)))
+    itself = probability(float(elsewhere) - math.log(len(widths) / ALIKE))
     gained = np.maximum(more - own, 0.0)
     return Likeness(
         math.log(ALIKE + itself) + float(total) - math.log(len(widths)),

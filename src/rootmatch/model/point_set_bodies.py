@@ -18,9 +18,8 @@ from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, ordered
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.weighed_labellings import NEGLIGIBLE, Weighed
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 
-LEAST = 3
-"""Fewest matches that determine a motion."""
 KEPT = 64
 """Labellings of each body that are weighed together. A round value."""
 
@@ -92,7 +91,7 @@ def _with_parts(model: PointSetModel, found: Weighed, k: int, uses: Sequence[Boo
     for wanted, row in np.argwhere(others.astype(np.float32) @ uses[k].T.astype(np.float32) > 0.5).tolist():
         assignment = found.assignments[row]
         part = np.where((assignment >= 0) & others[wanted, assignment], -1, assignment)
-        if np.count_nonzero(part >= 0) >= LEAST and part.tobytes() not in known:
+        if np.count_nonzero(part >= 0) >= FEWEST and part.tobytes() not in known:
             known.add(part.tobytes())
             parts.append(part)
     if not parts:

@@ -41,14 +41,12 @@ from rootmatch.model.clutter import Clutter
 from rootmatch.model.detection_model import log_odds_of_counts
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import MotionPrior
-from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.priors import NOISE_FREEDOM, PRESENT
 from rootmatch.model.shown_regions import log_of_detected, log_of_regions
 from rootmatch.model.targets_box import WEIGHTS, chances_among, chances_in_view, edges_of, space_of
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
 
-PRESENT = 0.5
-"""Prior probability that the object is among the targets. A round value."""
 INSIDE = 0.5
 """Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
 its middle alone. A round value."""

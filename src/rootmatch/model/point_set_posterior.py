@@ -16,6 +16,7 @@ from rootmatch.model.point_set_alike import Likeness, likeness
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import COPY, WRONG_MODEL
 from rootmatch.model.weighed_labellings import Weighed, weighed
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +107,10 @@ class PointSetPosterior:
         each = each + absent * (first < 0)
         return np.minimum(each, 1.0 - WRONG_MODEL), np.minimum(unmatched + absent, 1.0 - WRONG_MODEL)
 
-    def sure(self, least_probability: float, least_matches: int) -> tuple[Integers, float] | None:
+    def sure(self, least_probability: float) -> tuple[Integers, float] | None:
         """The first hypothesis without its least certain matches, and the probability that the rest is right.
 
-        As many are kept as have the wanted probability together; None if that is fewer than half, or than the number.
+        As many are kept as have the wanted probability together; None if that is fewer than half, or tells no motion.
         """
         first = self.assignments[0]
         matched = np.flatnonzero(first >= 0)
@@ -131,7 +132,7 @@ class PointSetPosterior:
             right = np.minimum.accumulate(every + more @ (begin[:, None] > np.arange(len(order))))
         together = np.minimum(here * right, 1.0 - WRONG_MODEL)
         count = int(np.count_nonzero(together >= least_probability))
-        if count < least_matches or count <= SHARED * len(order):
+        if count < FEWEST or count <= SHARED * len(order):
             return None
         sure = np.full_like(first, -1)
         sure[order[:count]] = first[order[:count]]

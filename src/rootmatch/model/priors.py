@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import math
 
+
+def probability(log_odds: float) -> float:
+    """Probability of what has such log-odds."""
+    return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
+
+
 PRESENT_ODDS = math.log(0.8) - math.log1p(-0.8)
 """Logarithm of the prior odds that the image shows the body, given that somebody asks for it: a probability of 0.8."""
+IN_VIEW = probability(PRESENT_ODDS)
+"""The same as a probability."""
+PRESENT = 0.5
+"""Probability that two images, or two point sets, show the same points, before they are seen. A round value."""
 COPY = 1e-3
 """Prior odds that the image shows another copy of the body, which nobody named. A stated value, not measured."""
 ALIKE = 1e-3

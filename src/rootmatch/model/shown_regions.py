@@ -14,13 +14,12 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.problems.points import squared_distances_to
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 
 BY_REGION = 0.2
 """Prior probability that a region and the rest have a rate each, as of a window. A round value."""
 PLACES = 64
 """Largest number of places about which regions are, drawn at random if there are more. A round value."""
-FEWEST = 3
-"""Fewest points of a region: those that determine a motion."""
 LARGER = 1.2
 """Factor from one number of points of a region to the next one; each is as probable. A round value: with twice as many
 points at each step, the rims of regions are too far from where they are."""

@@ -24,13 +24,12 @@ from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross, rotation_about_y, rotation_from_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.clutter import Clutter
+from rootmatch.model.priors import PRESENT
 
 SCALES = (math.log(1e-3), math.log(10.0))
 """Baselines over distances, from points that hardly move to nearer ones; logarithms. Round values."""
 SPREADS = (math.log(0.05), math.log(1.5))
 """Spread τ of the logarithm of the distances of one scene: from a shell to all within a factor 20. Round values."""
-PRESENT = 0.5
-"""Probability that the two images show the same points, before they are seen. A round value, as of point sets."""
 NOTHING = -30.0
 """Log-odds below which a pair counts for nothing at a sample. By construction: far below `two_view_posterior.LEAST`."""
 PAIRS_PER_THREAD = 200_000

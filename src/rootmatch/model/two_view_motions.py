@@ -21,9 +21,9 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.model.matchings import Matchings, matchings_in_parts
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.two_view_alike import FEWEST
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import (
-    FEWEST,
     FIRST,
     LEAST,
     MARGIN,

@@ -21,12 +21,12 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.assignment import largest_total
-from rootmatch.model.detection_model import RATE_NODES, beta_quadrature
+from rootmatch.model.detection_model import beta_quadrature
 from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.shown_in_part import few_detected
-from rootmatch.model.two_view_alike import alike_odds
+from rootmatch.model.two_view_alike import FEWEST, alike_odds
 from rootmatch.model.two_view_fit import Fitted, distinct, fitted
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
@@ -36,8 +36,6 @@ MISSED = 0.1
 nothing in common: what was missed may explain them. A stated value, not measured."""
 FIRST = 128
 """First samples, which tell where to draw. A round value."""
-FEWEST = 16
-"""First samples of images with so many points that there are less than so many. A round value."""
 MOST_RATIOS = 4_000_000
 """Pairs of points times first samples: 32 MB."""
 NAMED = 5
@@ -131,7 +129,7 @@ class TwoViewPosterior:
         (n, n_target), rate = self.model.shape, self.model.detection_rate
         if not self.model.weighs_parts:
             return 0.0, np.ones(n)
-        rates, log_weights = beta_quadrature(1.0, 1.0, RATE_NODES) if rate is None else (np.array([rate]), np.zeros(1))
+        rates, log_weights = beta_quadrature(1.0, 1.0) if rate is None else (np.array([rate]), np.zeros(1))
         chance = np.tile(rates, (1, n, 1))
         return few_detected(chance, np.exp(log_weights), np.array([n_target]), self.model.size - 2)
 

@@ -268,7 +268,7 @@ class Problem(ABC):
 
     @abstractmethod
     def tables(self, points: PointSets) -> Any:
-        """Tables for the kernels: a NamedTuple of arrays that knows them (`rootmatch.problems.kernels.Tables`).
+        """Tables for the kernels: a NamedTuple of arrays that knows them (`rootmatch.problems.kernels`).
 
         Raises
         ------

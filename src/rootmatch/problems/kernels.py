@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from rootmatch.jit.dispatch import class_of
 
@@ -115,15 +115,6 @@ class ProblemKernels:
     n'). Empty: the tables are never padded."""
     source_fields: tuple[str, ...] = ()
     """Fields of the tables with a source axis: (k, n) or (n, n). Empty: a large object is never verified in part."""
-
-
-class Tables(Protocol):
-    """Tables of a problem: a NamedTuple of arrays that knows the problem's kernels."""
-
-    @staticmethod
-    def kernels() -> ProblemKernels:
-        """The record of the problem's kernels."""
-        ...
 
 
 def kernels_of(tables: Any) -> ProblemKernels:

@@ -24,7 +24,7 @@ from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copied
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
-from rootmatch.model.priors import PRESENT_ODDS, WRONG_MODEL
+from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
@@ -32,7 +32,6 @@ from rootmatch.tracking.flipped_poses import flipped_poses
 from rootmatch.tracking.followed_motion import after_motion
 from rootmatch.tracking.followed_places import (
     ANYTHING,
-    IN_VIEW,
     LOOKED_AT,
     GonePlaces,
     LastFrame,

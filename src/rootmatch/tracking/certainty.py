@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from rootmatch.explain.finding import Finding
-from rootmatch.model.priors import COPY
+from rootmatch.model.priors import COPY, probability
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_places import chance_returned, log_back, share_unseen
 from rootmatch.tracking.mistaken_identity import log_other_in_sight
@@ -26,15 +26,15 @@ def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
     absent = log_back(belief.poses[0], time) if holds else belief.log_absent(found, found.mode, time, seen=False)
     sure = {
         "it may be in a place in which it was followed before": 1.0 - belief.gone.share,
-        "it may be another one that looks like it and came into view": _against(math.log(COPY) + absent),
+        "it may be another one that looks like it and came into view": probability(-math.log(COPY) - absent),
     }
     if holds:
         unseen = share_unseen(found, belief.poses, belief.places) if len(belief.poses) > 1 else 0.0
         sure |= {
             "it may have another pose, as a frame left more poses possible than are followed": 1.0 - belief.unfollowed,
             "it may be in another followed place, of which this frame shows nothing": 1.0 - unseen,
-            "it may be something else of nearly its shape, as not every frame fitted": _against(
-                belief.poses[0].log_other
+            "it may be something else of nearly its shape, as not every frame fitted": probability(
+                -belief.poses[0].log_other
             ),
             "it was not in view a moment ago, and little shows it now": chance_returned(
                 1.0 if told is None else told.clutter, belief.returned(time)
@@ -42,10 +42,5 @@ def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
         }
     elif found.pose is not None and belief.given_up is not None:
         other = log_other_in_sight(belief.given_up, found.pose, time)
-        sure["what was followed in its line of sight a moment ago did not fit"] = _against(other)
+        sure["what was followed in its line of sight a moment ago did not fit"] = probability(-other)
     return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))
-
-
-def _against(log_odds: float) -> float:
-    """Probability that what has such odds is not so."""
-    return 1.0 / (1.0 + math.exp(log_odds))

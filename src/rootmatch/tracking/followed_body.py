@@ -14,8 +14,7 @@ from rootmatch.explain.image_hypotheses import is_enough
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copied
-from rootmatch.model.point_set_model import PRESENT
-from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.priors import PRESENT, WRONG_MODEL
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief

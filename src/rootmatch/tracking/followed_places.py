@@ -30,9 +30,8 @@ from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.modes import Modes, same_place
-from rootmatch.model.point_set_model import PRESENT
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.priors import COPY, PRESENT_ODDS
+from rootmatch.model.priors import COPY, IN_VIEW, PRESENT, PRESENT_ODDS
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.two_states import chance_later
 
@@ -44,9 +43,6 @@ LOOKED_AT = 8
 """Largest number of modes of a frame that are considered. A round value."""
 CLUTTER_GOES = 0.5
 """Probability that clutter which was taken for a body is not there in the next frame. A round value."""
-
-IN_VIEW = 1.0 / (1.0 + math.exp(-PRESENT_ODDS))
-"""Probability that a body is in view if nothing is known of that."""
 
 
 class GonePlaces:

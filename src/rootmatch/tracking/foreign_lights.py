@@ -18,10 +18,9 @@ from rootmatch.model.evidence import evidence
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.tracking.mistaken_identity import STAYS
 from rootmatch.tracking.two_states import log_chance
 
-STAYS = 1.0
-"""Seconds within which something else beside the body leaves its place. A round value, that of a body."""
 RECENT = 0.25
 """Seconds for which a match takes part in the prediction. A round value."""
 DETERMINE = 3

@@ -15,11 +15,10 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.inexact_points import gains_of_errors
 from rootmatch.model.image_alike import OWN
 from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.tracking.belief import TEMPER
 
 LEAST = 8.0 * math.log(WRONG_MODEL)
 """Log-odds from which frames are not asked any more: points stay as they are."""
-SHARED = 0.5
-"""Weight of a frame's evidence, as the errors are the same in every frame."""
 FRAME = -0.5 * math.log(WRONG_MODEL)
 """Log-odds that one frame adds at most."""
 
@@ -53,7 +52,7 @@ class InexactPoints:
             return
         if not found.point_error:
             if self.log_odds[-1] > LEAST and found.noise_dof and found.noise_factor is not None:
-                gains = [min(max(SHARED * gain, -FRAME), FRAME) for gain in gains_of_errors(found).tolist()]
+                gains = [min(max(TEMPER * gain, -FRAME), FRAME) for gain in gains_of_errors(found).tolist()]
                 told = [one + gain for one, gain in zip(self.log_odds, gains, strict=True)]
                 self.log_odds = tuple(min(max(one, LEAST), 0.0) for one in told)
             return

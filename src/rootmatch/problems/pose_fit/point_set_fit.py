@@ -15,6 +15,8 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.problems.points import PointClouds, squared_distances_to
 from rootmatch.problems.pose_fit.motion_model import full_fit
 
+FEWEST = 3
+"""Matches that determine a motion."""
 ROUNDS = 8
 """Maximum number of rounds in which an unknown scale changes the weights. Not tuned: three are usual."""
 SETTLED = 1e-9

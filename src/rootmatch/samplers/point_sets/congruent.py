@@ -15,14 +15,11 @@ from rootmatch.deadline import in_force
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.points import PointClouds, distances
 from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
-from rootmatch.samplers.point_sets.motions import Motions, fitted_motions, joined_motions
+from rootmatch.samplers.point_sets.motions import WIDE, Motions, fitted_motions, joined_motions
 
 GATE = 4.5
 """Deviation in σ up to which distances within a triple agree. A round value: a labelling is lost only if all of its
 triples are."""
-WIDE = 8.0
-"""Deviation in σ within which a point joins the motion of a triple, whose own error it covers too. As in the search for
-large sets."""
 NEAR = 6.0
 """Gate in σ once the motion is fitted to all of its points. A round value."""
 MOST_LOOKED_UP = 3_000_000

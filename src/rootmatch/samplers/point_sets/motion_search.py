@@ -18,7 +18,7 @@ from rootmatch.deadline import Deadline, checkpoint
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
-from rootmatch.samplers.point_sets.motions import Motions, fitted_motions, joined_motions
+from rootmatch.samplers.point_sets.motions import WIDE, Motions, fitted_motions, joined_motions
 from rootmatch.samplers.point_sets.shown_parts import ShownParts
 from rootmatch.samplers.point_sets.triangles import GATE, Triangles
 
@@ -31,8 +31,6 @@ TRIPLES, LEAST, BLOCK = 6_000, 12, 64
 matched points in a hundred are among so many with 99.5 %."""
 MISSED = 0.005
 """Probability at which a motion that explains as much as the best one may have been missed."""
-WIDE_GATE = 8.0
-"""Deviation in σ within which a point counts for the motion of a triple, whose own error it covers too."""
 REFINED = 4
 """Motions of a triple, those that explain the most points, that are refined on these points."""
 WORTH = 0.5
@@ -155,7 +153,7 @@ class MotionSearch:
             every.append(
                 fitted_motions(clouds.source[sources[part]], clouds.target[images[part]], clouds.scaled, clouds.mirror)
             )
-            counts[part] = every[-1].explained(clouds, WIDE_GATE, self.allowed)
+            counts[part] = every[-1].explained(clouds, WIDE, self.allowed)
         # the best ones of each triple
         order = np.lexsort((-counts, number))
         ordered = number[order]
@@ -184,7 +182,7 @@ class MotionSearch:
     def _refine(self, motions: Motions) -> None:
         """Fit motions to the points that each explains, several times, and keep those that are among the best."""
         clouds = self.clouds
-        for gate in np.geomspace(WIDE_GATE, GATE, ROUNDS).tolist():
+        for gate in np.geomspace(WIDE, GATE, ROUNDS).tolist():
             checkpoint()
             squared, variance = motions.squares(clouds)
             images, mutual = _mutual(self._ratios(squared, variance, gate))

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.problems.points import PointClouds, squared_distances_to
 
+WIDE = 8.0
+"""Deviation in σ within which a point counts for the motion of a triple, whose own error it covers too."""
+
 
 class Motions(NamedTuple):
     """H motions x' = A x + t, A = scale · R."""

@@ -47,7 +47,7 @@ class ShownParts:
     def __init__(self, points: Floats, near: Floats, rng: np.random.Generator) -> None:
         self.points, self.near, self.rng = points, near, rng
         self.count = len(points)
-        self._order = self._orders(ORDERS).argsort(axis=1).argsort(axis=1).astype(np.int32)
+        self._order = self._placed(ORDERS)[1].argsort(axis=1).argsort(axis=1).astype(np.int32)
         """(ORDERS, n) place of each point in each order."""
         self._last: list[NDArray[np.int32]] = []
         self._odds: list[Floats] = []
@@ -91,12 +91,8 @@ class ShownParts:
         met = np.concatenate(self._last, axis=1) < matched
         return float(np.exp(met @ np.concatenate(self._odds)).mean())
 
-    def _orders(self, count: int) -> Floats:
-        """Numbers (count, n), of which the lowest are those of the points that are shown first."""
-        return self._placed(count)[1]
-
     def _placed(self, count: int) -> tuple[NDArray[np.bool_], Floats]:
-        """Whether parts have no place, and numbers as above."""
+        """Whether parts (count,) have no place; numbers (count, n), the lowest of the points that are shown first."""
         anywhere = self.rng.random(count) < ANYWHERE
         place = self.near[self.rng.integers(0, self.count, count)]
         place = (place - place.mean(axis=1, keepdims=True)) / np.maximum(place.std(axis=1, keepdims=True), 1e-300)
