@@ -1,0 +1,139 @@
+"""Points that a body lacks by its own law: a box of which seven corners were measured has eight.
+
+Half a turn takes back what it does, so nothing goes on by it; but where it puts most points of a body onto others, and
+some onto none, either these break its law, as a landmark does, or the body lacks points in those places. Each of these
+exists with the share of points that obey the law. If it exists, it is one more point of the same body in the same pose,
+which is detected as the others are, so a pose whose image shows it is that much more probable. Without that, half a
+turn later, what is detected there is a point of the body, and that pose explains more.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.explain.continued_bodies import LIKELY, MODES, Places, Shape, off_by, places_beside
+from rootmatch.explain.near_symmetries import LEAST, NearSymmetry, same_up_to, symmetries_of
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import about
+from rootmatch.model.modes import Modes
+from rootmatch.model.posterior import Posterior
+from rootmatch.model.prediction import GATE
+
+
+LACKING = 0.02
+"""Odds that a body lacks a point, before its law is asked. A stated value, not measured."""
+
+
+class Lacking(NamedTuple):
+    """Where a body may lack points by its own law."""
+
+    places: Places
+    chance: Floats
+    """(m,) probability that a point is there."""
+
+
+@kept_by_values(64)
+def lacking_points(source: Floats, normals: Floats | None, noise: float = 0.0) -> Lacking:
+    """Places onto which half turns that map most points of a body (n, 3) put the others; none mostly.
+
+    ``noise``: distance up to which places are the same at least, as points are measured.
+    """
+    n, most = len(source), len(source) // 2 + 1
+    near, found = same_up_to(source, noise), symmetries_of(source, normals, least=min(LEAST, most), noise=noise)
+    laws = [one for one in found if one.mapped >= most and _takes_back(one, source, near)]
+    taken = np.concatenate([source, places_beside(source, normals).points]) if laws else source
+    places, facing, odds = list[Floats](), list[Floats](), list[float]()
+    obeyed = (sum(one.mapped for one in laws) + 1.0) / (len(laws) * n + 2.0)
+    for one in laws:
+        images = source @ one.rotation.T + one.shift
+        for own in np.flatnonzero(one.image < 0).tolist():
+            place = images[own]
+            if not _is_among(taken, place, near):
+                taken = np.concatenate([taken, place[None]])
+                places.append(place)
+                facing.append(place if normals is None else one.rotation @ normals[own])
+                # with a point there, these laws are obeyed in so many more places, and broken in others
+                others = [law.rotation @ place + law.shift for law in laws]
+                others = [other for other in others if not _is_among(place[None], other, near)]
+                held = sum(_is_among(source, other, near) for other in others)
+                odds.append(LACKING * (obeyed / (1.0 - obeyed)) ** held * (1.0 - obeyed) ** (len(others) - held))
+    where, ratio = np.array(places).reshape(-1, 3), np.array(odds)
+    normal = None if normals is None else np.array(facing).reshape(-1, 3)
+    return Lacking(Places(where, normal, np.zeros(len(where), np.bool_)), ratio / (1.0 + ratio))
+
+
+def _takes_back(one: NearSymmetry, source: Floats, near: float) -> bool:
+    """Whether a motion takes back what it does."""
+    twice = (source @ one.rotation.T + one.shift) @ one.rotation.T + one.shift
+    return bool((np.linalg.norm(twice - source, axis=1) < near).all())
+
+
+def _is_among(points: Floats, place: Floats, near: float) -> bool:
+    """Whether a place (3,) is that of one of some points (n, 3)."""
+    return bool((np.linalg.norm(points - place, axis=1) < near).any())
+
+
+def beside_lacking(told: Posterior, model: DetectionModel, lacking: Lacking, taken: Bools | None) -> Posterior:
+    """A posterior in which the body may have the points that it lacks by its own law.
+
+    Parameters
+    ----------
+    told : Posterior
+    model : DetectionModel
+    lacking : Lacking
+        Of the body. Where none of the places has a detection, the posterior stays as it is.
+    taken : (n',) bool array, optional
+        Detections of other bodies.
+    """
+    if not len(lacking.chance) or not float(told.probabilities.sum()) >= LIKELY:
+        return told
+    modes, free = told.modes.first(MODES), np.ones(model.shape[1], np.bool_) if taken is None else ~taken
+    every = [_log_factor(model, modes.take(slice(k, k + 1)), lacking, free) for k in range(len(modes.log_odds))]
+    return told.beside(np.array(every), -math.inf) if any(every) else told
+
+
+def _log_factor(model: DetectionModel, mode: Modes, lacking: Lacking, free: Bools) -> float:
+    """Logarithm of the factor on the weight of a mode by what it leaves in the places of points that the body lacks."""
+    (assignment,), images, pose = mode.assignments, max(len(model.images), 1), (mode.rotation, mode.position)
+    left = free.copy()
+    left[assignment[assignment >= 0]] = False
+    if not left.any():
+        return 0.0
+    body = Shape.of(model, images)
+    others = body.only(lacking.places).model(model, free)
+    off = off_by(others, pose, mode.covariance[0])
+    off[:, ~left] = np.inf
+    if others.allowed is not None:
+        off[~others.allowed] = np.inf
+    more = nearest(off, GATE**2)
+    if not (more >= 0).any():
+        return 0.0
+    own, more = assignment.reshape(images, -1), more.reshape(images, -1)
+    whole, labels = body.and_(lacking.places).model(model, free), np.concatenate([own, more], axis=1)
+    found = about(whole, labels.reshape(1, -1), *pose)[0]
+    chance = np.concatenate([np.ones(own.shape[1]), lacking.chance])
+    chances, (rates, log_weights) = found.visible[0].reshape(images, -1) * chance, model.rates
+    none = np.concatenate([own, np.full_like(more, -1)], axis=1)
+    shown = [log_of_shown(chances.ravel(), one.ravel() >= 0, rates, log_weights) for one in (labels, none)]
+    density = (found.log_odds - found.detected) - (mode.log_odds - mode.detected)
+    return float(np.logaddexp(0.0, density[0] + shown[0] - shown[1]))
+
+
+def log_of_shown(chances: Floats, matched: Bools, rates: Floats, log_weights: Floats) -> float:
+    """Logarithm of the probability that these of some points are detected, with the chances (n,) that they can be.
+
+    ``rates``, ``log_weights``: of the integral over the detection rate.
+    """
+    each = rates[:, None] * chances
+    return float(np.logaddexp.reduce(log_weights + np.log(np.where(matched, each, 1.0 - each)).sum(axis=1)))
+
+
+def nearest(off: Floats, gate: float) -> Integers:
+    """The detection (m,) of each place, nearest to each other by squared distances (m, n'); −1 for none."""
+    to = off.argmin(axis=1)
+    mutual = (off.argmin(axis=0)[to] == np.arange(len(off))) & (off.min(axis=1) < gate)
+    return np.where(mutual, to, -1)
