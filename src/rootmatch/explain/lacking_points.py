@@ -44,37 +44,48 @@ def lacking_points(source: Floats, normals: Floats | None, noise: float = 0.0) -
     """
     n, most = len(source), len(source) // 2 + 1
     near, found = same_up_to(source, noise), symmetries_of(source, normals, least=min(LEAST, most), noise=noise)
-    laws = [one for one in found if one.mapped >= most and _takes_back(one, source, near)]
-    taken = np.concatenate([source, places_beside(source, normals).points]) if laws else source
-    places, facing, odds = list[Floats](), list[Floats](), list[float]()
-    obeyed = (sum(one.mapped for one in laws) + 1.0) / (len(laws) * n + 2.0)
+    laws = [one for one in found if one.mapped >= most]
+    places, facing, odds = np.empty((0, 3)), list[Floats](), list[float]()
+    if laws:
+        image = np.array([one.image for one in laws])
+        moved = image != np.arange(n)
+        obeyed = rates_of((image >= 0) & moved, moved)
+        goes_on = places_beside(source, normals).points
     for one in laws:
         images = source @ one.rotation.T + one.shift
         for own in np.flatnonzero(one.image < 0).tolist():
-            place = images[own]
-            if not _is_among(taken, place, near):
-                taken = np.concatenate([taken, place[None]])
-                places.append(place)
-                facing.append(place if normals is None else one.rotation @ normals[own])
-                # with a point there, these laws are obeyed in so many more places, and broken in others
-                others = [law.rotation @ place + law.shift for law in laws]
-                others = [other for other in others if not _is_among(place[None], other, near)]
-                held = sum(_is_among(source, other, near) for other in others)
-                odds.append(LACKING * (obeyed / (1.0 - obeyed)) ** held * (1.0 - obeyed) ** (len(others) - held))
-    where, ratio = np.array(places).reshape(-1, 3), np.array(odds)
-    normal = None if normals is None else np.array(facing).reshape(-1, 3)
-    return Lacking(Places(where, normal, np.zeros(len(where), np.bool_)), ratio / (1.0 + ratio))
+            if any(len(_in_place(some, images[own], near)) for some in (source, goes_on, places)):
+                continue
+            places = np.concatenate([places, images[own, None]])
+            facing.append(images[own] if normals is None else one.rotation @ normals[own])
+            odds.append(LACKING)
+            # with a point there, laws are obeyed in so many more places, and broken in others
+            for law in laws:
+                other = law.rotation @ images[own] + law.shift
+                if not len(_in_place(images[own, None], other, near)):
+                    held = obeyed[_in_place(source, other, near)[:1]]
+                    odds[-1] *= float((held / (1.0 - held))[0]) if len(held) else 1.0 - float(obeyed[own])
+    ratio, normal = np.array(odds), None if normals is None else np.array(facing).reshape(-1, 3)
+    return Lacking(Places(places, normal, np.zeros(len(places), np.bool_)), ratio / (1.0 + ratio))
 
 
-def _takes_back(one: NearSymmetry, source: Floats, near: float) -> bool:
-    """Whether a motion takes back what it does."""
-    twice = (source @ one.rotation.T + one.shift) @ one.rotation.T + one.shift
-    return bool((np.linalg.norm(twice - source, axis=1) < near).all())
+def rates_of(held: Bools, moved: Bools) -> Floats:
+    """Probability (n,) that a point obeys a law, of two kinds: those that obey any, and those that obey none.
+
+    Parameters
+    ----------
+    held, moved : (L, n) bool arrays
+        Which points each law puts onto another point, and which elsewhere than where they are.
+    """
+    out = np.empty(held.shape[1])
+    for kind in (held.any(axis=0), ~held.any(axis=0)):
+        out[kind] = (held[:, kind].sum() + 1.0) / (moved[:, kind].sum() + 2.0)
+    return out
 
 
-def _is_among(points: Floats, place: Floats, near: float) -> bool:
-    """Whether a place (3,) is that of one of some points (n, 3)."""
-    return bool((np.linalg.norm(points - place, axis=1) < near).any())
+def _in_place(points: Floats, place: Floats, near: float) -> Integers:
+    """Those of some points (n, 3) that are in a place (3,)."""
+    return np.flatnonzero(np.linalg.norm(points - place, axis=1) < near)
 
 
 def beside_lacking(told: Posterior, model: DetectionModel, lacking: Lacking, taken: Bools | None) -> Posterior:
