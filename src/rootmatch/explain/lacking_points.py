@@ -9,14 +9,16 @@ turn later, what is detected there is a point of the body, and that pose explain
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.explain.continued_bodies import LIKELY, MODES, Places, Shape, off_by, places_beside
-from rootmatch.explain.near_symmetries import LEAST, NearSymmetry, same_up_to, symmetries_of
+from rootmatch.explain.near_symmetries import TOLERANCE, NearSymmetry, same_up_to, symmetries_of
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.modes import Modes
@@ -24,8 +26,12 @@ from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE
 
 
-LACKING = 0.02
-"""Odds that a body lacks a point, before its law is asked. A stated value, not measured."""
+LEAST = 4
+"""Number of points that a law has to map: two pairs determine half a turn. Few as they are, laws that hold by chance
+lead to no place that others lead to."""
+LACKING, UNSEEN = 0.02, 1.0
+"""Odds that a body lacks a point, before its law is asked, and that it does where its points were measured as targets
+are, of which any share may be seen. Stated values, not measured."""
 
 
 class Lacking(NamedTuple):
@@ -38,35 +44,63 @@ class Lacking(NamedTuple):
 
 @kept_by_values(64)
 def lacking_points(source: Floats, normals: Floats | None, noise: float = 0.0) -> Lacking:
-    """Places onto which half turns that map most points of a body (n, 3) put the others; none mostly.
+    """Places onto which motions that map many points of a body (n, 3) put others; none mostly.
+
+    Where the laws make a point less probable than anywhere, as that of a landmark half a turn away, is no place.
 
     ``noise``: distance up to which places are the same at least, as points are measured.
     """
-    n, most = len(source), len(source) // 2 + 1
-    near, found = same_up_to(source, noise), symmetries_of(source, normals, least=min(LEAST, most), noise=noise)
-    laws = [one for one in found if one.mapped >= most]
-    places, facing, odds = np.empty((0, 3)), list[Floats](), list[float]()
-    if laws:
+    near, found = same_up_to(source, noise), symmetries_of(source, normals, least=LEAST, noise=noise)
+    known = np.concatenate([source, places_beside(source, normals).points]) if found else source
+    places, facing, odds = np.empty((0, 3)), list[Floats](), np.empty(0)
+    for laws in _groups(found, source, near):
         image = np.array([one.image for one in laws])
-        moved = image != np.arange(n)
+        moved = image != np.arange(len(source))
         obeyed = rates_of((image >= 0) & moved, moved)
-        goes_on = places_beside(source, normals).points
-    for one in laws:
-        images = source @ one.rotation.T + one.shift
-        for own in np.flatnonzero(one.image < 0).tolist():
-            if any(len(_in_place(some, images[own], near)) for some in (source, goes_on, places)):
+        for one, own in ((one, own) for one in laws for own in np.flatnonzero(one.image < 0)):
+            place, ratio = one.rotation @ source[own] + one.shift, 1.0
+            if len(_in_place(known, place, near)):
                 continue
-            places = np.concatenate([places, images[own, None]])
-            facing.append(images[own] if normals is None else one.rotation @ normals[own])
-            odds.append(LACKING)
-            # with a point there, laws are obeyed in so many more places, and broken in others
-            for law in laws:
-                other = law.rotation @ images[own] + law.shift
-                if not len(_in_place(images[own, None], other, near)):
+            # with a point there, the laws are obeyed in so many more places, and broken in others
+            for other in (law.rotation @ place + law.shift for law in laws):
+                if not len(_in_place(place[None], other, near)):
                     held = obeyed[_in_place(source, other, near)[:1]]
-                    odds[-1] *= float((held / (1.0 - held))[0]) if len(held) else 1.0 - float(obeyed[own])
-    ratio, normal = np.array(odds), None if normals is None else np.array(facing).reshape(-1, 3)
-    return Lacking(Places(places, normal, np.zeros(len(places), np.bool_)), ratio / (1.0 + ratio))
+                    ratio *= float((held / (1.0 - held))[0]) if len(held) else 1.0 - float(obeyed[own])
+            if ratio <= 1.0:
+                continue
+            if len(same := _in_place(places, place, near)):
+                odds[same] = np.maximum(odds[same], ratio)
+                continue
+            places, odds = np.concatenate([places, place[None]]), np.append(odds, ratio)
+            facing.append(place if normals is None else one.rotation @ normals[own])
+    odds = odds * (UNSEEN if noise > 0.0 else LACKING)
+    normal = None if normals is None else np.array(facing).reshape(-1, 3)
+    return Lacking(Places(places, normal, np.zeros(len(places), np.bool_)), odds / (1.0 + odds))
+
+
+def _groups(laws: Sequence[NearSymmetry], source: Floats, near: float) -> list[list[NearSymmetry]]:
+    """Motions that hold together: any two that leave a place as it is, and what they are one after another.
+
+    The symmetries of a finite body all leave its centre as it is.
+    """
+    if len(laws) < 2:
+        return []
+    rotations, shifts = np.array([one.rotation for one in laws]), np.array([one.shift for one in laws])
+    images, middle = source @ rotations.swapaxes(1, 2) + shifts[:, None], source.mean(axis=0)
+    after = images @ rotations[:, None].swapaxes(2, 3) + shifts[:, None, None]
+    same = np.linalg.norm(after[:, :, None] - images, axis=4).mean(axis=3) < near
+    found = set[tuple[int, ...]]()
+    for pair in itertools.combinations(range(len(laws)), 2):
+        turns = np.concatenate(rotations[list(pair)] - np.eye(3))
+        moved = (rotations[list(pair)] @ middle + shifts[list(pair)] - middle).ravel()
+        centre = middle - np.linalg.lstsq(turns, moved, rcond=TOLERANCE)[0]
+        fixed = np.linalg.norm(rotations @ centre + shifts - centre, axis=1) < near
+        own = np.isin(np.arange(len(laws)), pair)
+        while fixed[own].all() and (more := same[own][:, own].any(axis=(0, 1)) & fixed & ~own).any():
+            own |= more
+        if fixed[own].all():
+            found.add(tuple(np.flatnonzero(own).tolist()))
+    return [[laws[k] for k in one] for one in sorted(found)]
 
 
 def rates_of(held: Bools, moved: Bools) -> Floats:
