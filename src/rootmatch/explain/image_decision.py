@@ -107,9 +107,9 @@ def told_by(
     of_others : (n',) bool array, optional
         Detections that are explained by other bodies, whether or not these are more certain.
     """
-    points = base.task.points.source, base.task.points.normals
-    told = beside_lacking(told, body.model, lacking_points(*points), of_others)
-    before, places = told, places_beside(*points)
+    shape = base.task.points.source, base.task.points.normals
+    told = beside_lacking(told, body.model, lacking_points(*shape), of_others)
+    before, places = told, places_beside(*shape)
     told = beside_continuations(told, body.model, places, of_others)
     if told.clutter - before.clutter > LIKELY:
         base = copied(base, reason=BY_ITS_LAW)

@@ -25,7 +25,6 @@ from rootmatch.model.modes import Modes
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE
 
-
 LEAST = 4
 """Number of points that a law has to map: two pairs determine half a turn. Few as they are, laws that hold by chance
 lead to no place that others lead to."""
@@ -57,8 +56,9 @@ def lacking_points(source: Floats, normals: Floats | None, noise: float = 0.0) -
         image = np.array([one.image for one in laws])
         moved = image != np.arange(len(source))
         obeyed = rates_of((image >= 0) & moved, moved)
-        for one, own in ((one, own) for one in laws for own in np.flatnonzero(one.image < 0)):
-            place, ratio = one.rotation @ source[own] + one.shift, 1.0
+        for which, own in np.argwhere(image < 0):
+            one, ratio = laws[which], 1.0
+            place = one.rotation @ source[own] + one.shift
             if len(_in_place(known, place, near)):
                 continue
             # with a point there, the laws are obeyed in so many more places, and broken in others
