@@ -206,10 +206,10 @@ def _continued(model: DetectionModel, mode: Modes, places: Places, taken: Bools 
     free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
     left = free.copy()
     left[assignment[assignment >= 0]] = False
-    others = _Body.of(model, images).only(places)
-    if not _is_any_near(others.model(model, free), pose, covariance, model.target[left], model.sigma[left]):
+    others = Shape.of(model, images).only(places)
+    if not (off_by(others.model(model, free), pose, covariance)[:, left] < GATE**2).any():
         return None
-    whole, known = _Body.of(model, images).and_(places).model(model, free), dict[bytes, Settled]()
+    whole, known = Shape.of(model, images).and_(places).model(model, free), dict[bytes, Settled]()
     settle(whole, pose, covariance, known=known)
     if not known:
         return None
@@ -227,19 +227,19 @@ def _continued(model: DetectionModel, mode: Modes, places: Places, taken: Bools 
     return float((both.log_odds - both.detected + shown - mode.log_odds)[0]), instead
 
 
-def _is_any_near(
-    model: DetectionModel, pose: tuple[Floats, Floats], covariance: Floats, target: Floats, sigma: Floats
-) -> bool:
-    """Whether any of some detections is where a point is expected in a pose with its covariance (6, 6)."""
+def off_by(model: DetectionModel, pose: tuple[Floats, Floats], covariance: Floats) -> Floats:
+    """Squared distance (n, n') of detections from where points are expected in a pose with its covariance (6, 6).
+
+    In units of both their variances; infinite for a point that is not in view.
+    """
     found, at = about(model, np.full((1, model.shape[0]), -1), *pose)
+    by_pose = 0.5 * ((at.jacobian[0] @ covariance) * at.jacobian[0]).sum(axis=(1, 2))
+    squared = ((at.pixels[0][:, None] - model.target) ** 2).sum(axis=2)
     shown = found.visible[0] > HIDDEN
-    rows = at.jacobian[0, shown]
-    by_pose = 0.5 * ((rows @ covariance) * rows).sum(axis=(1, 2))
-    squared = ((at.pixels[0, shown][:, None] - target) ** 2).sum(axis=2)
-    return bool((squared < GATE**2 * (by_pose[:, None] + sigma**2)).any())
+    return np.where(shown[:, None], squared / (by_pose[:, None] + model.sigma**2), np.inf)
 
 
-class _Body(NamedTuple):
+class Shape(NamedTuple):
     """Points of one image of a body, and what is known of them."""
 
     points: Floats
@@ -249,7 +249,7 @@ class _Body(NamedTuple):
     images: int
 
     @classmethod
-    def of(cls, model: DetectionModel, images: int) -> _Body:
+    def of(cls, model: DetectionModel, images: int) -> Shape:
         """The body of a model."""
         which = slice(len(model.points) // images)
         return cls(
@@ -257,24 +257,24 @@ class _Body(NamedTuple):
             _taken(model.source_covariance, which), images,
         )  # fmt: skip
 
-    def only(self, places: Places) -> _Body:
+    def only(self, places: Places) -> Shape:
         """Places in the stead of its points, as uncertain as these."""
         m = len(places.points)
         cosine = None if self.cosine is None else np.full(m, self.cosine.mean())
         covariance = None if self.covariance is None else np.tile(self.covariance.mean(axis=0), (m, 1, 1))
-        return _Body(places.points, places.normals, cosine, covariance, self.images)
+        return Shape(places.points, places.normals, cosine, covariance, self.images)
 
-    def and_(self, places: Places) -> _Body:
+    def and_(self, places: Places) -> Shape:
         """Its points, followed by places."""
         more = self.only(places)
-        return _Body(
+        return Shape(
             np.concatenate([self.points, more.points]), _joined(self.normals, more.normals),
             _joined(self.cosine, more.cosine), _joined(self.covariance, more.covariance), self.images,
         )  # fmt: skip
 
-    def take(self, which: Bools) -> _Body:
+    def take(self, which: Bools) -> Shape:
         """Some of its points."""
-        return _Body(
+        return Shape(
             self.points[which], _taken(self.normals, which), _taken(self.cosine, which),
             _taken(self.covariance, which), self.images,
         )  # fmt: skip

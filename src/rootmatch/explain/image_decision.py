@@ -19,6 +19,7 @@ from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.lacking_points import beside_lacking, lacking_points
 from rootmatch.explain.predicted_poses import about_prediction, polished_pose
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.task import MatchingTask
@@ -106,7 +107,9 @@ def told_by(
     of_others : (n',) bool array, optional
         Detections that are explained by other bodies, whether or not these are more certain.
     """
-    before, places = told, places_beside(base.task.points.source, base.task.points.normals)
+    shape = base.task.points.source, base.task.points.normals
+    told = beside_lacking(told, body.model, lacking_points(*shape), of_others)
+    before, places = told, places_beside(*shape)
     told = beside_continuations(told, body.model, places, of_others)
     if told.clutter - before.clutter > LIKELY:
         base = copied(base, reason=BY_ITS_LAW)

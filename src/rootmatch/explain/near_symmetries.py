@@ -82,6 +82,17 @@ class NearSymmetry(NamedTuple):
         return 4 * int(np.count_nonzero(self.image[own] != own)) > len(own)
 
 
+def same_up_to(source: Floats, noise: float = 0.0) -> float:
+    """Distance up to which points (n, 3) of a body are the same, as they are measured with some noise.
+
+    Where they are near each other, they are told apart, as far as the words of `STEPS` can.
+    """
+    distance = np.linalg.norm(source[:, None] - source, axis=2)
+    neighbour = float(np.median(np.partition(distance, 1, axis=1)[:, 1]))
+    least = LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))
+    return max(min(TOLERANCE * body_radius(source), DISTINCT * neighbour), noise, least)
+
+
 def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
     """Motions (R, t), x' = R x + t, that map a quarter of a body's points onto others, those that map most first.
 
@@ -90,7 +101,9 @@ def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[t
     return [(found.rotation, found.shift) for found in symmetries_of(source, normals)[:most]]
 
 
-def symmetries_of(source: Floats, normals: Floats | None, mirrored: bool = False) -> tuple[NearSymmetry, ...]:
+def symmetries_of(
+    source: Floats, normals: Floats | None, mirrored: bool = False, *, least: int = LEAST, noise: float = 0.0
+) -> tuple[NearSymmetry, ...]:
     """The near symmetries of a body, those that map most points first; computed once for each body.
 
     Triples of points, at most `TRIPLES`, are laid onto all triples of the same sides; the points that such a motion
@@ -104,14 +117,22 @@ def symmetries_of(source: Floats, normals: Floats | None, mirrored: bool = False
         as depth is reversed with it; zero if unknown.
     mirrored : bool
         Reflections, with or without a rotation, instead of motions.
+    least : int
+        Least number of points that are mapped.
+    noise : float
+        Distance up to which points are the same at least, as they are measured.
     """
-    return _known(source, normals, mirrored) if LEAST <= len(source) <= MOST_POINTS else ()
+    if not LEAST <= len(source) <= MOST_POINTS:
+        return ()
+    return _known(source, normals, mirrored, (max(least, math.ceil(SHARE * len(source))), noise))
 
 
 @kept_by_values(128)
-def _known(source: Floats, normals: Floats | None, mirrored: bool) -> tuple[NearSymmetry, ...]:
+def _known(
+    source: Floats, normals: Floats | None, mirrored: bool, known: tuple[int, float]
+) -> tuple[NearSymmetry, ...]:
     """See `symmetries_of`."""
-    found = _found(source, normals, -1.0 if mirrored else 1.0)
+    found = _found(_Body.of(source, normals, -1.0 if mirrored else 1.0, known[1]), known[0])
     for one in found:
         for array in one:
             array.setflags(write=False)
@@ -135,17 +156,14 @@ class _Body(NamedTuple):
     """(n,) the same of each point, less where it has near neighbours."""
 
     @classmethod
-    def of(cls, source: Floats, normals: Floats | None, sign: float) -> _Body:
+    def of(cls, source: Floats, normals: Floats | None, sign: float, noise: float) -> _Body:
         """A body of points (n, 3) with outward normals (n, 3) of any length."""
         unit = None
         if normals is not None:
             length = np.linalg.norm(normals, axis=1, keepdims=True)
             unit = normals / np.where(length > 0.0, length, 1.0)
-        # where a body's points are near each other, they are told apart, as far as the words of `STEPS` can
         distance = np.linalg.norm(source[:, None] - source, axis=2)
-        neighbour = np.partition(distance, 1, axis=1)[:, 1]
-        near = min(TOLERANCE * body_radius(source), DISTINCT * float(np.median(neighbour)))
-        near = max(near, LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0))))
+        neighbour, near = np.partition(distance, 1, axis=1)[:, 1], same_up_to(source, noise)
         return cls(source, unit, sign, distance=distance, near=near, reach=np.minimum(near, DISTINCT * neighbour))
 
     def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
@@ -161,8 +179,7 @@ class _Body(NamedTuple):
         return np.asarray(same & (np.linalg.norm(apart, axis=-1) < APART * self.near))
 
 
-def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymmetry]:
-    body, least = _Body.of(source, normals, sign), max(LEAST, math.ceil(SHARE * len(source)))
+def _found(body: _Body, least: int) -> list[NearSymmetry]:
     laid = [_laid_onto_others(body, triples) for triples in _triples(body)]
     rotations, shifts = (np.concatenate(one) for one in zip(*laid, strict=True))
     counts = _counts(body, rotations, shifts)

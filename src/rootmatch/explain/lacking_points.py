@@ -1,0 +1,184 @@
+"""Points that a body lacks by its own law: a box of which seven corners were measured has eight.
+
+Half a turn takes back what it does, so nothing goes on by it; but where it puts most points of a body onto others, and
+some onto none, either these break its law, as a landmark does, or the body lacks points in those places. Each of these
+exists with the share of points that obey the law. If it exists, it is one more point of the same body in the same pose,
+which is detected as the others are, so a pose whose image shows it is that much more probable. Without that, half a
+turn later, what is detected there is a point of the body, and that pose explains more.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.explain.continued_bodies import LIKELY, MODES, Places, Shape, off_by, places_beside
+from rootmatch.explain.near_symmetries import TOLERANCE, NearSymmetry, same_up_to, symmetries_of
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import about
+from rootmatch.model.modes import Modes
+from rootmatch.model.posterior import Posterior
+from rootmatch.model.prediction import GATE
+
+LEAST = 4
+"""Number of points that a law has to map: two pairs determine half a turn. Few as they are, laws that hold by chance
+lead to no place that others lead to."""
+LACKING, UNSEEN = 0.02, 1.0
+"""Odds that a body lacks a point, before its law is asked, and that it does where its points were measured as targets
+are, of which any share may be seen. Stated values, not measured."""
+
+
+class Lacking(NamedTuple):
+    """Where a body may lack points by its own law."""
+
+    places: Places
+    chance: Floats
+    """(m,) probability that a point is there."""
+
+
+@kept_by_values(64)
+def lacking_points(source: Floats, normals: Floats | None, noise: float = 0.0) -> Lacking:
+    """Places onto which motions that map many points of a body (n, 3) put others; none mostly.
+
+    Where the laws make a point less probable than anywhere, as that of a landmark half a turn away, is no place.
+
+    ``noise``: distance up to which places are the same at least, as points are measured.
+    """
+    near, found = same_up_to(source, noise), symmetries_of(source, normals, least=LEAST, noise=noise)
+    known = np.concatenate([source, places_beside(source, normals).points]) if found else source
+    places, facing, odds = np.empty((0, 3)), list[Floats](), np.empty(0)
+    for laws in _groups(found, source, near):
+        image = np.array([one.image for one in laws])
+        moved = image != np.arange(len(source))
+        obeyed = rates_of((image >= 0) & moved, moved)
+        for which, own in np.argwhere(image < 0):
+            one, ratio = laws[which], 1.0
+            place = one.rotation @ source[own] + one.shift
+            if len(_in_place(known, place, near)):
+                continue
+            # with a point there, the laws are obeyed in so many more places, and broken in others
+            for other in (law.rotation @ place + law.shift for law in laws):
+                if not len(_in_place(place[None], other, near)):
+                    held = obeyed[_in_place(source, other, near)[:1]]
+                    ratio *= float((held / (1.0 - held))[0]) if len(held) else 1.0 - float(obeyed[own])
+            if ratio <= 1.0:
+                continue
+            if len(same := _in_place(places, place, near)):
+                odds[same] = np.maximum(odds[same], ratio)
+                continue
+            places, odds = np.concatenate([places, place[None]]), np.append(odds, ratio)
+            facing.append(place if normals is None else one.rotation @ normals[own])
+    odds = odds * (UNSEEN if noise > 0.0 else LACKING)
+    normal = None if normals is None else np.array(facing).reshape(-1, 3)
+    return Lacking(Places(places, normal, np.zeros(len(places), np.bool_)), odds / (1.0 + odds))
+
+
+def _groups(laws: Sequence[NearSymmetry], source: Floats, near: float) -> list[list[NearSymmetry]]:
+    """Motions that hold together: any two that leave a place as it is, and what they are one after another.
+
+    The symmetries of a finite body all leave its centre as it is.
+    """
+    if len(laws) < 2:
+        return []
+    rotations, shifts = np.array([one.rotation for one in laws]), np.array([one.shift for one in laws])
+    images, middle = source @ rotations.swapaxes(1, 2) + shifts[:, None], source.mean(axis=0)
+    after = images @ rotations[:, None].swapaxes(2, 3) + shifts[:, None, None]
+    same = np.linalg.norm(after[:, :, None] - images, axis=4).mean(axis=3) < near
+    found = set[tuple[int, ...]]()
+    for pair in itertools.combinations(range(len(laws)), 2):
+        turns = np.concatenate(rotations[list(pair)] - np.eye(3))
+        moved = (rotations[list(pair)] @ middle + shifts[list(pair)] - middle).ravel()
+        centre = middle - np.linalg.lstsq(turns, moved, rcond=TOLERANCE)[0]
+        fixed = np.linalg.norm(rotations @ centre + shifts - centre, axis=1) < near
+        own = np.isin(np.arange(len(laws)), pair)
+        while fixed[own].all() and (more := same[own][:, own].any(axis=(0, 1)) & fixed & ~own).any():
+            own |= more
+        if fixed[own].all():
+            found.add(tuple(np.flatnonzero(own).tolist()))
+    return [[laws[k] for k in one] for one in sorted(found)]
+
+
+def rates_of(held: Bools, moved: Bools) -> Floats:
+    """Probability (n,) that a point obeys a law, of two kinds: those that obey any, and those that obey none.
+
+    Parameters
+    ----------
+    held, moved : (L, n) bool arrays
+        Which points each law puts onto another point, and which elsewhere than where they are.
+    """
+    out = np.empty(held.shape[1])
+    for kind in (held.any(axis=0), ~held.any(axis=0)):
+        out[kind] = (held[:, kind].sum() + 1.0) / (moved[:, kind].sum() + 2.0)
+    return out
+
+
+def _in_place(points: Floats, place: Floats, near: float) -> Integers:
+    """Those of some points (n, 3) that are in a place (3,)."""
+    return np.flatnonzero(np.linalg.norm(points - place, axis=1) < near)
+
+
+def beside_lacking(told: Posterior, model: DetectionModel, lacking: Lacking, taken: Bools | None) -> Posterior:
+    """A posterior in which the body may have the points that it lacks by its own law.
+
+    Parameters
+    ----------
+    told : Posterior
+    model : DetectionModel
+    lacking : Lacking
+        Of the body. Where none of the places has a detection, the posterior stays as it is.
+    taken : (n',) bool array, optional
+        Detections of other bodies.
+    """
+    if not len(lacking.chance) or not float(told.probabilities.sum()) >= LIKELY:
+        return told
+    modes, free = told.modes.first(MODES), np.ones(model.shape[1], np.bool_) if taken is None else ~taken
+    every = [_log_factor(model, modes.take(slice(k, k + 1)), lacking, free) for k in range(len(modes.log_odds))]
+    return told.beside(np.array(every), -math.inf) if any(every) else told
+
+
+def _log_factor(model: DetectionModel, mode: Modes, lacking: Lacking, free: Bools) -> float:
+    """Logarithm of the factor on the weight of a mode by what it leaves in the places of points that the body lacks."""
+    (assignment,), images, pose = mode.assignments, max(len(model.images), 1), (mode.rotation, mode.position)
+    left = free.copy()
+    left[assignment[assignment >= 0]] = False
+    if not left.any():
+        return 0.0
+    body = Shape.of(model, images)
+    others = body.only(lacking.places).model(model, free)
+    off = off_by(others, pose, mode.covariance[0])
+    off[:, ~left] = np.inf
+    if others.allowed is not None:
+        off[~others.allowed] = np.inf
+    more = nearest(off, GATE**2)
+    if not (more >= 0).any():
+        return 0.0
+    own, more = assignment.reshape(images, -1), more.reshape(images, -1)
+    whole, labels = body.and_(lacking.places).model(model, free), np.concatenate([own, more], axis=1)
+    found = about(whole, labels.reshape(1, -1), *pose)[0]
+    chance = np.concatenate([np.ones(own.shape[1]), lacking.chance])
+    chances, (rates, log_weights) = found.visible[0].reshape(images, -1) * chance, model.rates
+    none = np.concatenate([own, np.full_like(more, -1)], axis=1)
+    shown = [log_of_shown(chances.ravel(), one.ravel() >= 0, rates, log_weights) for one in (labels, none)]
+    density = (found.log_odds - found.detected) - (mode.log_odds - mode.detected)
+    return float(np.logaddexp(0.0, density[0] + shown[0] - shown[1]))
+
+
+def log_of_shown(chances: Floats, matched: Bools, rates: Floats, log_weights: Floats) -> float:
+    """Logarithm of the probability that these of some points are detected, with the chances (n,) that they can be.
+
+    ``rates``, ``log_weights``: of the integral over the detection rate.
+    """
+    each = rates[:, None] * chances
+    return float(np.logaddexp.reduce(log_weights + np.log(np.where(matched, each, 1.0 - each)).sum(axis=1)))
+
+
+def nearest(off: Floats, gate: float) -> Integers:
+    """The detection (m,) of each place, nearest to each other by squared distances (m, n'); −1 for none."""
+    to = off.argmin(axis=1)
+    mutual = (off.argmin(axis=0)[to] == np.arange(len(off))) & (off.min(axis=1) < gate)
+    return np.where(mutual, to, -1)
