@@ -10,7 +10,6 @@ from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import with_curvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +30,7 @@ class Prior:
         change = np.eye(6)
         change[3:, :3] = -cross_matrix(pose.R @ centre)
         change[3:] /= unit
-        covariance = with_curvature(change @ pose.covariance[:6, :6] @ change.T)
+        covariance = change @ pose.covariance[:6, :6] @ change.T
         deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
         values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
         # what is known exactly is known very well
