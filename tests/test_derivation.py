@@ -807,7 +807,6 @@ def test_the_next_process_finds_compiled_kernels(tmp_path: Path) -> None:
         """
     )
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "ROOTMATCH_CACHE_DIR": str(tmp_path / "derived")}
-    environment["NUMBA_OPT"] = "0"  # optimising takes longer than it saves
     out = [
         subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
         for _ in range(2)

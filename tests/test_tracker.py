@@ -414,16 +414,24 @@ def test_a_frame_that_the_lens_shows_in_part_is_matched_and_the_flight_goes_on()
 
 
 def test_the_filter_is_that_of_kalman() -> None:
-    """A pose fused by hand is the textbook's update of position, velocity and acceleration."""
+    """A pose fused by hand is the textbook's update of position, velocity and acceleration.
+
+    In the frame of the body, with which a predicted covariance turns.
+    """
     R, t = pose(0.0)
     one = MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0)
-    before_R, before_t, _, P = one._at(0.1)
+    before_R, before_t, _, before_P = one._at(0.1)
     noise = 4e-4 * np.eye(6)
     H = np.eye(6, 18)
     measured = np.array([0.01, -0.02, 0.005, 0.003, 0.002, -0.004])
-    gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise)
-    step, expected = gain @ measured, P - gain @ H @ P
-    fused = one._given(Rotation.from_rotvec(step[:3]).as_matrix() @ before_R, before_t + step[3:6], expected[:6, :6])
+    step = np.zeros(18)
+    for _ in range(20):  # how far it turns depends on the gain, and that on how far
+        turn = Rotation.from_rotvec(step[:3]).as_matrix()
+        P = np.kron(np.eye(6), turn) @ before_P @ np.kron(np.eye(6), turn.T)
+        gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise)
+        step, expected = gain @ measured, P - gain @ H @ P
+    along_arc = Rotation.from_rotvec(-0.5 * step[:3]).as_matrix() @ step[3:6]
+    fused = one._given(turn @ before_R, before_t + along_arc, expected[:6, :6])
     one.update(fused, 0.1)
     np.testing.assert_allclose(one.motion, step[6:], atol=1e-9)
     np.testing.assert_allclose(one.P, expected, atol=1e-9 * np.abs(expected).max())

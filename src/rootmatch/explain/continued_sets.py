@@ -15,7 +15,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.continued_bodies import LIKELY, MODES, Places, factors_of, places_beside
 from rootmatch.explain.lacking_points import lacking_points, log_of_shown, nearest
-from rootmatch.model.detection_model import RATE_NODES, beta_quadrature
+from rootmatch.model.detection_model import beta_quadrature
 from rootmatch.model.labelling_sums import same_motion
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
@@ -122,7 +122,7 @@ class _Continued:
         if not (more >= 0).any():
             return 0.0
         both, rate = self.whole.judged(np.concatenate([assignment, more])[None]), self.body.detection_rate
-        rates = beta_quadrature(1.0, 1.0, RATE_NODES) if rate is None else (np.array([rate]), np.zeros(1))
+        rates = beta_quadrature(1.0, 1.0) if rate is None else (np.array([rate]), np.zeros(1))
         chances, matched = np.concatenate([np.ones(len(assignment)), chance]), both.fit.assignments[0] >= 0
         without = np.concatenate([assignment >= 0, np.zeros(len(chance), np.bool_)])
         shown = log_of_shown(chances, matched, *rates) - log_of_shown(chances, without, *rates)
