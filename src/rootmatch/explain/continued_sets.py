@@ -14,10 +14,8 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.continued_bodies import LIKELY, MODES, Places, factors_of, places_beside
-from rootmatch.explain.lacking_points import lacking_points, log_of_shown, nearest
-from rootmatch.model.detection_model import beta_quadrature
 from rootmatch.model.labelling_sums import same_motion
-from rootmatch.model.point_set_model import Judged, PointSetModel
+from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.prediction import GATE
 from rootmatch.model.shown_regions import log_of_detected
@@ -43,29 +41,9 @@ def beside_sets(told: PointSetPosterior, model: PointSetModel, taken: Bools | No
     if not float(told.probabilities.sum()) >= LIKELY:
         return told
     flat = np.zeros((len(source), 3 - source.shape[1]))
-    solid, bare = np.concatenate([source, flat], axis=1), replace(model, prior=None, weights=None, allowed=None)
-    measured = GATE * math.sqrt(2.0 * float(model.clouds.source_variance.mean()))
-    if len((lacking := lacking_points(solid, None, measured)).chance):
-        labels, first = _motions_of(told)
-        lacked = _Continued(bare, lacking.places, taken)
-        more = np.array([lacked.log_factor(one, lacking.chance) for one in first])
-        if more.any():
-            told = told.beside(np.where(labels >= 0, more[labels], 0.0), -math.inf)
-    places = places_beside(solid, None)
+    places = places_beside(np.concatenate([source, flat], axis=1), None)
     if not len(places.points):
         return told
-    labels, first = _motions_of(told)
-    of, beyond = labels >= 0, _Continued(bare, places, taken)
-    shares = np.maximum(np.bincount(labels[of], told.probabilities[of], len(first)), 1e-300)
-    # of what has copies, the weight is not that of its own matches
-    odds, mass = [beyond.odds(one) for one in first], np.log(shares) + told.log_total
-    every = [None if one is None else (one[0] - m, one[1] - m) for one, m in zip(odds, mass, strict=True)]
-    found = factors_of(every, shares, math.log(1.0 / model.present - 1.0))
-    return told if found is None else told.beside(np.where(of, found[0][labels], 0.0), found[1])
-
-
-def _motions_of(told: PointSetPosterior) -> tuple[Integers, list[Integers]]:
-    """The motion of each hypothesis (K,), −1 for those that are not weighed, and the first labelling of each."""
     labels, first = np.full(len(told.assignments), -1), list[Integers]()
     while (labels < 0).any() and len(first) < MODES:
         best = int((labels < 0).argmax())
@@ -73,7 +51,14 @@ def _motions_of(told: PointSetPosterior) -> tuple[Integers, list[Integers]]:
         own[best] = True
         labels[own] = len(first)
         first.append(told.assignments[best])
-    return labels, first
+    of = labels >= 0
+    beyond = _Continued(replace(model, prior=None, weights=None, allowed=None), places, taken)
+    shares = np.maximum(np.bincount(labels[of], told.probabilities[of], len(first)), 1e-300)
+    # of what has copies, the weight is not that of its own matches
+    odds, mass = [beyond.odds(one) for one in first], np.log(shares) + told.log_total
+    every = [None if one is None else (one[0] - m, one[1] - m) for one, m in zip(odds, mass, strict=True)]
+    found = factors_of(every, shares, math.log(1.0 / model.present - 1.0))
+    return told if found is None else told.beside(np.where(of, found[0][labels], 0.0), found[1])
 
 
 class _Continued:
@@ -92,8 +77,11 @@ class _Continued:
 
         None where no target that it leaves is in any of the places.
         """
-        one, left, off = self._left_by(assignment)
-        if not (off < GATE**2).any():
+        checkpoint()
+        one, left = self.body.judged_one(assignment), self.free.copy()
+        left[assignment[assignment >= 0]] = False
+        squared, variance = replace(one.fit, clouds=self.others).squares()
+        if not (squared < GATE**2 * variance)[..., left].any():
             return None
         labels = np.append(assignment, np.full(len(self.beyond), -1))[None]
         clouds = self.whole.clouds
@@ -111,34 +99,6 @@ class _Continued:
         outside = replace(both.fit, clouds=self.outside.clouds, assignments=more[None, self.beyond])
         shown = _log_shown(self.body, one.fit) + _log_shown(self.outside, outside) - _log_shown(self.whole, both.fit)
         return float(both.log_odds[0]) + shown, instead
-
-    def log_factor(self, assignment: Integers, chance: Floats) -> float:
-        """Logarithm of the factor on a labelling (n,) by what it leaves in places of points that the body lacks.
-
-        ``chance`` (m,): probability that a point is there.
-        """
-        one, _, off = self._left_by(assignment)
-        more = nearest(off, GATE**2)
-        if not (more >= 0).any():
-            return 0.0
-        both, rate = self.whole.judged(np.concatenate([assignment, more])[None]), self.body.detection_rate
-        rates = beta_quadrature(1.0, 1.0) if rate is None else (np.array([rate]), np.zeros(1))
-        chances, matched = np.concatenate([np.ones(len(assignment)), chance]), both.fit.assignments[0] >= 0
-        without = np.concatenate([assignment >= 0, np.zeros(len(chance), np.bool_)])
-        shown = log_of_shown(chances, matched, *rates) - log_of_shown(chances, without, *rates)
-        shown += _log_shown(self.body, one.fit) - _log_shown(self.whole, both.fit)
-        return float(np.logaddexp(0.0, (both.log_odds - one.log_odds)[0] + shown))
-
-    def _left_by(self, assignment: Integers) -> tuple[Judged, Bools, Floats]:
-        """A labelling judged, which targets (n',) it leaves, and squared distances (m, n') of these from the places.
-
-        In units of the variances; infinite of others.
-        """
-        checkpoint()
-        one, left = self.body.judged_one(assignment), self.free.copy()
-        left[assignment[assignment >= 0]] = False
-        squared, variance = replace(one.fit, clouds=self.others).squares()
-        return one, left, np.where(left, (squared / variance)[0], np.inf)
 
 
 def _log_shown(model: PointSetModel, fit: PointSetFit) -> float:

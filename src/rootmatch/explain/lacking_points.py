@@ -28,9 +28,8 @@ from rootmatch.model.prediction import GATE
 LEAST = 4
 """Number of points that a law has to map: two pairs determine half a turn. Few as they are, laws that hold by chance
 lead to no place that others lead to."""
-LACKING, UNSEEN = 0.02, 1.0
-"""Odds that a body lacks a point, before its law is asked, and that it does where its points were measured as targets
-are, of which any share may be seen. Stated values, not measured."""
+LACKING = 0.02
+"""Odds that a body lacks a point, before its law is asked. A stated value, not measured."""
 
 
 class Lacking(NamedTuple):
@@ -42,14 +41,12 @@ class Lacking(NamedTuple):
 
 
 @kept_by_values(64)
-def lacking_points(source: Floats, normals: Floats | None, noise: float = 0.0) -> Lacking:
+def lacking_points(source: Floats, normals: Floats | None) -> Lacking:
     """Places onto which motions that map many points of a body (n, 3) put others; none mostly.
 
     Where the laws make a point less probable than anywhere, as that of a landmark half a turn away, is no place.
-
-    ``noise``: distance up to which places are the same at least, as points are measured.
     """
-    near, found = same_up_to(source, noise), symmetries_of(source, normals, least=LEAST, noise=noise)
+    near, found = same_up_to(source), symmetries_of(source, normals, least=LEAST)
     known = np.concatenate([source, places_beside(source, normals).points]) if found else source
     places, facing, odds = np.empty((0, 3)), list[Floats](), np.empty(0)
     for laws in _groups(found, source, near):
@@ -73,7 +70,7 @@ def lacking_points(source: Floats, normals: Floats | None, noise: float = 0.0) -
                 continue
             places, odds = np.concatenate([places, place[None]]), np.append(odds, ratio)
             facing.append(place if normals is None else one.rotation @ normals[own])
-    odds = odds * (UNSEEN if noise > 0.0 else LACKING)
+    odds = LACKING * odds
     normal = None if normals is None else np.array(facing).reshape(-1, 3)
     return Lacking(Places(places, normal, np.zeros(len(places), np.bool_)), odds / (1.0 + odds))
 

@@ -82,15 +82,15 @@ class NearSymmetry(NamedTuple):
         return 4 * int(np.count_nonzero(self.image[own] != own)) > len(own)
 
 
-def same_up_to(source: Floats, noise: float = 0.0) -> float:
-    """Distance up to which points (n, 3) of a body are the same, as they are measured with some noise.
+def same_up_to(source: Floats) -> float:
+    """Distance up to which points (n, 3) of a body are the same.
 
     Where they are near each other, they are told apart, as far as the words of `STEPS` can.
     """
     distance = np.linalg.norm(source[:, None] - source, axis=2)
     neighbour = float(np.median(np.partition(distance, 1, axis=1)[:, 1]))
     least = LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))
-    return max(min(TOLERANCE * body_radius(source), DISTINCT * neighbour), noise, least)
+    return max(min(TOLERANCE * body_radius(source), DISTINCT * neighbour), least)
 
 
 def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
@@ -102,7 +102,7 @@ def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[t
 
 
 def symmetries_of(
-    source: Floats, normals: Floats | None, mirrored: bool = False, *, least: int = LEAST, noise: float = 0.0
+    source: Floats, normals: Floats | None, mirrored: bool = False, *, least: int = LEAST
 ) -> tuple[NearSymmetry, ...]:
     """The near symmetries of a body, those that map most points first; computed once for each body.
 
@@ -119,20 +119,16 @@ def symmetries_of(
         Reflections, with or without a rotation, instead of motions.
     least : int
         Least number of points that are mapped.
-    noise : float
-        Distance up to which points are the same at least, as they are measured.
     """
     if not LEAST <= len(source) <= MOST_POINTS:
         return ()
-    return _known(source, normals, mirrored, (max(least, math.ceil(SHARE * len(source))), noise))
+    return _known(source, normals, mirrored, max(least, math.ceil(SHARE * len(source))))
 
 
 @kept_by_values(128)
-def _known(
-    source: Floats, normals: Floats | None, mirrored: bool, known: tuple[int, float]
-) -> tuple[NearSymmetry, ...]:
+def _known(source: Floats, normals: Floats | None, mirrored: bool, least: int) -> tuple[NearSymmetry, ...]:
     """See `symmetries_of`."""
-    found = _found(_Body.of(source, normals, -1.0 if mirrored else 1.0, known[1]), known[0])
+    found = _found(_Body.of(source, normals, -1.0 if mirrored else 1.0), least)
     for one in found:
         for array in one:
             array.setflags(write=False)
@@ -156,14 +152,14 @@ class _Body(NamedTuple):
     """(n,) the same of each point, less where it has near neighbours."""
 
     @classmethod
-    def of(cls, source: Floats, normals: Floats | None, sign: float, noise: float) -> _Body:
+    def of(cls, source: Floats, normals: Floats | None, sign: float) -> _Body:
         """A body of points (n, 3) with outward normals (n, 3) of any length."""
         unit = None
         if normals is not None:
             length = np.linalg.norm(normals, axis=1, keepdims=True)
             unit = normals / np.where(length > 0.0, length, 1.0)
         distance = np.linalg.norm(source[:, None] - source, axis=2)
-        neighbour, near = np.partition(distance, 1, axis=1)[:, 1], same_up_to(source, noise)
+        neighbour, near = np.partition(distance, 1, axis=1)[:, 1], same_up_to(source)
         return cls(source, unit, sign, distance=distance, near=near, reach=np.minimum(near, DISTINCT * neighbour))
 
     def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
