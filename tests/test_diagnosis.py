@@ -133,7 +133,7 @@ def test_an_image_that_is_not_in_pixels(in_fractions: bool, sigma_too: bool) -> 
 
 
 def test_a_rig_whose_images_are_not_in_pixels() -> None:
-    points, rows, rig, *_ = four_about(n=12, each=8)
+    points, rows, rig, *_ = four_about(n=8, each=6)
     match = rm.match(points, rows, rm.P3P(rig), noise=0.5)
     assert match
     wrong = rows.copy()
