@@ -11,7 +11,8 @@ with it the evidence is 8.4 and 3.5 nats higher than that of the truth. The othe
 image. "prior": of one, predicted with errors of 3° and 1 cm, as its covariance says; "three": all but three of its
 sightings are removed, whichever, and the errors are a fifth of that; "wrong": the prediction is 60° off. "bodies": both
 controllers in one image of each camera, without a prediction. "flight" and "hands": one or both are followed at 60 Hz;
-in 10 of 150 frames all cameras are covered, in 10 of the next 150 two of them.
+in 10 of 150 frames all cameras are covered, in 10 of the next 150 two of them. "actors": six bodies of four or five
+markers before two cameras, see tests/actor_scenes.py.
 
 "right": no sighting wrong and nine tenths of them matched; of the flights' frames, those with four sightings or more
 (of each body) count. "matched and wrong": called matched with a wrong sighting; "run": most frames of a flight in a
@@ -32,6 +33,7 @@ from shared import head, parser, row, timed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 import rootmatch as rm
+from actor_scenes import Stage
 from rig_scenes import NOISE, VIEW, RigScene, controllers, four_about, frame, headset
 from rootmatch.algebra.rotation import one_rotation_matrix
 
@@ -119,6 +121,14 @@ def of_bodies(found: rm.Match, scene: RigScene, seconds: float, seed: int) -> It
         yield judged(body, scene.truth[:, own], seconds, seed, least=4)
 
 
+def actors(seed: int) -> Iterator[Outcome]:
+    """Three actors with a body on the head and one on the hip; those with four sightings or more count as shown."""
+    stage = Stage(seed)
+    found, seconds = timed(stage.match)
+    for name, body in found.bodies.items():
+        yield judged(body, stage.truth_of(name), seconds, seed, least=4)
+
+
 def flight(seed: int, hands: int, frames: int) -> Iterator[Outcome]:
     """One or both controllers, followed."""
     options = {"bodies": LABELS} if hands == 2 else {}
@@ -153,7 +163,7 @@ def print_row(name: str, every: list[Outcome]) -> None:
 
 def main() -> None:
     ask = parser(__doc__, scenes=40, frames=600, first_seed=1000)
-    ask.add_argument("--rows", nargs="+", default=["search", "prior", "bodies", "flight", "hands"])
+    ask.add_argument("--rows", nargs="+", default=["search", "prior", "bodies", "actors", "flight", "hands"])
     given = ask.parse_args()
     numba.set_num_threads(1)
     kinds = {
@@ -162,6 +172,7 @@ def main() -> None:
             (f"prior, {kind}", lambda seed, kind=kind: predicted(seed, kind)) for kind in ("all", "three", "wrong")
         ],
         "bodies": [("bodies", bodies)],
+        "actors": [("actors", actors)],
         "flight": [("flight", lambda seed: flight(seed, 1, given.frames))],
         "hands": [("hands", lambda seed: flight(seed, 2, given.frames))],
     }
