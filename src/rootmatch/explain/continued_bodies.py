@@ -21,7 +21,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, kept_by_values
 from rootmatch.explain.near_symmetries import DISTINCT, LEAST, SHARE, TOLERANCE, symmetries_of
-from rootmatch.frozen import copied
+from rootmatch.frozen import copied, once
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.modes import Modes
@@ -163,8 +163,8 @@ def beside_continuations(told: Posterior, model: DetectionModel, places: Places,
     """
     if not len(places.points) or not float(told.probabilities.sum()) >= LIKELY:
         return told
-    modes = told.modes.first(MODES)
-    every = [_continued(model, modes.take(slice(k, k + 1)), places, taken) for k in range(len(modes.log_odds))]
+    beside = Beside(model, places, taken)
+    every = [_continued(beside, mode) for mode in beside.each(told)]
     found = factors_of(every, told.probabilities[: len(every)], LOG_CONTINUED)
     return told if found is None else told.beside(*found)
 
@@ -196,47 +196,82 @@ def factors_of(
     return factors, float(other.max())  # from whatever pose, it is the same thing
 
 
-def _continued(model: DetectionModel, mode: Modes, places: Places, taken: Bools | None) -> tuple[float, float] | None:
+def _continued(beside: Beside, mode: Modes) -> tuple[float, float] | None:
     """Log-odds, over a mode, of this with what goes on beside it, and of something else in its stead.
 
     None where no detection that it leaves is in any of the places.
     """
-    (assignment,), images = mode.assignments, max(len(model.images), 1)
-    pose, covariance = (mode.rotation, mode.position), mode.covariance[0]
-    free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
-    left = free.copy()
-    left[assignment[assignment >= 0]] = False
-    others = Shape.of(model, images).only(places)
-    if not (off_by(others.model(model, free), pose, covariance)[:, left] < GATE**2).any():
+    (assignment,), pose, places = mode.assignments, (mode.rotation, mode.position), beside.places
+    left = beside.left_by(mode)
+    if not left.any() or not (beside.off_by(mode)[:, left] < GATE**2).any():
         return None
-    whole, known = Shape.of(model, images).and_(places).model(model, free), dict[bytes, Settled]()
-    settle(whole, pose, covariance, known=known)
+    known = dict[bytes, Settled]()
+    settle(beside.whole, pose, mode.covariance[0], known=known)
     if not known:
         return None
     best = max(known.values(), key=lambda one: one.log_odds)
     instead = best.log_odds - float(mode.log_mass[0])
     # beyond the body is what its own matches leave there
-    own = assignment.reshape(images, -1)
-    more = best.assignment.reshape(images, -1)[:, own.shape[1] :]
+    own = assignment.reshape(beside.images, -1)
+    more = best.assignment.reshape(beside.images, -1)[:, own.shape[1] :]
     more = np.where(places.beyond & (more >= 0) & left[more], more, -1)
     if not (more >= 0).any():
         return -math.inf, instead
-    both = about(whole, np.concatenate([own, more], axis=1).reshape(1, -1), *pose)[0]
-    outside = others.take(places.beyond).model(model, free)
-    shown = about(outside, more[:, places.beyond].reshape(1, -1), *pose)[0].detected + mode.detected
+    both = about(beside.whole, np.concatenate([own, more], axis=1).reshape(1, -1), *pose)[0]
+    shown = about(beside.outside, more[:, places.beyond].reshape(1, -1), *pose)[0].detected + mode.detected
     return float((both.log_odds - both.detected + shown - mode.log_odds)[0]), instead
 
 
-def off_by(model: DetectionModel, pose: tuple[Floats, Floats], covariance: Floats) -> Floats:
-    """Squared distance (n, n') of detections from where points are expected in a pose with its covariance (6, 6).
+class Beside:
+    """A body's model with points in more places: the same for all of its modes.
 
-    In units of both their variances; infinite for a point that is not in view.
+    Attributes
+    ----------
+    others, outside, whole : DetectionModel
+        Of points in the places alone; in those beyond the body; and in all of them beside its own points.
     """
-    found, at = about(model, np.full((1, model.shape[0]), -1), *pose)
-    by_pose = 0.5 * ((at.jacobian[0] @ covariance) * at.jacobian[0]).sum(axis=(1, 2))
-    squared = ((at.pixels[0][:, None] - model.target) ** 2).sum(axis=2)
-    shown = found.visible[0] > HIDDEN
-    return np.where(shown[:, None], squared / (by_pose[:, None] + model.sigma**2), np.inf)
+
+    def __init__(self, model: DetectionModel, places: Places, taken: Bools | None) -> None:
+        self.model, self.places, self.images = model, places, max(len(model.images), 1)
+        self.free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
+        self.shape = Shape.of(model, self.images)
+
+    @once
+    def others(self) -> DetectionModel:
+        """See the class."""
+        return self.shape.only(self.places).model(self.model, self.free)
+
+    @once
+    def outside(self) -> DetectionModel:
+        """See the class."""
+        return self.shape.only(self.places).take(self.places.beyond).model(self.model, self.free)
+
+    @once
+    def whole(self) -> DetectionModel:
+        """See the class."""
+        return self.shape.and_(self.places).model(self.model, self.free)
+
+    def each(self, told: Posterior) -> list[Modes]:
+        """The modes of a posterior that are weighed, one by one."""
+        modes = told.modes.first(MODES)
+        return [modes.take(slice(k, k + 1)) for k in range(len(modes.log_odds))]
+
+    def left_by(self, mode: Modes) -> Bools:
+        """Which detections (n',) a mode leaves."""
+        (assignment,), left = mode.assignments, self.free.copy()
+        left[assignment[assignment >= 0]] = False
+        return left
+
+    def off_by(self, mode: Modes) -> Floats:
+        """Squared distances (m, n') of detections from the places, in units of both their variances.
+
+        Infinite for a place that is not in view.
+        """
+        found, at = about(self.others, np.full((1, self.others.shape[0]), -1), mode.rotation, mode.position)
+        by_pose = 0.5 * ((at.jacobian[0] @ mode.covariance[0]) * at.jacobian[0]).sum(axis=(1, 2))
+        squared = ((at.pixels[0][:, None] - self.others.target) ** 2).sum(axis=2)
+        shown = found.visible[0] > HIDDEN
+        return np.where(shown[:, None], squared / (by_pose[:, None] + self.others.sigma**2), np.inf)
 
 
 class Shape(NamedTuple):

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
-from rootmatch.explain.continued_bodies import LIKELY, MODES, Places, Shape, off_by, places_beside
+from rootmatch.explain.continued_bodies import LIKELY, Beside, Places, places_beside
 from rootmatch.explain.near_symmetries import TOLERANCE, NearSymmetry, same_up_to, symmetries_of
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
@@ -133,32 +133,28 @@ def beside_lacking(told: Posterior, model: DetectionModel, lacking: Lacking, tak
     """
     if not len(lacking.chance) or not float(told.probabilities.sum()) >= LIKELY:
         return told
-    modes, free = told.modes.first(MODES), np.ones(model.shape[1], np.bool_) if taken is None else ~taken
-    every = [_log_factor(model, modes.take(slice(k, k + 1)), lacking, free) for k in range(len(modes.log_odds))]
+    beside = Beside(model, lacking.places, taken)
+    every = [_log_factor(beside, mode, lacking.chance) for mode in beside.each(told)]
     return told.beside(np.array(every), -math.inf) if any(every) else told
 
 
-def _log_factor(model: DetectionModel, mode: Modes, lacking: Lacking, free: Bools) -> float:
-    """Logarithm of the factor on the weight of a mode by what it leaves in the places of points that the body lacks."""
-    (assignment,), images, pose = mode.assignments, max(len(model.images), 1), (mode.rotation, mode.position)
-    left = free.copy()
-    left[assignment[assignment >= 0]] = False
+def _log_factor(beside: Beside, mode: Modes, there: Floats) -> float:
+    """Logarithm of the factor on the weight of a mode by what it leaves in places with the chance (m,) of a point."""
+    left = beside.left_by(mode)
     if not left.any():
         return 0.0
-    body = Shape.of(model, images)
-    others = body.only(lacking.places).model(model, free)
-    off = off_by(others, pose, mode.covariance[0])
+    off = beside.off_by(mode)
     off[:, ~left] = np.inf
-    if others.allowed is not None:
-        off[~others.allowed] = np.inf
+    if beside.others.allowed is not None:
+        off[~beside.others.allowed] = np.inf
     more = nearest(off, GATE**2)
     if not (more >= 0).any():
         return 0.0
-    own, more = assignment.reshape(images, -1), more.reshape(images, -1)
-    whole, labels = body.and_(lacking.places).model(model, free), np.concatenate([own, more], axis=1)
-    found = about(whole, labels.reshape(1, -1), *pose)[0]
-    chance = np.concatenate([np.ones(own.shape[1]), lacking.chance])
-    chances, (rates, log_weights) = found.visible[0].reshape(images, -1) * chance, model.rates
+    own, more = mode.assignments.reshape(beside.images, -1), more.reshape(beside.images, -1)
+    labels = np.concatenate([own, more], axis=1)
+    found = about(beside.whole, labels.reshape(1, -1), mode.rotation, mode.position)[0]
+    chance = np.concatenate([np.ones(own.shape[1]), there])
+    chances, (rates, log_weights) = found.visible[0].reshape(beside.images, -1) * chance, beside.model.rates
     none = np.concatenate([own, np.full_like(more, -1)], axis=1)
     shown = [log_of_shown(chances.ravel(), one.ravel() >= 0, rates, log_weights) for one in (labels, none)]
     density = (found.log_odds - found.detected) - (mode.log_odds - mode.detected)

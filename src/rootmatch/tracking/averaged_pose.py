@@ -54,10 +54,11 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
         Of the points as they were given, with its covariance, and with the errors that it has by those of the points.
     """
     R, position, covariance = _over_changes(modes, k)
-    lines = _weak(covariance, max(math.sqrt(position @ position), 1e-300))
+    distance = max(math.sqrt(position @ position), 1e-300)
+    lines = _weak(covariance, distance)
     if lines.shape[1]:
         covariance = _with_turned_prediction(model, R, position, covariance)
-        lines = _weak(covariance, math.sqrt(position @ position))
+        lines = _weak(covariance, distance)
         about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
         prior = model.prior.for_kernels
         if model.scene_for_kernels is None or prior is None:
