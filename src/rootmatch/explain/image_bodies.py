@@ -22,7 +22,7 @@ from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, budgets_of
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.image_decision import beside_of, told_by
 from rootmatch.explain.image_hypotheses import (
     LIKELY,
     NAMED,
@@ -78,8 +78,9 @@ class _Body(SearchedBody):
     predicted: Proposals | None = None
     enough: bool = False
     """Whether its prediction explains so much that no search is needed."""
-    answer: tuple[tuple[Any, ...], Finding] | None = None
-    """What was last told of it, after what that follows from."""
+    answer: tuple[tuple[Any, ...], Finding, Bools | None] | None = None
+    """What was last told of it, after what that follows from; and the detections of others if what is near its points
+    does not count in it yet."""
 
     @property
     def pose(self) -> float:
@@ -143,12 +144,17 @@ class _Body(SearchedBody):
         if self.predicted is not None:
             self.candidate = self.candidate.proposed([], self.predicted)
 
-    def tell(self, taken: Bools, of_others: Bools) -> Finding:
+    @property
+    def is_settled_beside(self) -> bool:
+        """Whether what is near its points makes no difference to what was last told of it, or counts already."""
+        return self.answer is None or self.answer[2] is None or not beside_of(*self.answer[1:])
+
+    def tell(self, taken: Bools, of_others: Bools, beside: bool) -> Finding:
         """What is told of it, see `told_by`; worked out anew if it may be something else than the last time."""
         given = self.found, self.told, taken.tobytes(), of_others.tobytes()
-        if self.answer is None or self.answer[0] != given:
-            told = told_by(self.found, self.told, self.candidate, taken=taken, of_others=of_others)
-            self.answer = given, told
+        if self.answer is None or self.answer[0] != given or (beside and not self.is_settled_beside):
+            found = told_by(self.found, self.told, self.candidate, taken=taken, of_others=of_others, beside=beside)
+            self.answer = given, found, None if beside else of_others
         return self.answer[1]
 
 
@@ -181,9 +187,10 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
         if choice is None:
             search_in_turn(task, bodies, _Body.worth_a_search, search)
         else:
-            predicted = _finding(task, bodies)
+            # what is near its points takes longer to weigh than all else, and a search changes it
+            predicted = _finding(task, bodies, beside=False)
             if (part := choice(predicted)) is None:
-                return predicted
+                return predicted if all(body.is_settled_beside for body in bodies) else _finding(task, bodies)
             body, before = bodies[part.body], bodies[part.body].candidate
             if not part.rest:  # what the prediction explains may be explained better by a pose elsewhere
                 # and what another one holds on to with a few of its points is not its own for certain
@@ -201,14 +208,17 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
     return _finding(task, bodies)
 
 
-def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
-    """The finding of all bodies by what is proposed so far, each without the detections of those more certain."""
+def _finding(task: MatchingTask, bodies: list[_Body], beside: bool = True) -> Finding:
+    """The finding of all bodies by what is proposed so far, each without the detections of those more certain.
+
+    Unless ``beside``, without what is near their points: see `told_by`.
+    """
     taken = np.zeros(task.shape[1], np.bool_)
     found, each = dict[int, Finding](), {one.number: one.told.used(task.shape[1]) for one in bodies}
     used = np.sum([*each.values()], axis=0)
     for body in sorted(bodies, key=lambda one: -one.pose):
         of_others = used - each[body.number] >= SURE
-        one = body.tell(taken, of_others)
+        one = body.tell(taken, of_others, beside)
         taken[one.assignment[one.assignment >= 0]] = True
         unseen = LATE if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen

@@ -88,6 +88,7 @@ def told_by(
     missed_as_known: float = 0.0,
     taken: NDArray[np.bool_] | None = None,
     of_others: NDArray[np.bool_] | None = None,
+    beside: bool = True,
 ) -> Finding:
     """A finding with the assignment, facts and confidence that a posterior gives.
 
@@ -106,6 +107,8 @@ def told_by(
         Detections of other bodies: the result is a mode without any of them, or nothing.
     of_others : (n',) bool array, optional
         Detections that are explained by other bodies, whether or not these are more certain.
+    beside : bool
+        Whether what is near points without a match counts, see `beside_of`.
     """
     shape = base.task.points.source, base.task.points.normals
     told = beside_lacking(told, body.model, lacking_points(*shape), of_others)
@@ -146,7 +149,7 @@ def told_by(
     if surest is not None:
         confidence, probability = confidence * surest[1], probability * float(surest[1].prod())
     fault = misfit_of(model, modes, k)
-    if present >= LIKELY:
+    if beside and present >= LIKELY:
         fault = fault._replace(alike=log_odds_alike(model, modes, k, of_others))
     prediction = -1 if origins is None else int(origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
@@ -197,6 +200,14 @@ def told_by(
         pose=pose_of_mode(model, modes, k) if believed else None,
     )
     return doubted_by_fit(found, fault, len(model.images) > 1)
+
+
+def beside_of(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
+    """Whether something near the points without a match may say that a finding is of something alike."""
+    told, model = found.posterior, found.model
+    if told is None or model is None or found.noise_factor is None or not told.probabilities.sum() >= LIKELY:
+        return False
+    return log_odds_alike(model, told.modes, found.mode, of_others) is not None
 
 
 def with_parts(told: Posterior, model: DetectionModel, minimal: int, taken: NDArray[np.bool_] | None) -> Posterior:

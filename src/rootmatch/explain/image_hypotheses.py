@@ -24,7 +24,7 @@ from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.similar_subsets import twins_of_few
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
-from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.hypergraph.tensor import AffinityTensor, strongest
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
@@ -34,7 +34,7 @@ from rootmatch.model.gathering import gathered
 from rootmatch.model.known_density import Known
 from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.mode_search import modes_of, with_sums
+from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.parallel_poses import parallel
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
@@ -125,7 +125,7 @@ class Candidate:
         searched = len(proposals.assignments) > 0
         if predicted is not None:
             proposals = joined([proposals, predicted]) if searched else predicted
-        modes = modes_of(self.model, proposals, damaged=searched)
+        modes = modes_of(self.model, proposals, least=-math.inf if searched else -HOPELESS)
         return copied(self, modes=self._with_twins(modes, searched))
 
     def posed(self, proposals: Proposals) -> Candidate:
@@ -133,18 +133,24 @@ class Candidate:
         return copied(self, modes=self._with_twins(modes_of(self.model, proposals)))
 
     def also(self, assignments: Sequence[Integers]) -> Candidate:
-        """The candidate of one of several bodies by further assignments and the twins of the best poses."""
-        proposals = self.proposals(assignments)
-        if not len(proposals.assignments):
-            return self
-        modes = modes_of(self.model, proposals, self.modes, of_several=True)
-        return copied(self, modes=self._with_twins(modes))
+        """The candidate of one of several bodies by further assignments and the twins of the best poses.
 
-    def _with_twins(self, modes: Modes, searched: bool = True) -> Modes:
-        """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off."""
+        The same if clutter explains all of them better: most searches for a body that is not in view end so.
+        """
+        proposals = self.proposals(assignments)
+        modes = modes_of(self.model, proposals, self.modes, of_several=True, least=-NEGLIGIBLE)
+        worth = len(proposals.assignments) and (modes.log_mass[:1] > 0.0).any()
+        return copied(self, modes=self._with_twins(modes, few=True)) if worth else self
+
+    def _with_twins(self, modes: Modes, searched: bool = True, few: bool = False) -> Modes:
+        """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off.
+
+        ``few``: of those that clutter explains worse, and in later rounds of the best one alone.
+        """
         known = set[bytes]()  # of which twins were proposed
         while len(modes.log_odds) and modes.rotation[0].tobytes() not in known:
-            poses = [one.tobytes() for one in modes.rotation[:TWINS]]
+            most = TWINS if not few else 1 if known else int((modes.log_mass[:TWINS] > 0.0).sum())
+            poses = [one.tobytes() for one in modes.rotation[:most]]
             new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
             known.update(poses)
             twins = self.twins(modes.take(new)) if searched else twins_about_predictions(self.task, self.model, modes)
@@ -159,15 +165,6 @@ class Candidate:
     def alone(self) -> Posterior:
         """The body's posterior if the image shows no other known body."""
         return competing([self])[0]
-
-
-def strongest(tensor: AffinityTensor, shape: tuple[int, int], most: int) -> Integers:
-    """Assignments (K, n) of the hyper-edges with the largest weights, each alone; ``shape``: (n, n')."""
-    order = np.argsort(-np.asarray(tensor.weights), kind="stable")[:most]
-    i, j = np.divmod(tensor.indices[order].astype(np.int64), shape[1])
-    rows = np.full((len(order), shape[0]), -1, np.int64)
-    np.put_along_axis(rows, i, j, axis=1)
-    return rows
 
 
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
@@ -185,7 +182,7 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
                     others.append((place, other.model.prior))
         modes, model = body.modes, beside_others(body.model, others)
         if more:
-            modes = modes_of(model, joined(more), modes, of_several=True, damaged=False)
+            modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
         every.append(modes)
         models.append(model)
     told = joint_posterior(models, every)

@@ -20,7 +20,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.evidence import residuals_of
 from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, gains_of_residuals
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.mode_search import HOPELESS, modes_of
 from rootmatch.model.modes import no_modes
 from rootmatch.model.priors import WRONG_MODEL, probability
 from rootmatch.model.smooth_errors import log_odds_if_smooth
@@ -98,7 +98,7 @@ def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     body = Candidate(task, copied(found.model, source_covariance=covariance), no_modes(task.rows))
     predicted = proposals_by_prediction(body.model)
     if predicted is not None:
-        body = copied(body, modes=modes_of(body.model, predicted, damaged=False))
+        body = copied(body, modes=modes_of(body.model, predicted, least=-HOPELESS))
     return body.reconsidered(found.posterior.modes)
 
 

@@ -33,7 +33,7 @@ from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.samplers.guided.stopping import StoppingOptions, false_alarm_level
 
-LIMITS, LIMITS_OF_BOUNDED = (100, 16), (100, 5)
+LIMITS, LIMITS_OF_BOUNDED = (100, 16), (100, 3)
 """Hypotheses of each camera, those of the highest evidence, that are verified in all, and of all of them those kept, by
 what they gather (benchmarks/rigs.py). Round values: of 40 scenes with four of ten detections right in each camera (σ 1,
 seeds from 2000) three are right, with 30 one. A search that is bounded, as those for bodies and of a tracker are, keeps
@@ -179,7 +179,8 @@ def _verified(model: DetectionModel, hypotheses: list[Integers], limits: tuple[i
     every, found, _ = refitted(model, led)
     assignments, log_odds = every.assignments, found.log_odds
     (spoilt,) = (~(log_odds > 0.0)).nonzero()
-    if (more := _narrowed(model, sets, led.take(spoilt[:kept]))) is not None:
+    left = max(kept - (len(log_odds) - len(spoilt)), 0)
+    if (more := _narrowed(model, sets, led.take(spoilt[:left]))) is not None:
         every, found, _ = refitted(model, more)
         assignments = np.concatenate([assignments, every.assignments])
         log_odds = np.concatenate([log_odds, found.log_odds])

@@ -331,3 +331,12 @@ def _float_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
         return np.require(np.asarray(value), np.float64, ["C", "W", "A"])
     except (TypeError, ValueError):
         raise InputError(f"{name}: expected an array of numbers, got {type(value).__name__}") from None
+
+
+def strongest(tensor: AffinityTensor, shape: tuple[int, int], most: int) -> NDArray[np.int64]:
+    """Assignments (K, n) of the hyper-edges with the largest weights, each alone; ``shape``: (n, n')."""
+    order = np.argsort(-np.asarray(tensor.weights), kind="stable")[:most]
+    i, j = np.divmod(tensor.indices[order].astype(np.int64), shape[1])
+    rows = np.full((len(order), shape[0]), -1, np.int64)
+    np.put_along_axis(rows, i, j, axis=1)
+    return rows

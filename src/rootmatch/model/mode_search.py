@@ -71,7 +71,7 @@ def modes_of(
     known: Modes | None = None,
     *,
     of_several: bool = False,
-    damaged: bool = True,
+    least: float = -math.inf,
     twins: bool = False,
 ) -> Modes:
     """The distinct poses among some proposals, grown, with the sums over their changes.
@@ -84,8 +84,9 @@ def modes_of(
         Modes found before, which are among the result.
     of_several : bool
         Whether other bodies may take the detections of better modes: whatever is better than clutter is kept then.
-    damaged : bool
-        Whether assignments may be right in part, as a solver's: those far behind clutter alone grow as well.
+    least : float
+        Log-odds against clutter alone from which a proposal grows; −∞ for assignments that may be right in part only,
+        as a solver's.
     twins : bool
         Whether the proposals are twins of known modes: one that lacks a part of what it shows seems far behind, and
         grows as well, without the matches that are not its own.
@@ -116,11 +117,8 @@ def modes_of(
         if behind and not apart_from(assignments[[k]], kept[0].assignment)[0]:
             continue
         mode = _Mode.of(assignments[k], found, poses, k)
-        if kept:
-            least = min(kept[0].log_mass - near, enough)
-        else:
-            least = -math.inf if damaged else -HOPELESS
-        kept = _with(kept, mode, model, (at, k), least=least)
+        grows = max(min(kept[0].log_mass - near, enough), least) if kept else least
+        kept = _with(kept, mode, model, (at, k), least=grows)
     return _as_arrays(kept, model.shape[0])
 
 
