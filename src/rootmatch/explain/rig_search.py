@@ -38,7 +38,8 @@ LIMITS, LIMITS_OF_BOUNDED = (100, 16), (100, 3)
 what they gather (benchmarks/rigs.py). Round values: of 40 scenes with four of ten detections right in each camera (σ 1,
 seeds from 2000) three are right, with 30 one. A search that is bounded, as those for bodies and of a tracker are, keeps
 fewer, as they are fitted with what other searches propose. With 30 verified it is as fast, and the pose of a small body
-of five points, of which chance explains as many in one camera, was not among them (three actors before two cameras)."""
+of five points, of which chance explains as many in one camera, was not among them (three actors before two cameras).
+With 5 kept a tracker's flights find the same (benchmarks/flights.py, rig, 6 flights from 1100)."""
 BUDGET = 3_000_000
 """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
 SEARCHED = 0.75

@@ -1,0 +1,74 @@
+"""A frame in which a body is searched for beside those that are followed: what it does not do twice, or for chance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rig_scenes import NOISE, VIEW, controllers, frame, headset
+from rootmatch.explain import image_bodies, image_hypotheses, rig_search
+
+CAMERA = rm.Camera(500.0, 500.0, 640.0, 480.0)
+
+
+def shown(points: np.ndarray, k: int, x: float, rng: np.random.Generator) -> np.ndarray:
+    """Detections of a body that turns slowly."""
+    R = Rotation.from_rotvec([0.1, 0.01 * k, 0.2]).as_matrix()
+    return np.asarray(CAMERA.project(points @ R.T + [x, 0.0, 1.5])) + rng.normal(0.0, 0.3, (len(points), 2))
+
+
+def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, twins, told = np.random.default_rng(5), list[Any](), list[bool]()
+    points = rng.uniform(-0.2, 0.2, (2, 8, 3))
+    tracker = rm.Tracker(points.reshape(-1, 3), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 8))
+    work, tell, also = image_hypotheses.twins_of, image_bodies.told_by, image_hypotheses.Candidate.also
+
+    def counted(task: Any, model: Any, modes: Any) -> Any:
+        twins.append(modes)
+        return work(task, model, modes)
+
+    def telling(*given: Any, **more: Any) -> Any:
+        told.append(more["beside"])
+        return tell(*given, **more)
+
+    def named(self: Any, assignments: Any) -> Any:
+        told.append(True)  # the search is over
+        return also(self, assignments)
+
+    for k in range(60):
+        strays = rng.uniform(100.0, 800.0, (7, 2)) if k > 5 else shown(points[1], k, 0.7, rng)
+        if k == 6:  # from here on the second body is not in view
+            monkeypatch.setattr(image_hypotheses, "twins_of", counted)
+            monkeypatch.setattr(image_bodies, "told_by", telling)
+            monkeypatch.setattr(image_hypotheses.Candidate, "also", named)
+        told.clear()
+        match = tracker.update(np.vstack([shown(points[0], k, 0.0, rng), strays]), time=k / 60.0)
+        assert match.bodies is not None
+        assert match.bodies[0].status is rm.Status.MATCHED
+        assert k <= 6 or True not in told[:2]
+    assert all(one.log_mass[0] > 0.0 for one in twins)
+
+
+def test_what_is_wrong_in_part_is_looked_at_only_for_places_that_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, normals, _ = controllers()
+    leds, rig, fits, looked = len(points) // 2, headset(), list[Any](), list[tuple[int, int]]()
+    scene, refitted, narrowed = frame(0, 0, rig, clutter=2), rig_search.refitted, rig_search._narrowed
+
+    def fitting(model: Any, led: Any) -> Any:
+        fits.append(refitted(model, led))
+        return fits[-1]
+
+    def looking(model: Any, sets: Any, led: Any) -> Any:
+        looked.append((int((fits[-1][1].log_odds > 0.0).sum()), len(led.rotation)))
+        return narrowed(model, sets, led)
+
+    monkeypatch.setattr(rig_search, "refitted", fitting)
+    monkeypatch.setattr(rig_search, "_narrowed", looking)
+    rm.match(points[:leds], scene.rows, rm.P3P(rig), noise=NOISE, normals=normals[:leds], view_angle=np.radians(VIEW))
+    kept = rig_search.LIMITS[1]
+    assert any(good for good, _ in looked)
+    assert all(count <= max(kept - good, 0) for good, count in looked)
