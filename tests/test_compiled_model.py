@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -24,7 +25,7 @@ from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
 from rootmatch.model.compiled.crowds import crowds_of, densities_of_crowds, shares_of_crowds
 from rootmatch.model.compiled.evidence import log_of_rates
 from rootmatch.model.compiled.gating import gate
-from rootmatch.model.compiled.occluder import DIRECTIONS, LEAST_HIDDEN, OCCLUDED
+from rootmatch.model.compiled.occluder import DIRECTIONS, FARTHEST, LEAST_HIDDEN, OCCLUDED
 from rootmatch.model.compiled.same_pose import is_same_pose
 from rootmatch.model.compiled.single_changes import gains_of_matches
 from rootmatch.model.detection_model import DetectionModel
@@ -199,10 +200,12 @@ def log_evidence(model: DetectionModel, assignment: NDArray[np.int64], R: Floats
             hiding += [hidden_parts(owned, shown, at.pixels[0], images, window) for window in (False, True)]
         with np.errstate(divide="ignore"):
             each = [
-                odds + weight + np.where(owned, np.log(rate * shown), np.log1p(-rate * np.where(out, 0.0, shown))).sum()
+                odds + near + weight
+                + np.where(owned, np.log(rate * shown), np.log1p(-rate * np.where(out | beyond, 0.0, shown))).sum()
                 for odds, out in hiding
+                for near, beyond in too_far(owned, shown, out, at.jacobian[0])
                 for rate, weight in zip(nodes, log_nodes, strict=True)
-            ]
+            ]  # fmt: skip
         values.append(float(logsumexp(each)) + images * math.log(1.0 - OCCLUDED))
         every.append(shown)
     total += float(logsumexp(values)) - math.log(len(values))
@@ -218,6 +221,23 @@ def log_evidence(model: DetectionModel, assignment: NDArray[np.int64], R: Floats
     total -= (half + freedom / 2.0) * math.log1p(squared / (2.0 * half))
     total += 3.0 * math.log(2.0 * math.pi) - 0.5 * np.linalg.slogdet(precision)[1] + float(terms.log_density[0])
     return total, step, covariance, squared, freedom, shown
+
+
+def too_far(
+    owned: NDArray[np.bool_], shown: Floats, out: NDArray[np.bool_], jacobian: Floats
+) -> list[tuple[float, NDArray[np.bool_]]]:
+    """Logarithm of the probability of each group of points that a limit of distance may hide, and which these are."""
+    size, place = np.linalg.norm(jacobian[..., 3:], axis=(1, 2)), owned | (~out & (shown > BARELY))
+    nearest = size[owned | (shown > FULLY)].max()
+    reached = np.maximum(1.0 - np.log(np.maximum(nearest / size, 1.0)) / math.log(DEPTHS), FARTHEST) ** 2
+    last = size[owned].min()
+    hardly = (size < last) & (shown <= BARELY)  # these have no place of their own
+    farther = np.sort(size[place & (size <= last)])[::-1]
+    found = [(math.log(reached[size == farther[-1]][0]), np.zeros(len(size), np.bool_))]
+    for one, other in itertools.pairwise(farther):
+        share = float(reached[size == one][0] - reached[size == other][0])
+        found += [(math.log(share), ~owned & ((size <= other) | hardly))] if share > 0.0 else []
+    return found
 
 
 def hidden_parts(

@@ -17,7 +17,6 @@ from rootmatch.arrays import Floats
 from rootmatch.frozen import once
 from rootmatch.model.pose_density import (
     ANY_TURN,
-    DEPTHS,
     EXACT,
     FIELD,
     NO_PREDICTIONS,
@@ -28,6 +27,7 @@ from rootmatch.model.pose_density import (
     Mixed,
     Mixture,
 )
+from rootmatch.model.priors import DEPTHS
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import about_point

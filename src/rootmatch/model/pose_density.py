@@ -18,13 +18,11 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.frozen import once
 from rootmatch.model.compiled.known_terms import prior_terms
+from rootmatch.model.priors import DEPTHS
 
 FIELD = 2.0
 """Solid angle in steradians in which a body may be, if the image's size is not known: about 80° by 80°. A round
 value; a factor of two in it is 0.7 in the logarithm of the odds."""
-DEPTHS = 100.0
-"""Ratio of a body's largest to its smallest distance, each octave equally probable. A round value; ten times as much is
-0.4."""
 ROTATIONS = 8.0 * math.pi**2
 """Volume of all rotations, by rotation vectors."""
 ANY_TURN = 2.0 * math.pi / ROTATIONS ** (2.0 / 3.0)

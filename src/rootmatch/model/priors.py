@@ -15,7 +15,11 @@ PRESENT_ODDS = math.log(0.8) - math.log1p(-0.8)
 IN_VIEW = probability(PRESENT_ODDS)
 """The same as a probability."""
 PRESENT = 0.5
-"""Probability that two images, or two point sets, show the same points, before they are seen. A round value."""
+"""Probability that two images, or two point sets, show the same points, before they are seen; that of a body in an
+image is `IN_VIEW`. A round value."""
+DEPTHS = 100.0
+"""Ratio of the largest to the smallest distance of a body, and of the limit up to which a detector sees it, each octave
+equally probable. A round value; ten times as much is 0.4 in the logarithm of the odds."""
 COPY = 1e-3
 """Prior odds that the image shows another copy of the body, which nobody named. A stated value, not measured."""
 ALIKE = 1e-3

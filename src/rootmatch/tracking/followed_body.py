@@ -148,7 +148,7 @@ class FollowedBody:
         """Probability that it is in view at a time, before the frame is seen; None while nothing is known of that.
 
         What was not in view a moment ago hardly is now: the probability of the last search goes back to that of a body
-        of which no frame is known, within `RETURN` seconds.
+        of which no frame is known, within `RETURN` seconds. Point sets are asked so: images by `log_returned`.
         """
         if self.presence is None or self.belief:
             return None

@@ -31,7 +31,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.modes import Modes, same_place
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.priors import COPY, IN_VIEW, PRESENT, PRESENT_ODDS
+from rootmatch.model.priors import COPY, IN_VIEW, PRESENT_ODDS
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.two_states import chance_later
 
@@ -287,5 +287,5 @@ def log_gone(alone: float, seconds: float) -> float:
 
     The body leaves the view as a copy does, now and then; clutter often does.
     """
-    copy, leaves = chance_of_copy(alone), (1.0 - PRESENT) * -math.expm1(-seconds / RETURN)
+    copy, leaves = chance_of_copy(alone), (1.0 - IN_VIEW) * -math.expm1(-seconds / RETURN)
     return math.log(leaves / (copy * leaves + (1.0 - copy) * CLUTTER_GOES))

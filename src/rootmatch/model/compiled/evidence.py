@@ -8,15 +8,23 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.occluder import DIRECTIONS, DISTANCE, EDGE, LEAST_HIDDEN, LOG_FREE, WINDOW, hide
+from rootmatch.model.compiled.occluder import (
+    DIRECTIONS,
+    EDGE,
+    LEAST_HIDDEN,
+    LOG_FREE,
+    SMALL,
+    WINDOW,
+    hide,
+    log_of_limits,
+    sizes_of,
+)
 from rootmatch.model.compiled.visibility import edge_of, see_one, shown_of, shown_of_blobs
 from rootmatch.model.visibility import EDGES
 
 LOG_2PI = math.log(2.0 * math.pi)
 RIDGE = 1e-13
 """Added to the unit diagonal of a scaled precision, so that it has an inverse."""
-SMALL = 1e-200
-"""Size below which a product of chances goes on as a logarithm."""
 
 
 @part
@@ -131,8 +139,8 @@ def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
 @part
 def scratch_for(n, images, n_target):  # type: ignore[no-untyped-def]
     """What `weigh_one` writes into, for so many points, images and detections."""
-    square, hidden = (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), (np.empty(3), np.empty(DIRECTIONS))
-    return square, np.empty((3, 6)), np.empty((6, n)), np.empty(images, np.int64), np.zeros(n_target, np.bool_), hidden
+    square, hidden = (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), (np.empty(2), np.empty(DIRECTIONS))
+    return square, np.empty((3, 6)), np.empty((8, n)), np.empty(images, np.int64), np.zeros(n_target, np.bool_), hidden
 
 
 @part
@@ -174,7 +182,8 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
     (whole, measured, factor), vectors, points, counts, taken, (odds, reaches) = scratch
     scale, slope, row = vectors[0], vectors[1], vectors[2]
     precisions, slopes, squares, log_densities = terms
-    missing, shown, left, in_sight = points[0], points[1], points[2], points[3:]
+    missing, shown, left, sizes = points[0], points[1], points[2], points[3]
+    in_sight, limits = points[4:6], points[6:]
     n, images = assignments.shape[1], log_counts.shape[0]
     total, matches, possible = 0.0, 0, True
     of_image = 0.0
@@ -250,17 +259,21 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
             else:
                 missing[i] = shown[i]
                 lost += shown[i]
-        value = log_of_rates(owned, missing, matches, nodes, log_nodes)
+        near, least = sizes_of(assignments[k], jacobian[pose], shown, sizes)
         if edge == 0:
             odds[:] = -math.inf
             if lost > LEAST_HIDDEN:
-                hide(assignments[k], pixels[pose], jacobian[pose], missing, images, reaches, in_sight, odds)
-        for kind in (EDGE, WINDOW, DISTANCE):
+                hide(assignments[k], pixels[pose], missing, images, reaches, in_sight, odds)
+        far = log_of_rates(0.0, missing, matches, nodes, log_nodes)
+        value = log_of_limits(missing, far, matches, sizes, near, least, nodes, log_nodes, limits)
+        for kind in (EDGE, WINDOW):
             if odds[kind] > -math.inf:
                 for i in range(n):
                     left[i] = missing[i] * in_sight[kind, i]
-                hidden = odds[kind] + log_of_rates(owned, left, matches, nodes, log_nodes)
+                far = log_of_rates(0.0, left, matches, nodes, log_nodes)
+                hidden = odds[kind] + log_of_limits(left, far, matches, sizes, near, least, nodes, log_nodes, limits)
                 value = max(value, hidden) + math.log1p(math.exp(-abs(value - hidden)))
+        value += owned
         if edge == 0 or value > highest:
             before = math.exp(highest - value) if weights > 0.0 else 0.0
             highest, weight = value, 1.0

@@ -1,8 +1,8 @@
 """What is hidden as a whole, compiled: the part of an image beyond a straight edge, all but a window, what is small.
 
 Points are not missed one by one only. A hand, a frame or fog hides a part of an image, a detector or an unknown image
-size shows no more than a window of it, and what is too far away appears too small or too faint. How many points lie
-beyond then says nothing of the detection rate, nor of the pose.
+size shows no more than a window of it. How many points lie beyond then says nothing of the detection rate, nor of the
+pose. And every detector has a limit of distance: what is too far away appears too small or too faint.
 """
 
 from __future__ import annotations
@@ -12,28 +12,31 @@ import math
 import numpy as np
 
 from rootmatch.jit.decorators import part
+from rootmatch.model.priors import DEPTHS
+from rootmatch.model.visibility import BARELY, FULLY
 
 OCCLUDED = 0.1
 """Probability that a part of a body is hidden as a whole in an image. A stated value, not measured."""
 DIRECTIONS = 8
 """Directions in which an edge may face, all equally probable: nearer ones hide much the same. A window has an edge in
 each."""
-EDGE, WINDOW, DISTANCE = 0, 1, 2
-"""What hides: the first two are equally probable."""
-SIZES = math.log(16.0)
-"""Logarithm of the range of apparent sizes in which the least that a detector sees may lie, all equally probable: what
-is seen at a sixteenth of the size has a 256th of the light, the least in an image of 8 bits. Of points that are about
-equally far away it hides all or none; of a street, it is within it as probably as not. A stated value, not
-measured."""
+EDGE, WINDOW = 0, 1
+"""What hides a part of an image, equally probable."""
+OCTAVES = math.log(DEPTHS)
+"""Logarithm of the range of distances: of bodies, and of the limit up to which a detector sees them. Both are anywhere
+in it, each octave as probable, as long as the nearest point is within the limit."""
+FARTHEST = 1.0 / DEPTHS
+"""Part of the range that is left beyond its end: what lies there is seen as well, though hardly ever. A round value."""
 LEAST_HIDDEN = 2.0
-"""Missing visible points beyond which it is looked for: fewer are as well missed one by one. A round value."""
-LOG_MISSED = math.log(0.2)
-"""Of a point that is missed by itself, in the choice of the limit only. A round value."""
+"""Missing visible points beyond which an edge or a window is looked for: fewer are as well missed one by one. A round
+value."""
 MOST_MISSED = 6.0
-"""Such points before a limit: more are never worth it. A round value."""
+"""Points missed one by one before a limit: more are never worth it. A round value."""
 LOG_ODDS = math.log(0.5 * OCCLUDED) - math.log1p(-OCCLUDED)
-"""Of one of the first two against neither."""
+"""Of one of them against neither."""
 LOG_FREE = math.log1p(-OCCLUDED)
+SMALL = 1e-200
+"""Size below which a product of chances goes on as a logarithm."""
 
 
 TURNS = tuple(2.0 * math.pi * turn / DIRECTIONS for turn in range(DIRECTIONS))
@@ -51,59 +54,96 @@ def _size(jacobian):  # type: ignore[no-untyped-def]
 
 
 @part
-def _beyond(assignment, jacobian, missing, in_sight):  # type: ignore[no-untyped-def]
-    """Logarithm of the odds that what appears small enough is too small, as `hide` has it for one kind.
+def sizes_of(assignment, jacobian, shown, sizes):  # type: ignore[no-untyped-def]
+    """Squares of the sizes at which points appear, into ``sizes`` (n,).
 
-    The limit lies between the sizes of two missing points, or of the smallest match and one. What is larger than the
-    limit was missed one by one: next to the smallest match is often a point of the same distance.
+    Returns
+    -------
+    float, float
+        That of the nearest point in view, 0 if there is none, and that of the farthest match, infinite without any.
     """
-    upper, beyond = math.inf, 0.0
+    nearest, farthest = 0.0, math.inf
     for i in range(assignment.shape[0]):
+        sizes[i] = _size(jacobian[i])
         if assignment[i] >= 0:
-            upper = min(upper, _size(jacobian[i]))
-    for i in range(assignment.shape[0]):
-        if missing[i] > 0.0 and _size(jacobian[i]) < upper:
-            beyond += missing[i]
-    if upper == math.inf:  # without a match, any limit is as probable
-        return -math.inf
-    best, width, limit, missed = 0.0, 0.0, 0.0, 0.0
-    while beyond > LEAST_HIDDEN and missed < MOST_MISSED:
-        lower, hidden = 0.0, 0.0
-        for i in range(assignment.shape[0]):
-            if missing[i] > 0.0:
-                size = _size(jacobian[i])
-                if size < upper:
-                    if size > lower:
-                        lower, hidden = size, 0.0
-                    if size == lower:
-                        hidden += missing[i]
-        if math.log(upper / lower) * math.exp(missed * LOG_MISSED) > best:
-            width, limit = math.log(upper / lower), upper
-            best = width * math.exp(missed * LOG_MISSED)
-        upper, beyond, missed = lower, beyond - hidden, missed + hidden
-    if width == 0.0:
-        return -math.inf
-    for i in range(assignment.shape[0]):
-        if missing[i] > 0.0 and _size(jacobian[i]) < limit:
-            in_sight[i] = 0.0
-    return math.log(0.5 * width / SIZES)
+            farthest = min(farthest, sizes[i])
+        if assignment[i] >= 0 or shown[i] > FULLY:
+            nearest = max(nearest, sizes[i])
+    return nearest, farthest
 
 
 @part
-def hide(assignment, pixels, jacobian, missing, images, reaches, in_sight, odds):  # type: ignore[no-untyped-def]
+def _reached(nearest, size):  # type: ignore[no-untyped-def]
+    """Probability S that the limit of distance lies beyond what appears at a size, given what the nearest point has.
+
+    The logarithms of the nearest distance and of the limit are uniform in `OCTAVES`, the former below the latter, so
+    their difference has the density 2 (D − x) / D².
+    """
+    left = 1.0 - 0.5 * math.log(max(nearest / size, 1.0)) / OCTAVES
+    return max(left, FARTHEST) ** 2
+
+
+@part
+def log_of_limits(missing, far, matches, sizes, nearest, smallest, rates, log_weights, steps):  # type: ignore[no-untyped-def]
+    """What `log_of_rates` is with a limit of distance, integrated over where that lies; ``owned`` apart.
+
+    Between two successive points it hides the farther one and all beyond, with the probability S there less S here, see
+    `_reached`; no match is hidden. ``far``: `log_of_rates` if none is. ``sizes``, ``nearest`` and ``smallest``: as of
+    `sizes_of`; ``steps`` (2, n): scratch.
+    """
+    n = missing.shape[0]
+    last, beyond = smallest, False
+    for i in range(n):
+        if missing[i] > BARELY and sizes[i] < smallest:
+            last, beyond = min(last, sizes[i]), True
+    out = far + math.log(_reached(nearest, last))
+    if not beyond:
+        return out
+    count, missed, upper, here = 0, 0.0, smallest, _reached(nearest, smallest)
+    while missed < MOST_MISSED and upper > last:
+        lower = 0.0
+        for i in range(n):
+            if missing[i] > BARELY and sizes[i] < upper and sizes[i] > lower:
+                lower = sizes[i]
+        there = _reached(nearest, lower)
+        weight = here - there
+        for i in range(n):
+            if missing[i] > BARELY and sizes[i] == lower:
+                steps[0, count], steps[1, count] = weight, missing[i]
+                count, weight, missed = count + 1, 0.0, missed + missing[i]
+        upper, here = lower, there
+    for q in range(rates.shape[0]):
+        rate, product, total = rates[q], 1.0, 0.0
+        for step in range(count):
+            total += steps[0, step] * product
+            product *= 1.0 - rate * steps[1, step]
+        if total == 0.0:
+            continue
+        each, product = log_weights[q] + matches * math.log(rate) + math.log(total), 1.0
+        for i in range(n):
+            if sizes[i] >= smallest:
+                product *= 1.0 - rate * missing[i]
+                if product < SMALL:
+                    each += math.log(product)
+                    product = 1.0
+        each += math.log(product)
+        out = max(out, each) + math.log1p(math.exp(-abs(out - each)))
+    return out
+
+
+@part
+def hide(assignment, pixels, missing, images, reaches, in_sight, odds):  # type: ignore[no-untyped-def]
     """The edges and the windows, one in each image, that leave all matches in sight and hide most of what is missing.
 
-    And the distance beyond which all is missing. ``assignment`` (n,), ``pixels`` (n, 2), ``jacobian`` (n, 2, 6) and
-    ``missing`` (n,), the visibility of the points without a detection, of so many ``images``, one after the other.
-    ``reaches`` (8,): scratch.
+    ``assignment`` (n,), ``pixels`` (n, 2) and ``missing`` (n,), the visibility of the points without a detection, of so
+    many ``images``, one after the other. ``reaches`` (8,): scratch.
 
-    ``odds`` (3,): logarithm of the odds of all edges, of all windows and of a distance, −∞ if none is worth it;
-    ``in_sight`` (3, n): 0 for the points that they hide, else 1.
+    ``odds`` (2,): logarithm of the odds of all edges and of all windows, −∞ if none is worth it; ``in_sight`` (2, n): 0
+    for the points that they hide, else 1.
     """
     each = pixels.shape[0] // images
     odds[EDGE] = odds[WINDOW] = -math.inf
     in_sight[:] = 1.0
-    odds[DISTANCE] = _beyond(assignment, jacobian, missing, in_sight[DISTANCE])
     for image in range(images):
         first, end = image * each, (image + 1) * each
         most, way, outside, points = LEAST_HIDDEN, -1, 0.0, 0.0
