@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
+from rootmatch.algebra.rotation import along_arc, on_arc
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.mode_search import modes_of
+from rootmatch.model.modes import none_near
+from rootmatch.model.pose_density import Gaussian
+from rootmatch.model.proposals import Proposals
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.prior_residuals import Prior
 from rootmatch.problems.pose_fit.reference_point import with_curvature
+from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.motion_filter import MotionFilter
 
 
@@ -26,6 +36,50 @@ def test_a_covariance_has_the_arc_of_what_turns() -> None:
     np.testing.assert_allclose(np.diag(told)[3:], np.diag(expected), rtol=0.1)
     sure = free_about((0.0, 0.0, 1.0), tuple(arm), 0.001) / 100.0
     assert with_curvature(sure) is sure
+
+
+def test_motions_along_arcs() -> None:
+    rng = np.random.default_rng(3)
+    turns, along = rng.normal(size=(20, 3)), rng.normal(size=(20, 3))
+    turns[:3] *= 1e-7
+    np.testing.assert_allclose(along_arc(turns, on_arc(turns, along)), along, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [-1.2, -0.3, 0.5, 1.5])
+def test_a_prediction_is_as_wide_along_an_arc_as_along_its_tangent(angle: float) -> None:
+    """A body turned about a line about which it is free to turn, by 1.2 rad as by .3: what was known is the angle."""
+    axis, arm, sigma = np.array([0.0, 0.6, 0.8]), np.array([0.5, 0.4, -0.3]), 0.3
+    line = np.concatenate([axis, np.cross(axis, arm)])
+    covariance = sigma**2 * np.outer(line, line) + 1e-4 * np.eye(6)
+    R, place = Rotation.from_rotvec([0.3, -0.8, 0.2]).as_matrix(), np.array([0.1, 0.2, 3.0])
+    turn = Rotation.from_rotvec(angle * axis).as_matrix()
+    turned, moved = turn @ R, place - arm + turn @ arm
+    terms = Gaussian(R, place, covariance).terms(turned[None], moved[None])
+    np.testing.assert_allclose(terms.squared, (angle / sigma) ** 2, rtol=1e-3)
+    both = np.kron(np.eye(2), turn)
+    np.testing.assert_allclose(both.T @ terms.precision[0] @ both @ covariance, np.eye(6), atol=1e-2)
+    fit = Prior.of(Pose(R, place, covariance), np.zeros(3), 1.0)
+    residuals = fit.residuals(turned[None], moved[None])
+    np.testing.assert_allclose((residuals**2).sum(), (angle / sigma) ** 2, rtol=1e-3)
+
+
+def test_an_average_leaves_a_rotation_that_no_detection_tells() -> None:
+    """Six points on a line, to which a prediction is turned as far as .4 rad."""
+    rng, sigma = np.random.default_rng(4), 0.4
+    points = np.outer(np.linspace(-0.1, 0.1, 6), [0.8, 0.6, 0.0])
+    points = np.concatenate([points, rng.normal([0.0, 0.0, 0.08], 0.05, (6, 3))])
+    centre, position, R = points.mean(axis=0), np.array([0.02, -0.01, 0.6]), np.eye(3)
+    camera = Camera(620.0, 620.0, 640.0, 512.0)
+    target = camera.project(points[:6] - centre + position) + rng.normal(0.0, 0.3, (6, 2))
+    line = sigma * np.concatenate([[0.8, 0.6, 0.0], np.cross([0.8, 0.6, 0.0], centre)])
+    covariance = np.outer(line, line) + np.diag([0.02] * 3 + [0.004] * 3) ** 2
+    model = DetectionModel(camera, points, target, np.full(6, 0.3), rate=0.9, prior=Gaussian(R, position, covariance))
+    assignment = np.where(np.arange(12) < 6, np.arange(12), -1)
+    modes = modes_of(model, Proposals(assignment[None], R[None], position[None]))
+    pose = averaged_pose(model, modes._replace(near=none_near(len(modes.near), 12)), 0)
+    axis = modes.rotation[0] @ line[:3] / sigma
+    assert pose.covariance is not None
+    assert 0.9 < axis @ pose.covariance[:3, :3] @ axis / sigma**2 < 1.3
 
 
 def test_a_frame_that_tells_nothing_of_a_rotation_narrows_no_motion() -> None:

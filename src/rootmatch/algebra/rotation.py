@@ -76,6 +76,25 @@ def rotation_vector(rotation: Floats) -> Floats:
     return np.asarray(vectors)
 
 
+def on_arc(vector: Floats, along: Floats) -> Floats:
+    """Where motions (…, 3) of a body lead that turns by rotation vectors (…, 3) meanwhile, both at constant rates."""
+    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
+    once = cross(vector, along)
+    twice, half = cross(vector, once), np.sinc(0.5 * angle / np.pi)
+    third = (1.0 - np.sinc(angle / np.pi)) / np.maximum(angle, 1e-4) ** 2
+    return np.asarray(along + 0.5 * half**2 * once + third * twice)
+
+
+def along_arc(vector: Floats, moved: Floats) -> Floats:
+    """The inverse of `on_arc`: the motions (…, 3) that lead a body to where it has moved (…, 3)."""
+    half = 0.5 * np.linalg.norm(vector, axis=-1, keepdims=True)
+    once = cross(vector, moved)
+    bent = np.where(
+        half > 1e-3, (1.0 - half / np.tan(np.maximum(half, 1e-3))) / np.maximum(2.0 * half, 1e-3) ** 2, 1.0 / 12.0
+    )
+    return np.asarray(moved - 0.5 * once + bent * cross(vector, once))
+
+
 def rotation_about_y(cosine: Floats, sine: Floats) -> Floats:
     """Rotation matrices (…, 3, 3) about the y axis by angles with these cosines and sines (…)."""
     out = np.zeros((*cosine.shape, 3, 3))

@@ -51,7 +51,7 @@ from rootmatch.model.proposals import (
     poses_of_sets,
     rough_fits,
 )
-from rootmatch.problems.pose_fit.reference_point import about_centre, about_point, with_curvature
+from rootmatch.problems.pose_fit.reference_point import about_centre, about_point
 
 TWINS = 4
 """Number of a body's first poses for which near-symmetric poses and look-alikes of another body are proposed. A round
@@ -278,7 +278,7 @@ def _with_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.flo
     for pose, share in predictions_of(task):
         assert pose.covariance is not None
         place, covariance = about_point(pose.R, pose.t, pose.covariance, centre)
-        predictions.append(Gaussian(pose.R, place, with_curvature(covariance), freedom=task.prior_freedom))
+        predictions.append(Gaussian(pose.R, place, covariance, freedom=task.prior_freedom))
         shares.append(math.log(max(share, 1e-300)) + math.log1p(-doubt))
     return Doubted(predictions, shares, without, doubt, task.rivals.places)
 

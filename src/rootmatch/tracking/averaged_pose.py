@@ -16,17 +16,25 @@ by 20 (benchmarks/flights.py, rig, seed 1105).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import one_rotation_matrix, rotation_from_vector, rotation_vector
+from rootmatch.algebra.rotation import (
+    along_arc,
+    cross_matrix,
+    on_arc,
+    one_rotation_matrix,
+    rotation_from_vector,
+    rotation_vector,
+)
 from rootmatch.arrays import Floats
 from rootmatch.model.compiled.averaging import average
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import errors_by_source, evidence, squared_deviations
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_density import Doubted, Gaussian
+from rootmatch.model.pose_density import PoseDensity, Terms
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.shared_errors import SharedPose
@@ -57,8 +65,6 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     distance = max(math.sqrt(position @ position), 1e-300)
     lines = _weak(covariance, distance)
     if lines.shape[1]:
-        covariance = _with_turned_prediction(model, R, position, covariance)
-        lines = _weak(covariance, distance)
         about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
         prior = model.prior.for_kernels
         if model.scene_for_kernels is None or prior is None:
@@ -85,40 +91,57 @@ def _over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]:
     return one_rotation_matrix(mean[:3]) @ R, position + mean[3:], covariance + spread
 
 
-def _with_turned_prediction(model: DetectionModel, R: Floats, position: Floats, covariance: Floats) -> Floats:
-    """The covariance of a fit in which that of its prediction is turned with the body, to where the fit has it.
-
-    What a frame leaves open, as the rotation about a line of points, is the same in the body's frame in every frame. In
-    the camera's it turns with the body, and a prediction that did not would be certain of a part of it.
-    """
-    prior = model.prior
-    if not isinstance(prior, Doubted):
-        return covariance
-    poses = np.array(R[None], float), np.array(position[None], float)
-    mean = prior.predictions[int(prior.prediction_of(*poses)[0])]
-    if not isinstance(mean, Gaussian):
-        return covariance
-    known, turn = prior.terms(*poses).precision[0], np.kron(np.eye(2), R @ mean.rotation.T)
-    try:
-        turned = np.linalg.inv(np.linalg.inv(covariance) - known + turn @ known @ turn.T)
-        np.linalg.cholesky(turned)
-    except np.linalg.LinAlgError:  # what is averaged over changes may be wider than its prediction
-        return covariance
-    return np.asarray(turned)
-
-
 def _averaged(
     model: DetectionModel, assignment: NDArray[np.int64], about: tuple[Floats, Floats, Floats], lines: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Rotation (3, 3), position (3,) and covariance (6, 6) of an average, from those of a fit, (1, …) but the last."""
     (R,), (position,), covariance = about
+    known, mean = _About.of(model.prior, R, position), np.zeros(6)
+    model = replace(model, prior=known)
     for line in lines.T:
-        moments = _along(model, assignment, (R, position), line, lines=lines)
+        moments = _along(model, assignment, known, mean + PLACES[:, None] * line, lines=lines)
         if moments is not None:
             mean, spread = moments
-            R, position = one_rotation_matrix(mean[:3]) @ R, position + mean[3:]
             covariance = covariance - np.outer(line, line) + spread + LEAST * np.outer(line, line)
-    return R, position, covariance
+    moved = on_arc(mean[:3], mean[3:])
+    change = _referred(moved[None])[0]
+    return one_rotation_matrix(mean[:3]) @ R, position + moved, change @ covariance @ change.T
+
+
+@dataclass(frozen=True, eq=False)
+class _About(PoseDensity):
+    """What is known of a pose beside the detections, as it is about one pose, at others along arcs from there.
+
+    What a frame leaves open is no more or less known on an arc than on its tangent: so is a rotation about a line of
+    points. So it is about the fit that a prior is of second order, along motions of the body at constant rates.
+    """
+
+    rotation: Floats
+    position: Floats
+    precision: Floats
+    slope: Floats
+
+    @classmethod
+    def of(cls, prior: PoseDensity, rotation: Floats, position: Floats) -> _About:
+        """That of a prior about a pose (3, 3) and (3,)."""
+        terms = prior.terms(rotation[None], position[None])
+        return cls(rotation, position, terms.precision[0], terms.slope[0])
+
+    def components(self, rotation: Floats, position: Floats) -> Terms:
+        """See `PoseDensity.components`."""
+        vectors, moved = rotation_vector(rotation @ self.rotation.T), position - self.position
+        off, change = np.concatenate([vectors, along_arc(vectors, moved)], axis=1), _referred(-moved)
+        precision = change.swapaxes(1, 2) @ self.precision @ change
+        slope = ((self.slope - off @ self.precision)[:, None] @ change)[:, 0]
+        zero = np.zeros((len(off), 1))
+        return Terms(precision[:, None], slope[:, None], zero, zero)
+
+
+def _referred(arms: Floats) -> Floats:
+    """Matrices (K, 6, 6) of motions of a point to those of another, (K, 3) from it."""
+    out = np.tile(np.eye(6), (len(arms), 1, 1))
+    out[:, 3:, :3] = -cross_matrix(arms)
+    return out
 
 
 def _weak(covariance: Floats, distance: float) -> Floats:
@@ -133,31 +156,31 @@ def _weak(covariance: Floats, distance: float) -> Floats:
 
 
 def _along(
-    model: DetectionModel, assignment: NDArray[np.int64], pose: tuple[Floats, Floats], line: Floats, *, lines: Floats
+    model: DetectionModel, assignment: NDArray[np.int64], known: _About, off: Floats, *, lines: Floats
 ) -> tuple[Floats, Floats] | None:
-    """Mean (6,) and covariance (6, 6) of steps from a pose along a line, by the posterior at some places on it.
+    """Mean (6,) and covariance (6, 6) of motions from a pose, by the posterior at some places (K, 6) on a line.
 
     ``lines`` (6, w): all weak directions.
     """
-    R, position = pose
-    rotation, places = rotation_from_vector(PLACES[:, None] * line[:3]) @ R, position + PLACES[:, None] * line[3:]
-    assignments = np.repeat(assignment[None], len(PLACES), axis=0)
-    found = evidence(model, assignments, model.linearised(rotation, places))
+    moved = on_arc(off[:, :3], off[:, 3:])
+    rotation, places = rotation_from_vector(off[:, :3]) @ known.rotation, known.position + moved
+    assignments = np.repeat(assignment[None], len(off), axis=0)
+    found, lines = evidence(model, assignments, model.linearised(rotation, places)), _referred(moved) @ lines
     # to the valley, but along none of its weak directions
     precise = np.linalg.inv(found.covariance) @ lines
-    along = np.linalg.solve(lines.T @ precise, (found.step[:, None] @ precise).swapaxes(1, 2))
+    along = np.linalg.solve(lines.swapaxes(1, 2) @ precise, (found.step[:, None] @ precise).swapaxes(1, 2))
     across = found.step - (lines @ along)[..., 0]
     rotation, places = rotation_from_vector(across[:, :3]) @ rotation, places + across[:, 3:]
+    off = off + (_referred(-moved) @ across[..., None])[..., 0]
     at = model.linearised(rotation, places)
-    prior = model.prior.terms(rotation, places)
-    value = -0.5 * squared_deviations(model, assignments, at) + prior.log_density - 0.5 * prior.squared
-    seen = model.visibility(at, np.zeros(len(PLACES)))
+    value = -0.5 * squared_deviations(model, assignments, at) + off @ known.slope
+    value -= 0.5 * ((off @ known.precision) * off).sum(axis=1)
+    seen = model.visibility(at, np.zeros(len(off)))
     value += np.where(assignments >= 0, np.log(np.maximum(seen, 1e-300)), 0.0).sum(axis=1)
     value = np.where(np.isfinite(value), value, -np.inf)
     if not np.isfinite(value.max()):
         return None
     weight = np.exp(value - value.max())
     weight /= weight.sum()
-    off = np.concatenate([rotation_vector(rotation @ R.T), places - position], axis=1)
     mean = weight @ off
     return mean, (weight[:, None] * (off - mean)).T @ (off - mean)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
+from rootmatch.algebra.rotation import along_arc, one_rotation_matrix, one_rotation_vector
 from rootmatch.arrays import Floats, kept_by_identity
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
@@ -228,7 +228,7 @@ class MotionFilter:
         for k in (0, 3, *range(self.rows, len(P), 3)):
             whole[k : k + 3, k : k + 3] = turn
         along = step.copy()
-        along[3:6] = one_rotation_matrix(0.5 * step[:3]) @ step[3:6]
+        along[3:6] = along_arc(-step[:3], step[3:6])
         return whole @ P @ whole.T, along
 
     def _is_among(self, offset: Floats) -> bool:

@@ -13,9 +13,8 @@ from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import scratch_for, weigh_one
 from rootmatch.model.compiled.known_terms import components_about, room_for_terms
-from rootmatch.model.compiled.prior_terms import vector_of
 from rootmatch.model.compiled.projection import linearise_one
-from rootmatch.model.compiled.steps import step_of_one
+from rootmatch.model.compiled.steps import SMALL, step_of_one
 from rootmatch.model.compiled.visibility import see_one
 
 
@@ -51,6 +50,63 @@ def leave_out(lines, precision, step, work):  # type: ignore[no-untyped-def]
         along = precise[0, b] / square[b, b]
         for p in range(6):
             step[p] -= along * lines[p, b]
+
+
+@part
+def bend(step):  # type: ignore[no-untyped-def]
+    """The last three numbers of a step where a motion at constant rates leads, in place; the first are its turn."""
+    x, y, z = step[0], step[1], step[2]
+    angle2 = x * x + y * y + z * z
+    c, k = 0.5, 1.0 / 6.0
+    if angle2 > SMALL:
+        angle = math.sqrt(angle2)
+        c, k = (1.0 - math.cos(angle)) / angle2, (1.0 - math.sin(angle) / angle) / angle2
+    a, b, d = step[3], step[4], step[5]
+    e, f, g = y * d - z * b, z * a - x * d, x * b - y * a
+    step[3] = a + c * e + k * (y * g - z * f)
+    step[4] = b + c * f + k * (z * e - x * g)
+    step[5] = d + c * g + k * (x * f - y * e)
+
+
+@part
+def refer_rows(rows, x, y, z, out):  # type: ignore[no-untyped-def]
+    """Motions (6, w) of a point as those of one at (x, y, z) from it, into ``out``, which may be the same."""
+    for b in range(rows.shape[1]):
+        u, v, w = rows[0, b], rows[1, b], rows[2, b]
+        out[0, b], out[1, b], out[2, b] = u, v, w
+        out[3, b] = rows[3, b] + v * z - w * y
+        out[4, b] = rows[4, b] + w * x - u * z
+        out[5, b] = rows[5, b] + u * y - v * x
+
+
+@part
+def known_at(off, about, arm, terms):  # type: ignore[no-untyped-def]
+    """The first row of a prior's terms, of a pose that is ``off`` (6,), by an expansion about another.
+
+    ``about``: slope (6,) and precision (6, 6) there; ``arm``: from the centre's new place (3,) to that one.
+    """
+    slope, precision = about
+    precisions, slopes, _, log_densities = terms
+    log_densities[1:] = -math.inf
+    terms[2][0], log_densities[0] = 0.0, 0.0
+    x, y, z = arm[0], arm[1], arm[2]
+    for a in range(6):
+        slopes[0, a] = slope[a]
+        for b in range(6):
+            slopes[0, a] -= precision[a, b] * off[b]
+            precisions[0, a, b] = precision[a, b]
+    # of the motions of the centre: Mᵀ P M, where M adds ω × arm
+    for a in range(7):
+        row = precisions[0, a] if a < 6 else slopes[0]
+        u, v, w = row[3], row[4], row[5]
+        row[0] += y * w - z * v
+        row[1] += z * u - x * w
+        row[2] += x * v - y * u
+    for b in range(6):
+        u, v, w = precisions[0, 3, b], precisions[0, 4, b], precisions[0, 5, b]
+        precisions[0, 0, b] += y * w - z * v
+        precisions[0, 1, b] += z * u - x * w
+        precisions[0, 2, b] += x * v - y * u
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -89,25 +145,40 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     step = np.empty((1, 6))
     one = np.empty(1)  # of what is not read
     weighed = one, step, np.empty((1, 6, 6)), one, one, np.empty((1, n)), one, one
-    work = np.empty((6, 6)), np.empty((6, 6))
-    values, off, mean, shown, visible = np.empty(count), np.empty((count, 6)), np.empty(6), np.empty(n), np.empty(n)
+    work, moved = (np.empty((6, 6)), np.empty((6, 6))), np.empty(lines.shape)
+    values, off, mean, shown, visible = np.empty(count), np.empty((count, 6)), np.zeros(6), np.empty(n), np.empty(n)
+    # what is known beside the detections, as it is about the fit
+    components_about(0, (rotation, position), known, room)
+    best = 0
+    for c in range(1, terms[3].shape[0]):
+        if terms[3][c] - 0.5 * terms[2][c] > terms[3][best] - 0.5 * terms[2][best]:
+            best = c
+    about = terms[1][best].copy(), terms[0][best].copy()
     for line in range(lines.shape[1]):
         highest = -math.inf
         for k in range(count):
             for p in range(6):
-                step[0, p] = places[k] * lines[p, line]
+                off[k, p] = step[0, p] = mean[p] + places[k] * lines[p, line]
+            bend(step[0])
+            arm = (-step[0, 3], -step[0, 4], -step[0, 5])
             step_of_one(0, step, rotation, position, math.inf, poses[0], poses[1])
             linearise_one(0, body, poses, views, images)
-            components_about(0, poses, known, room)
+            known_at(off[k], about, arm, terms)
             weigh_one(0, 0, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
             # to the valley, but along none of its weak directions
-            leave_out(lines, scratch[0][0], step[0], work)
+            refer_rows(lines, -arm[0], -arm[1], -arm[2], moved)
+            leave_out(moved, scratch[0][0], step[0], work)
             step_of_one(0, step, poses[0], poses[1], math.inf, poses[0], poses[1])
             linearise_one(0, body, poses, views, images)
-            components_about(0, poses, known, room)
-            value = terms[3][0] - 0.5 * terms[2][0]
-            for c in range(1, terms[3].shape[0]):
-                value = max(value, terms[3][c] - 0.5 * terms[2][c])
+            refer_rows(step.T, arm[0], arm[1], arm[2], step.T)
+            value = 0.0
+            for p in range(6):
+                off[k, p] += step[0, p]
+            for p in range(6):
+                push = about[0][p]
+                for q in range(6):
+                    push -= 0.5 * about[1][p, q] * off[k, q]
+                value += push * off[k, p]
             see_one(0, expected[0], cosine, view_cosine, 0.0, shown, visible)
             for i in range(n):
                 j = assignments[0, i]
@@ -116,9 +187,6 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
                     value += math.log(max(visible[i], 1e-300)) - 0.5 * (u * u + v * v) / (sigma[j] * sigma[j])
             values[k] = value if abs(value) < math.inf else -math.inf
             highest = max(highest, values[k])
-            vector_of(poses[0][0], rotation[0], room[2][0], off[k])
-            for p in range(3):
-                off[k, 3 + p] = poses[1][0, p] - position[0, p]
         if highest == -math.inf:
             continue
         weights = 0.0
@@ -135,6 +203,9 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
                 for k in range(count):
                     spread += values[k] / weights * (off[k, p] - mean[p]) * (off[k, q] - mean[q])
                 covariance[p, q] += spread
-        for p in range(6):
-            step[0, p] = mean[p]
-        step_of_one(0, step, rotation, position, math.inf, rotation, position)
+    for p in range(6):
+        step[0, p] = mean[p]
+    bend(step[0])
+    refer_rows(covariance, step[0, 3], step[0, 4], step[0, 5], covariance)
+    refer_rows(covariance.T, step[0, 3], step[0, 4], step[0, 5], covariance.T)
+    step_of_one(0, step, rotation, position, math.inf, rotation, position)

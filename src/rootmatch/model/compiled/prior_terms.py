@@ -63,6 +63,22 @@ def broad_about(k, row, positions, broad, log_share, out):  # type: ignore[no-un
 
 
 @part
+def error_about(place, positions, k, step):  # type: ignore[no-untyped-def]
+    """The last three numbers of the step from the k-th pose to a predicted one, whose rotation vector is the first."""
+    x, y, z = step[0], step[1], step[2]
+    u, v, w = place[0] - positions[k, 0], place[1] - positions[k, 1], place[2] - positions[k, 2]
+    angle2 = x * x + y * y + z * z
+    c = 1.0 / 12.0
+    if angle2 > 1e-4:
+        half = 0.5 * math.sqrt(angle2)
+        c = (1.0 - half / math.tan(half)) / angle2
+    e, f, g = y * w - z * v, z * u - x * w, x * v - y * u
+    step[3] = u + 0.5 * e + c * (y * g - z * f)
+    step[4] = v + 0.5 * f + c * (z * e - x * g)
+    step[5] = w + 0.5 * g + c * (x * f - y * e)
+
+
+@part
 def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type: ignore[no-untyped-def]
     """Terms of the largest of predicted poses and a broad prior about the k-th of some poses, into a row of ``out``.
 
@@ -84,8 +100,7 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
     which[row], squared[row], log_density[row] = count, 0.0, best
     for g in range(count):
         vector_of(means[g], rotations[k], turn, step)
-        for a in range(3):
-            step[3 + a] = places[g, a] - positions[k, a]
+        error_about(places[g], positions, k, step)
         total = 0.0
         for a in range(6):
             push[a] = 0.0
@@ -102,9 +117,20 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
         if value > best or (value == best and which[row] == count):
             best = value
             which[row], squared[row], log_density[row] = g, weight * total, peak
+            for a in range(3):
+                for p in range(0, 6, 3):
+                    slope[row, p + a] = 0.0
+                    for c in range(3):
+                        slope[row, p + a] += weight * turn[c, a] * push[p + c]
+                for p in range(0, 6, 3):
+                    for b in range(6):
+                        precision[row, p + a, b] = 0.0
+                        for c in range(3):
+                            precision[row, p + a, b] += weight * turn[c, a] * wholes[g, p + c, b]
             for a in range(6):
-                slope[row, a] = weight * push[a]
-                for b in range(6):
-                    precision[row, a, b] = weight * wholes[g, a, b]
+                for q in range(0, 6, 3):
+                    u, v, w = precision[row, a, q], precision[row, a, q + 1], precision[row, a, q + 2]
+                    for b in range(3):
+                        precision[row, a, q + b] = u * turn[0, b] + v * turn[1, b] + w * turn[2, b]
     if which[row] == count:
         broad_about(k, row, positions, broad, log_turn, out)

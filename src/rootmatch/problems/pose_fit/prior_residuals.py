@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_vector
+from rootmatch.algebra.rotation import along_arc, cross_matrix, rotation_about_y, rotation_vector
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
 from rootmatch.problems.pose_fit.pose import Pose
@@ -39,19 +39,16 @@ class Prior:
 
     def residuals(self, rotation: Floats, translation: Floats) -> Floats:
         """Errors (B, 6) of poses in units of the prior's σ."""
-        off = np.concatenate([rotation_vector(rotation @ self.rotation.T), translation - self.translation], axis=1)
-        return np.asarray(off @ self.root.T)
+        vector = rotation_vector(rotation @ self.rotation.T)
+        return np.asarray(
+            np.concatenate([vector, along_arc(vector, translation - self.translation)], axis=1) @ self.root.T
+        )
 
     def jacobian(self, rotation: Floats, axes: Floats) -> Floats:
         """Their derivatives (B, 6, a + 3) by rotations about the axes (a, 3) and by translations."""
-        vector = rotation_vector(rotation @ self.rotation.T)
-        angle = np.linalg.norm(vector, axis=1)[:, None, None]
-        cross = cross_matrix(vector)
-        half = 0.5 * np.maximum(angle, 1e-4)
-        curved = (1.0 - half / np.tan(half)) / (4.0 * half * half)
-        left = np.eye(3) - 0.5 * cross + curved * cross @ cross
+        back = self.rotation @ rotation.swapaxes(1, 2)
         out = np.zeros((len(rotation), 6, len(axes) + 3))
-        out[:, :3, : len(axes)], out[:, 3:, len(axes) :] = left @ axes.T, np.eye(3)
+        out[:, :3, : len(axes)], out[:, 3:, len(axes) :] = back @ axes.T, back
         return np.asarray(self.root @ out)
 
 

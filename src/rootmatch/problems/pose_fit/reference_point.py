@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from rootmatch.algebra.rotation import on_arc
 from rootmatch.arrays import Floats, kept_by_values
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
@@ -75,13 +76,14 @@ def with_curvature(covariance: Floats) -> Floats:
     if covariance[0, 0] + covariance[1, 1] + covariance[2, 2] < STRAIGHT**2:
         return covariance
     turns = covariance[:3, :3]
-    moved = np.linalg.lstsq(turns, covariance[:3, 3:6])[0].T
-    # ½ (ω × A ω) as ωᵀ Q ω, one Q for each axis
-    each = 0.5 * np.cross(np.eye(3)[:, None], moved.T).transpose(2, 0, 1)
-    each = 0.5 * (each + each.swapaxes(1, 2)) @ turns
-    mean = np.trace(each, axis1=1, axis2=2)
+    values, vectors = np.linalg.eigh(turns)
+    # Gauss and Hermite's nodes on each principal axis: 0 and ± √3 σ, of which the latter weigh a sixth
+    each = np.sqrt(3.0 * np.maximum(values, 0.0))[:, None] * vectors.T
+    each = np.concatenate([each, -each])
+    moved = each @ np.linalg.lstsq(turns, covariance[:3, 3:6])[0]
+    left = (on_arc(each, moved) - moved) / math.sqrt(6.0)
     out = covariance.copy()
-    out[3:6, 3:6] += 2.0 * np.einsum("iab,jba->ij", each, each) + np.outer(mean, mean)
+    out[3:6, 3:6] += left.T @ left
     return out
 
 
