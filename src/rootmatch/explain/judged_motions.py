@@ -1,9 +1,10 @@
 """The judgement of several motions by the model of one: each is weighed with the points and detections others leave.
 
 A packing names groups of one motion each by hyper-edges. Where the problem fits poses the model of one motion then
-decides: what does not fit a motion's pose is unmatched, and a motion that is not beyond chance goes. What it leaves may
-belong to another one, which is searched for. The motions are right together with the product of their probabilities,
-and the status follows from the facts of all of them, each of which has to be trusted.
+decides: what does not fit a motion's pose is unmatched, and a motion that is not beyond chance goes. One whose
+residuals are too large for the stated noise stays, untrusted. What a motion leaves may belong to another one, which is
+searched for. The motions are right together with the product of their probabilities, and the status follows from the
+facts of all of them, each of which has to be trusted.
 """
 
 from __future__ import annotations
@@ -70,7 +71,8 @@ def _judged(alone: MatchingTask, assignment: Integers, labels: Integers, label: 
         told = told_by(nothing_found(part, None), body.alone(), body)
     else:
         told = of_one_motion(part, own)
-    matched = (told.assignment >= 0) & (told.status is not Status.UNTRUSTED)
+    beyond_chance = told.status is not Status.UNTRUSTED or told.in_view >= told.facts.min_probability
+    matched = (told.assignment >= 0) & beyond_chance
     assignment[points] = np.where(matched, pixels[told.assignment], -1)
     labels[points] = np.where(matched, label, -1)
     confidence = np.full(len(assignment), math.nan)
