@@ -19,6 +19,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, OutOfTime, checkpoint
 from rootmatch.explain.assessment import assess
+from rootmatch.explain.contested_matches import Claims, SharedOut, claims_in_image, claims_in_space, shared_out
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import is_modelled, told_by
@@ -103,9 +104,12 @@ def _judged_with(
     assignment, labels = found.assignment.copy(), found.motion_labels.copy()
     parts: dict[int, _Part] = {}
     rest: Rest | None = None
+    shared: SharedOut | None = None
     try:
         for _ in range(ROUNDS):
-            rest = None if solve is None else with_missing(alone, solve, assignment, labels, asked, searched, budget)
+            if solve is not None:
+                rest = with_missing(alone, solve, assignment, labels, asked, searched=searched, budget=budget)
+            shared = _share_out(alone, assignment, labels, proposed=proposed)
             before, by_search = assignment.copy(), {one.label: one for one in searched}
             for label in np.unique(labels[labels >= 0]).tolist():
                 checkpoint()
@@ -120,7 +124,27 @@ def _judged_with(
     except OutOfTime:
         return found.with_facts(confirmed=False)
     evaluated = sum(one.told.evaluated for one in searched if one.told is not None)
-    return _together(replace(found, evaluated=found.evaluated + evaluated), assignment, labels, parts, rest)
+    found = _together(replace(found, evaluated=found.evaluated + evaluated), assignment, labels, parts, rest)
+    if shared is None or found.confidence is None or not shared.together < 1.0:
+        return found
+    certainty = np.where(found.assignment >= 0, shared.certainty, 1.0)
+    return found.doubted((found.probability or 0.0) * shared.together, certainty * found.confidence)
+
+
+def _share_out(alone: MatchingTask, assignment: Integers, labels: Integers, *, proposed: bool) -> SharedOut | None:
+    """Change an assignment and its labels to what each motion has most claim to, if there are several."""
+    claims = dict[int, Claims]()
+    for label in np.unique(labels[labels >= 0]).tolist():
+        own = np.where(labels == label, assignment, -1)
+        if is_modelled(alone):
+            claims[label] = claims_in_image(_body_of(alone, own[None], proposed), own)
+        elif (model := model_of(alone)) is not None:
+            claims[label] = claims_in_space(model, own)
+    if len(claims) < 2:
+        return None
+    shared = shared_out(claims, alone.shape[1])
+    assignment[:], labels[:] = shared.assignment, shared.labels
+    return shared
 
 
 def _judged(
@@ -252,11 +276,12 @@ def _together(
 
 def _of_all(facts: list[Facts]) -> Facts:
     """The facts of several motions together."""
+    probability = math.prod(one.probability or 0.0 for one in facts)
     return Facts(
         present=min(one.present or 0.0 for one in facts),
-        probability=math.prod(one.probability or 0.0 for one in facts),
+        probability=probability,
         contested=any(one.contested for one in facts),
-        sure_of_the_rest=all(one.sure_of_the_rest for one in facts),
+        sure_of_the_rest=all(one.sure_of_the_rest for one in facts) and probability >= facts[0].min_probability,
         min_probability=facts[0].min_probability,
         missed=max(one.missed for one in facts),
         false_alarms=max(one.false_alarms for one in facts),

@@ -100,6 +100,7 @@ def with_missing(
     assignment: Integers,
     labels: Integers,
     asked: int | Literal["auto"],
+    *,
     searched: list[Rest] | None = None,
     budget: int = QUICK,
 ) -> Rest | None:
