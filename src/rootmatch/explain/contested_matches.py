@@ -88,7 +88,7 @@ def _claims(own: Integers, squared: Floats, allowed: Bools | None, log_odds: Cal
     rows[1 + np.arange(len(claimed)), claimed] = np.where(own >= 0, -1, near)[claimed]
     every, gains = log_odds(rows), np.zeros(len(own))
     gains[claimed] = np.where(own[claimed] >= 0, 1.0, -1.0) * (every[0] - every[1:])
-    return Claims(np.where(gains > 0.0, assignment, -1), np.maximum(gains, 0.0), int((own >= 0).sum()))
+    return Claims(assignment, gains, int((own >= 0).sum()))
 
 
 def shared_out(claims: dict[int, Claims], n_target: int) -> SharedOut:
@@ -104,6 +104,7 @@ def shared_out(claims: dict[int, Claims], n_target: int) -> SharedOut:
     for which, one in claims.items():
         missed = (total + 1.0) / (n - total + 1.0) * (n - one.own + 1.0) / (one.own + 1.0)
         gain[label == which] += math.log(missed * (n_target - one.own + 0.5) / (n_target - total + 0.5))
+    i, j, gain, label = i[gain > 0.0], j[gain > 0.0], gain[gain > 0.0], label[gain > 0.0]
     order = np.argsort(gain, kind="stable")
     worth, whose = np.zeros((n, n_target)), np.full((n, n_target), -1)
     worth[i[order], j[order]], whose[i[order], j[order]] = gain[order], label[order]
