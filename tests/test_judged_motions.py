@@ -48,6 +48,15 @@ def test_a_hidden_point_gets_no_stray(motions: int | str) -> None:
             assert len(pose.inliers) == own.sum()
 
 
+def test_a_motion_whose_noise_was_stated_too_small_keeps_its_matches() -> None:
+    source, target, truth = bodies(0, 2, 0, 0)
+    target[7:] += 3.0 * SIGMA * np.random.default_rng(0).normal(size=(7, 3))
+    match = rm.match(source, target, rm.Rigid(), noise=(0.0, SIGMA), motions=2)
+    assert match.status is rm.Status.UNTRUSTED
+    assert np.count_nonzero(match.assignment == truth) == 13  # one is too far off
+    assert (match.motion_labels[7:] >= 0).sum() == 6
+
+
 def test_the_probability_of_all_is_below_that_of_each() -> None:
     source, target, _ = bodies(3, 3, 0, 0)
     match = rm.match(source, target, rm.Rigid(), noise=(0.0, SIGMA), motions=3)

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from rootmatch.cli.track_summary import advice_of
 from rootmatch.io.exports import trajectory_row
 from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite, pose_record, upper_triangle
 from rootmatch.report.text import match_weights
@@ -27,6 +26,14 @@ MATCH_COLUMNS = ("frame", "source", "target", "weight", "motion")
 def counted(statuses: Counter[str]) -> str:
     """How many results have each status, in words."""
     return ", ".join(f"{statuses[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
+
+
+def advice_of(match: Match) -> str:
+    """The advice about a frame by what its match knows, without the trials and fits of `rootmatch.Match.advice`."""
+    from rootmatch.explain.status_advice import advice
+
+    confidence = None if match.finding.every_confidence is None else match.confidence
+    return advice(match.shown, confidence, match.stopped_early)
 
 
 def pose_columns(problem: Problem) -> tuple[str, ...]:

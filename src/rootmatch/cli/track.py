@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import gc
-import json
 import sys
 import warnings
-from collections import Counter
-from contextlib import ExitStack, closing
 from enum import StrEnum
-from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -25,13 +19,10 @@ from rootmatch.cli.frames import FrameOutputs, warn_of_unused
 from rootmatch.cli.noise import Noise, noise_option
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.surroundings import leaves
-from rootmatch.cli.track_summary import Queue, TrackSummary
 from rootmatch.errors import InputError
 
 RATE = 60.0
 """Frames a second where neither --rate nor a column time says it."""
-FIRST_FRAMES = 50
-"""Frames whose steps are looked at. Not tuned."""
 
 if TYPE_CHECKING:
     ProblemName = StrEnum
@@ -164,7 +155,6 @@ def track(
     """
     given = locals()
     from rootmatch import io
-    from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import STANDARD_INPUT, read_frames
 
     if diagnose:
@@ -173,12 +163,8 @@ def track(
         raise InputError(f"--rate: {rate:g} given; give frames a second, above 0")
     given_files = model, frames, known, None if camera is None else io.camera_file(camera)
     inputs = [path for path in given_files if path is not None and path != STANDARD_INPUT]
-    of_tum = pose_format is PoseFormatName.TUM or (pose_format is None and poses is not None and poses.suffix == ".tum")
-    FrameOutputs(output, poses, as_json=as_json, resume=False, trajectory=of_tum).check(inputs)
-    if pose_format is not None and poses is None and as_json:
-        raise InputError("--pose-format: --json prints the poses in a form of its own; give --poses FILE")
-    if not as_json and poses is None and output is not None and io.is_standard_output(output):
-        raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
+    outputs = _outputs(output, poses, pose_format, as_json=as_json)
+    outputs.check(inputs)
     given_noise = noise_option(noise)
     if given_noise == "auto":
         raise InputError(
@@ -186,16 +172,8 @@ def track(
         )
     tracking = motion.tracking_options(given)
     posed = build_problem(str(problem), given)
-    from rootmatch.cli.frame_outputs import (
-        MATCH_COLUMNS,
-        TRAJECTORY,
-        counted,
-        frame_record,
-        match_rows,
-        pose_columns,
-        pose_rows,
-        trajectory_rows,
-    )
+    from rootmatch.cli.frame_writer import FrameWriter
+    from rootmatch.cli.track_summary import Queue, TrackSummary
     from rootmatch.precompile.ahead_of_time import load_tracker
     from rootmatch.tracking.tracker import Tracker
 
@@ -207,84 +185,54 @@ def track(
     if normals and source.normals is not None:
         options["normals"] = source.normals
     subjects = {name: flag(name) for name in (*options, "noise")}
-    if of_tum and source.bodies is not None:
+    if outputs.trajectory and source.bodies is not None:
         raise InputError(f"--pose-format: tum is a trajectory of one body, and {model} has a column body; give csv")
-    header, delimiter = (TRAJECTORY, " ") if of_tum else ((*pose_columns(posed), "time"), ",")
-    count: Counter[str] = Counter()
-    summary, queue = TrackSummary(), Queue()
-    times: list[float] = []
-    timed, skipped = False, 0
+    summary, queue = TrackSummary(rate or RATE), Queue()
     with (
         option_names_in_errors({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
-        ExitStack() as files,
+        warnings.catch_warnings(),
     ):
         leaves("what was written is kept")
-        files.enter_context(warnings.catch_warnings())
-        warnings.filterwarnings("ignore", message="time: the frames are")  # said below, of more frames and of --rate
+        warnings.filterwarnings("ignore", message="time: the frames are")  # the summary says it, of more frames
         tracker = Tracker(source.points, posed, noise=noises.of(None), tracking=tracking, **options)
         load_tracker(posed, source.points, **{name: one for name, one in options.items() if name != "max_seconds"})
         gc.freeze()  # a garbage collection of all that was imported would hold up a frame by 0.05 to 0.2 s
-        matches = files.enter_context(closing(AppendedTable(output, MATCH_COLUMNS))) if output else None
-        table = files.enter_context(closing(AppendedTable(poses, header, delimiter=delimiter))) if poses else None
-        printed = csv.writer(sys.stdout, delimiter=delimiter, lineterminator="\n")
-        headed = table is not None or as_json
         of_rig = posed.rig is not None
-        for frame in read_frames(frames, posed.target_dimension, of_rig=of_rig, skipping=skip_bad_frames):
-            timed = frame.time is not None
-            if timed and rate is not None:
-                raise InputError(f"--rate: {frames} has a column time; leave one of them out")
-            when = frame.number / (rate or RATE) if frame.time is None else frame.time
-            weights = None if frame.sigma is None else noises.of(frame.sigma)
-            prior = io.prior_of_frame(told, frame.number, when, frame.known)
-            try:
-                if frame.fault is not None:
-                    raise InputError(frame.fault)
-                found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
-                summary.take(found, known=prior is not None)
-            except InputError as error:
-                if not skip_bad_frames:
-                    raise InputError(f"{error} (frame {frame.number})") from None
-                print(f"rootmatch: warning: frame {frame.number} is left out: {error}", file=sys.stderr)
-                skipped += 1
-                continue
-            statuses = pose_rows(frame.number, found)
-            rows = trajectory_rows(when, found) if of_tum else [[*row, when] for row in statuses]
-            if as_json:
-                print(json.dumps(frame_record(frame.number, when, found, tracker.states), allow_nan=False), flush=True)
-            if table is not None:
-                table.write(rows)
-            elif not as_json:
-                if not headed:  # only now is it known that there are frames
-                    printed.writerow(header)
-                    headed = True
-                printed.writerows(rows)
-                sys.stdout.flush()
-            if matches is not None:
-                matches.write(match_rows(frame.number, found, source))
-            count.update(row[2] for row in statuses)
-            if frames == STANDARD_INPUT and (late := queue.take(when, found.seconds)):
-                print(f"rootmatch: {late}", file=sys.stderr)
-            if len(times) < FIRST_FRAMES:
-                times.append(when)
+        with FrameWriter(outputs, source, posed) as writer:
+            for frame in read_frames(frames, posed.target_dimension, of_rig=of_rig, skipping=skip_bad_frames):
+                if frame.time is not None and rate is not None:
+                    raise InputError(f"--rate: {frames} has a column time; leave one of them out")
+                when = frame.number / (rate or RATE) if frame.time is None else frame.time
+                weights = None if frame.sigma is None else noises.of(frame.sigma)
+                prior = io.prior_of_frame(told, frame.number, when, frame.known)
+                try:
+                    if frame.fault is not None:
+                        raise InputError(frame.fault)
+                    found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
+                except InputError as error:
+                    if not skip_bad_frames:
+                        raise InputError(f"{error} (frame {frame.number})") from None
+                    print(f"rootmatch: warning: frame {frame.number} is left out: {error}", file=sys.stderr)
+                    summary.skipped += 1
+                    continue
+                statuses = writer.write(frame.number, when, found, tracker)
+                summary.take(found, statuses, when, timed=frame.time is not None, known=prior is not None)
+                if frames == STANDARD_INPUT and (late := queue.take(when, found.seconds)):
+                    print(f"rootmatch: {late}", file=sys.stderr)
     warn_of_unused(told)
     for line in summary.lines():
         print(f"rootmatch: {line}", file=sys.stderr)
-    _warn_of_slow_frames(times, None if timed else rate or RATE)
-    print(f"rootmatch: {counted(count)}{f', {skipped} left out' if skipped else ''}", file=sys.stderr)
-    if not count["matched"]:
+    if not summary.statuses["matched"]:
         raise typer.Exit(NOT_TRUSTED)
 
 
-def _warn_of_slow_frames(times: list[float], rate: float | None) -> None:
-    """Say so where frames are seconds apart: their numbers, or times, are probably milliseconds."""
-    from rootmatch.tracking.frame_steps import SLOW
+def _outputs(output: Path | None, poses: Path | None, form: PoseFormatName | None, *, as_json: bool) -> FrameOutputs:
+    """Where the results go; refuses options that ask for two things in one place."""
+    from rootmatch.io import is_standard_output
 
-    if len(times) < 2:
-        return
-    step = median(after - before for before, after in pairwise(times))
-    if step > SLOW:
-        what = "time is in seconds; where it is in milliseconds, divide it by 1000"
-        if rate is not None:
-            what = "where frame is a time in milliseconds, give --rate 1000"
-        at = "" if rate is None else f" at --rate {rate:g}"
-        print(f"rootmatch: warning: the frames are {step:.3g} s apart{at}; {what}", file=sys.stderr)
+    if form is not None and poses is None and as_json:
+        raise InputError("--pose-format: --json prints the poses in a form of its own; give --poses FILE")
+    if not as_json and poses is None and output is not None and is_standard_output(output):
+        raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
+    is_tum = form is PoseFormatName.TUM or (form is None and poses is not None and poses.suffix == ".tum")
+    return FrameOutputs(output, poses, as_json=as_json, resume=False, trajectory=is_tum)

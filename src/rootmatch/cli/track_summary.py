@@ -10,15 +10,19 @@ import select
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING
 
 from rootmatch.cli.error_messages import as_options
+from rootmatch.cli.frame_outputs import advice_of, counted
 
 if TYPE_CHECKING:
     from rootmatch.result import Match
 
+FIRST_FRAMES = 50
+"""Frames whose steps are looked at. Not tuned."""
 LATE = 1.0
 """Seconds by which answers come later than the first ones from which it is said that frames wait. A round value."""
 WAITING = 20
@@ -27,24 +31,27 @@ _NAMES = re.compile(r"`(search_budget|min_probability|max_seconds)`")
 _NUMBERS = re.compile(r"\d+(\.\d+)?(e[-+]?\d+)?")
 
 
-def advice_of(match: Match) -> str:
-    """The advice about a frame by what its match knows, without the trials and fits of `rootmatch.Match.advice`."""
-    from rootmatch.explain.status_advice import advice
-
-    confidence = None if match.finding.every_confidence is None else match.confidence
-    return advice(match.shown, confidence, match.stopped_early)
-
-
 class TrackSummary:
-    """Reasons of the frames that are not matched, and of matches that contradict what is known."""
+    """All frames: statuses, reasons of those that are not matched, matches that contradict what is known, and times.
 
-    def __init__(self) -> None:
+    ``rate``: frames a second, where no times are given.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self.statuses: Counter[str] = Counter()
+        self.skipped = 0
+        self._rate, self._timed = rate, False
         self._reasons: Counter[str] = Counter()
         self._examples: dict[str, str] = {}
         self._known = self._contradicted = 0
+        self._times: list[float] = []
 
-    def take(self, match: Match, known: bool) -> None:
-        """Count a frame; ``known``: whether something was known of it."""
+    def take(self, match: Match, statuses: Sequence[str], time: float, *, timed: bool, known: bool) -> None:
+        """Count a frame; ``timed``: whether its time was given, ``known``: whether something of its poses was."""
+        self.statuses.update(statuses)
+        self._timed = timed
+        if len(self._times) < FIRST_FRAMES:
+            self._times.append(time)
         for one in [match] if match.bodies is None else match.bodies.values():
             if not one:
                 advice = advice_of(one)
@@ -66,6 +73,22 @@ class TrackSummary:
             kind, count = self._reasons.most_common(1)[0]
             of = f"{count} of {self._reasons.total()} that are not matched"
             yield f"{of}: {in_options(self._examples[kind])}"
+        yield from self._slow_frames()
+        yield f"{counted(self.statuses)}{f', {self.skipped} left out' if self.skipped else ''}"
+
+    def _slow_frames(self) -> Iterator[str]:
+        """A warning if frames are seconds apart: their numbers, or times, are probably milliseconds."""
+        from rootmatch.tracking.frame_steps import SLOW
+
+        if len(self._times) < 2:
+            return
+        step = median(after - before for before, after in pairwise(self._times))
+        if step > SLOW:
+            what, at = "time is in seconds; where it is in milliseconds, divide it by 1000", ""
+            if not self._timed:
+                what = "where frame is a time in milliseconds, give --rate 1000"
+                at = f" at --rate {self._rate:g}"
+            yield f"warning: the frames are {step:.3g} s apart{at}; {what}"
 
 
 def in_options(advice: str) -> str:

@@ -18,7 +18,7 @@ from rootmatch.explain.image_bodies import Choice, match_bodies_in_image
 from rootmatch.explain.image_decision import assessed as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
 from rootmatch.explain.inexact_points import allowing_for_errors
-from rootmatch.explain.judged_motions import judged_motions
+from rootmatch.explain.judged_motions import judged_motions, motions_in_turn
 from rootmatch.explain.known_pose import match_known
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import solve_with_estimated_noise
@@ -123,9 +123,10 @@ def _found(task: MatchingTask, judging: bool) -> Finding:
 
 
 def _several_motions(task: MatchingTask) -> Finding:
-    """Groups of one motion each: among proposed pairs, which are evidence themselves, or packed and judged.
+    """Groups of one motion each: among proposed pairs, which are evidence themselves, in turn, or packed and judged.
 
-    Between two views the model of one motion finds each by itself.
+    The model of one motion finds each by itself, between two views always, and elsewhere if each shows enough. Small
+    ones tell of each other in a packing alone, which evaluates all hyper-edges.
     """
     if two_view_model(replace(task, options=replace(task.options, motions=1))) is not None:
         return match_motions(task, _explained)
@@ -133,6 +134,8 @@ def _several_motions(task: MatchingTask) -> Finding:
         return judged_motions(assess(task, *motions_of_pairs(task)), proposed=True)
     # a caller's sampler is not gone beyond
     solve = _explained if task.options.chosen_sampler == "auto" else None
+    if solve is not None and (found := motions_in_turn(task, solve)) is not None:
+        return found
     return judged_motions(assess(task, *pack_motions(task, sample(task))), solve)
 
 

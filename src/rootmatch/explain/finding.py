@@ -150,6 +150,13 @@ class Finding:
         """Whether the search of a tracker's frame spent the evaluations that it may take."""
         return self.task.budget is not None and self.evaluated >= self.task.budget
 
+    @property
+    def in_view(self) -> float:
+        """Probability that the body is in view, or what has nearly its shape: whether or not a pose fits."""
+        if self.posterior is not None:
+            return float(self.posterior.probabilities.sum())
+        return 0.0 if self.labellings is None else self.labellings.present
+
     def is_exchanged(self, mode: int | None) -> bool:
         """Whether a mode of the posterior is where another body of its family was expected."""
         every = None if self.posterior is None else self.posterior.exchanged

@@ -1,9 +1,10 @@
 """The judgement of several motions by the model of one: each is weighed with the points and detections others leave.
 
 A packing names groups of one motion each by hyper-edges. Where the problem fits poses the model of one motion then
-decides: what does not fit a motion's pose is unmatched, and a motion that is not beyond chance goes. What it leaves may
-belong to another one, which is searched for. The motions are right together with the product of their probabilities,
-and the status follows from the facts of all of them, each of which has to be trusted.
+decides: what does not fit a motion's pose is unmatched, and a motion that is not beyond chance goes. One whose
+residuals are too large for the stated noise stays, untrusted. What a motion leaves may belong to another one, which is
+searched for. The motions are right together with the product of their probabilities, and the status follows from the
+facts of all of them, each of which has to be trusted.
 """
 
 from __future__ import annotations
@@ -11,19 +12,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, OutOfTime, checkpoint
-from rootmatch.explain.decide import Facts, Status
+from rootmatch.explain.assessment import assess
+from rootmatch.explain.contested_matches import Claims, SharedOut, claims_in_image, claims_in_space, shared_out
+from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import is_modelled, told_by
 from rootmatch.explain.image_hypotheses import Candidate
-from rootmatch.explain.missing_motions import Rest, with_missing
+from rootmatch.explain.known_pose import QUICK
+from rootmatch.explain.missing_motions import Rest, among, hyperedges_of, search, with_missing
+from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.point_set_decision import model_of, of_one_motion
+from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import candidate_of
+from rootmatch.hypergraph.enumeration import sweep_cost
+from rootmatch.samplers.limits import LIMITS
 from rootmatch.solvers.packing.solver import inside_groups
 
 ROUNDS = 3
@@ -38,60 +47,168 @@ def judged_motions(
     Motions that were asked for and are missing are searched for by ``solve`` among what the others leave, if given.
     ``proposed``: whether its pairs were proposed by what tells nothing of where they lie, see `_body_of`.
     """
-    asked = found.task.options.motions
-    alone = replace(found.task, options=replace(found.task.options, motions=1, sampler=None, samples=None))
-    if not is_modelled(alone) and model_of(alone) is None:
-        return found
+    return _judged_with(found, solve, [], proposed=proposed) if is_judged(found.task) else found
+
+
+def motions_in_turn(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding | None:
+    """The finding of motions that ``solve`` finds one after the other, each among what those before leave.
+
+    None where a packing is asked: if all hyper-edges are as quickly evaluated, if not every motion can be trusted, or
+    if what is left may be others that only tell of each other.
+    """
+    cost = sweep_cost(*task.shape, task.problem.order, task.allowed)
+    if not is_judged(task) or cost <= QUICK:
+        return None
+    searched: list[Rest] = []
+    base = replace(nothing_found(task, None), tensor=hyperedges_of(_alone(task), searched), scores=None, soft=None)
+    budget = max(int(cost) // LIMITS.per_searched, QUICK)
+    found = _judged_with(base, solve, searched, budget=budget)
+    if not found.status:
+        return None
+    if task.options.motions == "auto" and _shows_more(task, found):
+        return None
+    return found
+
+
+def _shows_more(task: MatchingTask, found: Finding) -> bool:
+    """Whether a packing of what motions leave shows another one."""
+    points = np.flatnonzero(found.assignment < 0)
+    detections = np.setdiff1d(np.arange(task.shape[1]), found.assignment)
+    if min(len(points), len(detections)) < task.problem.order:
+        return False
+    part = task.subset(points, detections)
+    return bool((judged_motions(assess(part, *pack_motions(part, sample(part)))).assignment >= 0).any())
+
+
+def is_judged(task: MatchingTask) -> bool:
+    """Whether the problem has a model of one motion."""
+    alone = _alone(task)
+    return is_modelled(alone) or model_of(alone) is not None
+
+
+def _alone(task: MatchingTask) -> MatchingTask:
+    """The task of one motion."""
+    return replace(task, options=replace(task.options, motions=1, sampler=None, samples=None))
+
+
+def _judged_with(
+    found: Finding,
+    solve: Callable[[MatchingTask], Finding] | None,
+    searched: list[Rest],
+    *,
+    budget: int = QUICK,
+    proposed: bool = False,
+) -> Finding:
+    """See `judged_motions`; each search is appended to ``searched``."""
+    asked, alone = found.task.options.motions, _alone(found.task)
     assignment, labels = found.assignment.copy(), found.motion_labels.copy()
-    parts: dict[int, Finding] = {}
+    parts: dict[int, _Part] = {}
     rest: Rest | None = None
+    shared: SharedOut | None = None
     try:
         for _ in range(ROUNDS):
-            rest = None if solve is None else with_missing(alone, solve, assignment, labels, asked)
-            before = assignment.copy()
+            if solve is not None:
+                rest = with_missing(alone, solve, assignment, labels, asked, searched=searched, budget=budget)
+            shared = _share_out(alone, assignment, labels, proposed=proposed)
+            before, by_search = assignment.copy(), {one.label: one for one in searched}
             for label in np.unique(labels[labels >= 0]).tolist():
                 checkpoint()
-                parts[label] = _judged(alone, assignment, labels, label, proposed=proposed)
+                found_by = by_search.get(label)
+                if solve is not None and found_by is not None and found_by.missed > TRUST.missed:
+                    # what it may have missed may be another motion, which was found since
+                    found_by = search(alone, solve, np.where(labels == label, -1, assignment), budget=budget)
+                    searched.append(found_by._replace(label=label))
+                parts[label] = _judged(alone, assignment, labels, label, found_by, proposed=proposed)
             if np.array_equal(before, assignment):
                 break
     except OutOfTime:
         return found.with_facts(confirmed=False)
-    return _together(found, assignment, labels, parts, rest)
+    evaluated = sum(one.told.evaluated for one in searched if one.told is not None)
+    found = _together(replace(found, evaluated=found.evaluated + evaluated), assignment, labels, parts, rest)
+    if shared is None or found.confidence is None or not shared.together < 1.0:
+        return found
+    certainty = np.where(found.assignment >= 0, shared.certainty, 1.0)
+    return found.doubted((found.probability or 0.0) * shared.together, certainty * found.confidence)
 
 
-def _judged(alone: MatchingTask, assignment: Integers, labels: Integers, label: int, *, proposed: bool) -> Finding:
-    """The finding of one motion among what the others leave, to which the assignment and its labels are changed.
+def _share_out(alone: MatchingTask, assignment: Integers, labels: Integers, *, proposed: bool) -> SharedOut | None:
+    """Change an assignment and its labels to what each motion has most claim to, if there are several."""
+    claims = dict[int, Claims]()
+    for label in np.unique(labels[labels >= 0]).tolist():
+        own = np.where(labels == label, assignment, -1)
+        if is_modelled(alone):
+            claims[label] = claims_in_image(_body_of(alone, own[None], proposed), own)
+        elif (model := model_of(alone)) is not None:
+            claims[label] = claims_in_space(model, own)
+    if len(claims) < 2:
+        return None
+    shared = shared_out(claims, alone.shape[1])
+    assignment[:], labels[:] = shared.assignment, shared.labels
+    return shared
 
-    Its confidence is that of all points (n,), NaN where another motion has them.
+
+def _judged(
+    alone: MatchingTask, assignment: Integers, labels: Integers, label: int, found_by: Rest | None, *, proposed: bool
+) -> _Part:
+    """One motion among what the others leave, to which the assignment and its labels are changed.
+
+    What a search named beside what it found is weighed too, and what it missed counts.
     """
     part, points, pixels, own = _left_to(alone, assignment, labels, label)
     if is_modelled(part):
-        body = _body_of(part, own, proposed)
-        told = told_by(nothing_found(part, None), body.alone(), body)
+        named, missed = [own[None]], 0.0
+        if found_by is not None:
+            missed = found_by.missed
+            named += [among(one[None], points, pixels) for one in found_by.named(len(assignment))]
+        body = _body_of(part, np.concatenate(named), proposed)
+        told = told_by(nothing_found(part, None), body.alone(), body, missed=missed)
     else:
         told = of_one_motion(part, own)
-    matched = (told.assignment >= 0) & (told.status is not Status.UNTRUSTED)
+    beyond_chance = told.status is not Status.UNTRUSTED or told.in_view >= told.facts.min_probability
+    matched = (told.assignment >= 0) & beyond_chance
     assignment[points] = np.where(matched, pixels[told.assignment], -1)
     labels[points] = np.where(matched, label, -1)
-    confidence = np.full(len(assignment), math.nan)
-    confidence[points] = math.nan if told.confidence is None else told.confidence
-    return replace(told, confidence=confidence)
+    return _Part(told, points, pixels)
 
 
-def _body_of(part: MatchingTask, own: Integers, proposed: bool) -> Candidate:
-    """The body of one motion by its assignment.
+class _Part(NamedTuple):
+    """One motion: its finding among what the others leave, and which points and detections that are."""
+
+    told: Finding
+    points: Integers
+    detections: Integers
+
+    def confidence(self, count: int) -> Floats:
+        """Confidence (count,) in all points, NaN where another motion has them."""
+        out = np.full(count, math.nan)
+        out[self.points] = math.nan if self.told.confidence is None else self.told.confidence
+        return out
+
+    def others(self, assignment: Integers) -> list[tuple[float, Integers]]:
+        """Assignments (n,) of all points with another one of this motion, and how probable each is beside its own."""
+        chances, every = self.told.every_other_probability, []
+        own = max(self.told.probability or 0.0, 1e-300)
+        for k, one in enumerate(self.told.others):
+            whole = assignment.copy()
+            whole[self.points] = np.where(one >= 0, self.detections[one], -1)
+            every.append((0.0 if chances is None else chances[k] / own, whole))
+        return every
+
+
+def _body_of(part: MatchingTask, named: Integers, proposed: bool) -> Candidate:
+    """The body of one motion by its assignment, and others (K, n) in its stead.
 
     A false pair that was ``proposed`` is of a detection that may be any, and chance proposes one of m among n' with m /
     n'. That such a pair agrees with a pose is evidence, the more the fewer are proposed for its point. The model itself
     takes candidates for what restricts a choice alone: they may have been chosen by where they lie.
     """
     if not proposed or part.allowed is None:
-        return candidate_of(part, [own])
+        return candidate_of(part, list(named))
     body = candidate_of(part, [])
     by_chance = np.maximum(part.allowed.sum(axis=1), 1) / part.shape[1]
     known = 0.0 if body.model.log_weights is None else body.model.log_weights
     weights = known - np.log(by_chance)[:, None] + np.zeros(part.shape)
-    return replace(body, model=replace(body.model, log_weights=weights)).proposed([own])
+    return replace(body, model=replace(body.model, log_weights=weights)).proposed(list(named))
 
 
 def confidence_of_motions(task: MatchingTask, assignment: Integers, labels: Integers) -> Floats:
@@ -123,7 +240,7 @@ def _left_to(
 
 
 def _together(
-    found: Finding, assignment: Integers, labels: Integers, parts: dict[int, Finding], rest: Rest | None
+    found: Finding, assignment: Integers, labels: Integers, parts: dict[int, _Part], rest: Rest | None
 ) -> Finding:
     """The finding of all motions that are left, the largest first.
 
@@ -133,31 +250,38 @@ def _together(
     left = [label for label in np.argsort(-sizes, kind="stable").tolist() if sizes[label]]
     numbers, confidence = np.full(len(labels), -1), np.full(len(labels), math.nan)
     for number, label in enumerate(left):
-        confidence = np.fmin(confidence, np.asarray(parts[label].confidence))
+        confidence = np.fmin(confidence, parts[label].confidence(len(labels)))
         numbers[labels == label] = number
-    facts, incomplete = [parts[label].facts for label in left], False
+    facts, incomplete = [parts[label].told.facts for label in left], False
     if rest is not None:
         confidence = rest.least_certain(assignment, confidence)
         incomplete = rest.may_show(found.facts.min_probability)
-    nothing = Facts(present=0.0, probability=0.0, lead=0.0)
+    nothing, others, scores = Facts(present=0.0, probability=0.0, lead=0.0), found.others, None
+    if found.scores is not None:
+        scores = [inside_groups(found.tensor, assignment, numbers), *found.every_score[1:]]
+    else:
+        ranked = sorted((pair for label in left for pair in parts[label].others(assignment)), key=lambda pair: -pair[0])
+        others = [one for _, one in ranked[: TRUST.alternatives]]
     return replace(
         found,
         assignment=assignment,
+        others=others,
         labels=numbers,
         facts=replace(_of_all(facts), lead=found.facts.lead, incomplete=incomplete) if facts else nothing,
-        scores=[inside_groups(found.tensor, assignment, numbers), *found.every_score[1:]],
+        scores=scores,
         confidence=confidence,
-        log_odds=sum(parts[label].log_odds or 0.0 for label in left),
+        log_odds=sum(parts[label].told.log_odds or 0.0 for label in left),
     )
 
 
 def _of_all(facts: list[Facts]) -> Facts:
     """The facts of several motions together."""
+    probability = math.prod(one.probability or 0.0 for one in facts)
     return Facts(
         present=min(one.present or 0.0 for one in facts),
-        probability=math.prod(one.probability or 0.0 for one in facts),
+        probability=probability,
         contested=any(one.contested for one in facts),
-        sure_of_the_rest=all(one.sure_of_the_rest for one in facts),
+        sure_of_the_rest=all(one.sure_of_the_rest for one in facts) and probability >= facts[0].min_probability,
         min_probability=facts[0].min_probability,
         missed=max(one.missed for one in facts),
         false_alarms=max(one.false_alarms for one in facts),

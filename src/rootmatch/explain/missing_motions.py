@@ -8,17 +8,21 @@ points would have images that nobody can tell from clutter.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.body_findings import among_all, of_all_bodies
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.known_pose import QUICK
+from rootmatch.explain.multi_motion import distinct_hyperedges
 from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.priors import PRESENT_ODDS
 
 
@@ -35,6 +39,8 @@ class Rest(NamedTuple):
     None unless one more is asked for, which only what is seen tells then."""
     missing: int
     """How many more motions are asked for; each may be there or not, whatever the others are."""
+    label: int = -1
+    """Of the motion that was found there; −1 if none was."""
 
     @property
     def is_asked_for(self) -> bool:
@@ -46,6 +52,11 @@ class Rest(NamedTuple):
         """Odds, against no motion, of one that shows more points than that."""
         present = 0.0 if self.told is None else self.told.facts.present or 0.0
         return present / max(1.0 - present, 1e-12)
+
+    @property
+    def missed(self) -> float:
+        """Probability that another pose explains as much as what was found, and was never met."""
+        return 0.0 if self.told is None else self.told.facts.missed
 
     @property
     def is_empty(self) -> float:
@@ -72,6 +83,10 @@ class Rest(NamedTuple):
         """Whether one more that is asked for may be in view: nothing of it with less than this probability."""
         return self.is_asked_for and self.is_empty < least
 
+    def named(self, count: int) -> list[Integers]:
+        """What the search named beside what it found, each (count,) as an assignment of all points."""
+        return [] if self.told is None else [self.of_all(one, count) for one in (*self.told.others, *self.told.named)]
+
     def of_all(self, assignment: Integers, count: int) -> Integers:
         """An assignment of what is left as one of all, so many, points."""
         whole = np.full(count, -1, np.int64)
@@ -85,7 +100,9 @@ def with_missing(
     assignment: Integers,
     labels: Integers,
     asked: int | Literal["auto"],
+    *,
     searched: list[Rest] | None = None,
+    budget: int = QUICK,
 ) -> Rest | None:
     """What is left where no more motions are found, or None of as many as were asked for.
 
@@ -101,23 +118,51 @@ def with_missing(
     asked : int or "auto"
     searched : list, optional
         To which each search is appended.
+    budget : int
+        Most evaluations of each.
     """
     while asked == "auto" or len(np.unique(labels[labels >= 0])) < asked:
         missing = 0 if asked == "auto" else asked - len(np.unique(labels[labels >= 0]))
-        rest = _searched(alone, solve, assignment, missing)
+        rest = search(alone, solve, assignment, missing, budget)
         told = rest.told
+        if told is not None and told.status is not Status.UNTRUSTED and (told.assignment >= 0).any():
+            rest = rest._replace(label=int(labels.max(initial=-1)) + 1)
         if searched is not None:
             searched.append(rest)
-        if told is None or told.status is Status.UNTRUSTED or not (told.assignment >= 0).any():
+        if told is None or rest.label < 0:
             return rest
         matched = told.assignment >= 0
         assignment[rest.points[matched]] = rest.detections[told.assignment[matched]]
-        labels[rest.points[matched]] = labels.max() + 1
+        labels[rest.points[matched]] = rest.label
     return None
 
 
-def _searched(
-    alone: MatchingTask, solve: Callable[[MatchingTask], Finding], assignment: Integers, missing: int
+def among(assignments: Integers, points: Integers, detections: Integers) -> Integers:
+    """Assignments (K, n) as those of some points to some detections."""
+    wanted = assignments[:, points]
+    place = np.searchsorted(detections, wanted).clip(max=len(detections) - 1)
+    return np.where(detections[place] == wanted, place, -1)
+
+
+def hyperedges_of(alone: MatchingTask, searched: Sequence[Rest]) -> DeferredTensor:
+    """The hyper-edges of all searches, when they are asked for."""
+
+    def every() -> AffinityTensor:
+        detections, found = np.arange(alone.shape[1]), []
+        for one in searched:
+            if one.told is not None:
+                found.append((one.points, among_all(one.told, alone.subset(one.points, detections), one.detections)))
+        return distinct_hyperedges(of_all_bodies(alone, found))
+
+    return DeferredTensor.of(every, alone.shape, alone.weights)
+
+
+def search(
+    alone: MatchingTask,
+    solve: Callable[[MatchingTask], Finding],
+    assignment: Integers,
+    missing: int = 0,
+    budget: int = QUICK,
 ) -> Rest:
     """What the model of one motion finds among the points and detections that an assignment leaves."""
     points = np.flatnonzero(assignment < 0)
@@ -128,7 +173,7 @@ def _searched(
         few = few[: min(alone.minimal, len(detections)) + 1]
     if min(len(points), len(detections)) < alone.problem.order:
         return Rest(points, detections, None, few, max(missing, 1))
-    part = replace(alone.subset(points, detections), budget=QUICK, weighs_parts=False)
+    part = replace(alone.subset(points, detections), budget=budget, weighs_parts=False)
     told = solve(replace(part, options=replace(part.options, solver=None)))
     return Rest(points, detections, told, few, max(missing, 1))
 

@@ -9,16 +9,12 @@ import numpy as np
 
 from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.body_findings import among_all, of_all_bodies
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.judged_motions import ROUNDS
-from rootmatch.explain.missing_motions import Rest, with_missing
+from rootmatch.explain.missing_motions import Rest, among, hyperedges_of, with_missing
 from rootmatch.explain.motion_labels import by_size
-from rootmatch.explain.multi_motion import distinct_hyperedges
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import Rivals, model_of, reported, rivals_of, told_by
-from rootmatch.hypergraph.deferred_tensor import DeferredTensor
-from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.priors import IN_VIEW
 from rootmatch.model.two_view_motions import Motion, motions_posterior
 from rootmatch.model.two_view_places import at_their_places
@@ -44,7 +40,7 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
     every = [one.told for one in searched if one.told is not None]
     base = replace(
         nothing_found(task, None),
-        tensor=DeferredTensor.of(lambda: _hyperedges(alone, searched), task.shape, task.weights),
+        tensor=hyperedges_of(alone, searched),
         converged=all(one.converged for one in every),
         evaluated=sum(one.evaluated for one in every),
         scores=None,
@@ -92,8 +88,8 @@ def _weighed(
             assert part is not None
             assert rest.told is not None
             every = [np.where(labels == label, assignment, -1)]
-            every += [rest.of_all(one, len(labels)) for one in (*rest.told.others, *rest.told.named)]
-            named = _among(np.array(every), points, detections)
+            every += rest.named(len(labels))
+            named = among(np.array(every), points, detections)
             told = posterior(part, named, alone.options.seed)
             if told.parts:
                 left.append(label)
@@ -111,13 +107,6 @@ def _weighed(
     return whole, _rivals_of_all(first, numbers, motions, others), left
 
 
-def _among(assignments: Integers, points: Integers, detections: Integers) -> Integers:
-    """Assignments (K, n) as those of some points to some detections."""
-    wanted = assignments[:, points]
-    place = np.searchsorted(detections, wanted).clip(max=len(detections) - 1)
-    return np.where(detections[place] == wanted, place, -1)
-
-
 def _rivals_of_all(first: Integers, numbers: Integers, motions: list[Motion], others: list[Rivals]) -> Rivals:
     """What may be right in the place of an assignment (n,): rivals of each motion, beside the others of them."""
     every = [np.zeros((0, len(first)), np.int64)]
@@ -128,12 +117,3 @@ def _rivals_of_all(first: Integers, numbers: Integers, motions: list[Motion], ot
             rival[motion.points[one >= 0]] = own
             every.append(rival[None])
     return np.concatenate(every), np.concatenate([odds for _, odds in others])
-
-
-def _hyperedges(alone: MatchingTask, searched: list[Rest]) -> AffinityTensor:
-    """The hyper-edges of all searches."""
-    detections, found = np.arange(alone.shape[1]), []
-    for one in searched:
-        if one.told is not None:
-            found.append((one.points, among_all(one.told, alone.subset(one.points, detections), one.detections)))
-    return distinct_hyperedges(of_all_bodies(alone, found))
