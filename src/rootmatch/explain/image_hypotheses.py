@@ -304,8 +304,7 @@ def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposa
     first = best_of(modes)
     parts = [reversed_in_depth(model, first), *few_twins(task, model, first)]
     parts += [line_readings(model, first.assignments), without_each(model, modes.first(TWINS))]
-    for image in symmetries(task):
-        parts.append(look_alikes(first, model.points, model.points, image[None]))
+    parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(task)]
     return joined(parts)
 
 
