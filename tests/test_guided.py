@@ -258,6 +258,15 @@ def test_the_budget_ends_the_search_and_progress_is_told() -> None:
     assert soon < evaluated
 
 
+def test_what_is_found_by_the_batch_that_spends_the_budget_ends_the_search() -> None:
+    """A sweep of all hyper-edges follows a search that found nothing."""
+    scene, told = p3p_scene(20, 8, seed=3), list[int]()
+    assert of_scene(scene, progress=lambda done, _: told.append(done)).conclusive
+    assert len(told) > 2  # the last one is told at the end
+    assert of_scene(scene, options=Guided(budget=told[-2] - 1)).conclusive
+    assert not of_scene(scene, options=Guided(budget=told[-3] - 1)).conclusive
+
+
 def test_options_of_the_parts_reach_them() -> None:
     scene = p3p_scene(10, 10, seed=3)
     usual = of_scene(scene)

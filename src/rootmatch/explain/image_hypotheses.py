@@ -32,6 +32,7 @@ from rootmatch.model.evidence import Evidence
 from rootmatch.model.exchanged import beside_others, marked
 from rootmatch.model.gathering import gathered
 from rootmatch.model.known_density import Known
+from rootmatch.model.left_out import without_each
 from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, with_sums
@@ -299,9 +300,8 @@ def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposa
     """Poses in which the body looks as in its best modes, whether the search met them or not."""
     first = best_of(modes)
     parts = [reversed_in_depth(model, first), *few_twins(task, model, first)]
-    parts.append(line_readings(model, first.assignments))
-    for image in symmetries(task):
-        parts.append(look_alikes(first, model.points, model.points, image[None]))
+    parts += [line_readings(model, first.assignments), without_each(model, modes.first(TWINS))]
+    parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(task)]
     return joined(parts)
 
 

@@ -109,11 +109,11 @@ class Search:
         for _ in self._steps():
             if self.progress is not None:
                 self.progress(min(self.evaluated, self.budget), self.budget)
+            if not self.deadline.passed() and self._enough():
+                self.conclusive = True  # also by the batch that spends the budget
+                break
             if self._spent():
                 return
-            if self._enough():
-                self.conclusive = True
-                break
             if len(self.hypotheses) > batches.APART:
                 self._clustered()
         # what is beyond chance and looks like itself has more poses than a batch verifies
