@@ -65,13 +65,13 @@ def try_rivals(search: Search) -> None:
         hypotheses = search._clustered()[2]
         best, evidence = hypotheses.best[0], float(hypotheses.evidence[0])
         own = np.sort(best[best >= 0])
-        search.missed = search._missed_among(own, len(own), known=best)
+        search.missed = search._missed_among(own, fewest_of_its_own(search, len(own)), known=best)
         search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
         free = np.ones(search.n_target, np.bool_)
         free[own] = False
         (rest,) = np.nonzero(free)
-        if max(fewest(len(own), SAME), search.minimal + 1) <= len(rest) <= CROWD and not search._spent():
-            missed = search._missed_among(rest, len(own))
+        if (least := fewest_elsewhere(search, len(own))) <= len(rest) <= CROWD and not search._spent():
+            missed = search._missed_among(rest, least)
             if not search._spent():
                 search.missed = max(search.missed, missed)
         better = search._clustered()[2]
@@ -88,25 +88,29 @@ def allowed_to(search: Search, images: Integers) -> Bools:
     return mask & search.allowed if search.allowed.size else mask
 
 
-def fewest(matched: int, share: float) -> float:
-    """Detections that a rival of a hypothesis with so many explains at least: this share of them, and nearly all.
+def fewest_of_its_own(search: Search, matched: int) -> int:
+    """Detections of a hypothesis with so many that a rival explains at least: it has to be as probable."""
+    share = SAME * matched if search.normals and search.single else max(RIVAL * matched, matched - LACKS)
+    return max(search.minimal + 1, math.ceil(share))
 
-    With the same detections it has to be as probable. Elsewhere it may be another thing, of which less is seen.
+
+def fewest_elsewhere(search: Search, matched: int) -> int:
+    """Detections that a rival with others than a hypothesis with so many explains at least: more than chance does.
+
+    It is another thing, which may show less of itself: how much either shows does not tell which one is asked for.
     """
-    return max(share * matched, matched - LACKS)
+    return max(search.minimal + 1, min(search.fewest, math.ceil(SAME * matched)))
 
 
-def missed_among(search: Search, images: Integers, matched: int, known: Integers | None = None) -> float:
+def missed_among(search: Search, images: Integers, least: int, known: Integers | None = None) -> float:
     """Probability of having missed a rival among some detections, after all minimal sets with them that it takes.
 
-    Of a hypothesis with so many matches; ``known`` (n,) is its assignment if the detections are its own.
+    It explains at least so many of them; ``known`` (n,) is the hypothesis if the detections are its own.
     """
     arrangements = target_arrangements(len(images), search.minimal - 1)
-    tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
-    least, wanted = max(search.minimal + 1, math.ceil(SAME * matched)), False
+    tried, pace, wanted = search._tried(), Pace(search.deadline, batches.CHUNKS), False
     if tried is None:
-        # a rival explains nearly as many detections, of any points
-        least = max(search.minimal + 1, math.ceil(fewest(matched, SAME if known is None else RIVAL)))
+        # a rival explains so many detections, of any points
         tried, wanted = TriedSets(partial(views_of_parts, positions=search.positions), LOST_OF_ALL), True
     test = search._test(0, least)
     for points in _wanted(search, tried, least) if wanted else search._waves():

@@ -21,7 +21,7 @@ from rootmatch.samplers.guided.local_search import CROWDED, IMAGES, LEAST, LOCAL
 from rootmatch.samplers.guided.model_views import LARGEST_WAVE, model_views
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import begin_with
-from rootmatch.samplers.guided.rivals import SAME, allowed_to, fewest
+from rootmatch.samplers.guided.rivals import allowed_to
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
@@ -171,14 +171,13 @@ class VisibleSearch(Search):
             begin_with(self, strongest_of(self.hypotheses)[None])
             self.strongest = max(float(batch.evidence.max()) for batch in self.hypotheses)
 
-    def _missed_among(self, images: Integers, matched: int, known: Integers | None = None) -> float:
+    def _missed_among(self, images: Integers, least: int, known: Integers | None = None) -> float:
         """See `Search`: sets that are visible together, until no pose that explains so many can well be missed.
 
         Rivals that have the detections of a pose which is ``known`` are met by local triples as it is, or by wide ones
         if those cost less.
         """
-        explained = SAME * matched if known is not None else fewest(matched, SAME)
-        least, mask = max(self.minimal + 1, math.ceil(explained)), allowed_to(self, images)
+        mask = allowed_to(self, images)
         local = None if known is None else self._local_of(images, least, known)
         before = self.missed
         for _ in self._in_rings(images, mask, least, least) if local is None else self._locally(local, mask, least):
