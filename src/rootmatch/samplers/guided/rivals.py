@@ -7,7 +7,7 @@ images, in every arrangement, so this takes a fraction of what the search took.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -35,9 +35,9 @@ detections that it may lack, however many there are: of a hundred, ten fewer are
 LITTLE, CROWD = 3_000_000, 1_000
 """Evaluations that may always be spent on other detections, some 30 ms, and how many of those are a crowd."""
 RIVAL_MISSED = 0.08
-"""Probability of having missed such a rival at which none is looked for any more, where no normals tell what is
-visible: two minimal sets in every arrangement of those detections, where all points are seen. `tests/test_guided.py`
-has objects that show less of them."""
+"""Probability of having missed a rival at which none is looked for any more: one elsewhere that shows far less than
+the best, and any where no normals tell what is visible: two minimal sets in every arrangement of those detections,
+where all points are seen. `tests/test_guided.py` has objects that show less of them."""
 VAIN = 0.75
 """Probability that a set leads to nothing, as those of the known pose tell it, beyond which no more are tried. A round
 value."""
@@ -70,8 +70,9 @@ def try_rivals(search: Search) -> None:
         free = np.ones(search.n_target, np.bool_)
         free[own] = False
         (rest,) = np.nonzero(free)
-        if (least := fewest_elsewhere(search, len(own))) <= len(rest) <= CROWD and not search._spent():
-            missed = search._missed_among(rest, least)
+        shown = fewest_elsewhere(search, len(own))
+        if shown[-1] <= len(rest) <= CROWD and not search._spent():
+            missed = search._missed_among(rest, shown)
             if not search._spent():
                 search.missed = max(search.missed, missed)
         better = search._clustered()[2]
@@ -88,30 +89,34 @@ def allowed_to(search: Search, images: Integers) -> Bools:
     return mask & search.allowed if search.allowed.size else mask
 
 
-def fewest_of_its_own(search: Search, matched: int) -> int:
+def fewest_of_its_own(search: Search, matched: int) -> tuple[int]:
     """Detections of a hypothesis with so many that a rival explains at least: it has to be as probable."""
     share = SAME * matched if search.normals and search.single else max(RIVAL * matched, matched - LACKS)
-    return max(search.minimal + 1, math.ceil(share))
+    return (max(search.minimal + 1, math.ceil(share)),)
 
 
-def fewest_elsewhere(search: Search, matched: int) -> int:
-    """Detections that a rival with others than a hypothesis with so many explains at least: more than chance does.
+def fewest_elsewhere(search: Search, matched: int) -> tuple[int, int]:
+    """Other detections that a rival of a hypothesis with so many explains at least.
 
-    It is another thing, which may show less of itself: how much either shows does not tell which one is asked for.
+    The first number is of one that shows nearly as much, which must not be missed. The second is of one that chance
+    does not explain: how much a copy shows does not tell which of the two is asked for, but the prior of it is low.
     """
-    return max(search.minimal + 1, min(search.fewest, math.ceil(SAME * matched)))
+    as_much = max(search.minimal + 1, math.ceil(max(SAME * matched, matched - LACKS)))
+    return as_much, min(as_much, max(2 * search.minimal, search.fewest))
 
 
-def missed_among(search: Search, images: Integers, least: int, known: Integers | None = None) -> float:
+def missed_among(search: Search, images: Integers, shown: Sequence[int], known: Integers | None = None) -> float:
     """Probability of having missed a rival among some detections, after all minimal sets with them that it takes.
 
-    It explains at least so many of them; ``known`` (n,) is the hypothesis if the detections are its own.
+    It explains ``shown[0]`` of them at least; if there is a second number, one that explains so many is hardly missed
+    either. ``known`` (n,) is the hypothesis if the detections are its own.
     """
     arrangements = target_arrangements(len(images), search.minimal - 1)
     tried, pace, wanted = search._tried(), Pace(search.deadline, batches.CHUNKS), False
     if tried is None:
         # a rival explains so many detections, of any points
         tried, wanted = TriedSets(partial(views_of_parts, positions=search.positions), LOST_OF_ALL), True
+    least = shown[-1]
     test = search._test(0, least)
     for points in _wanted(search, tried, least) if wanted else search._waves():
         sets, met = search._prepared(points, len(arrangements)), 0
@@ -127,11 +132,12 @@ def missed_among(search: Search, images: Integers, least: int, known: Integers |
             tried.add(points)
             if wanted and known is not None:
                 tried.learn(int((known[points] >= 0).all(axis=1).sum()), met)
-        missed = tried.missed(least)
+        missed = tried.missed(shown[0])
         enough = missed <= MISSED or (wanted and missed <= RIVAL_MISSED and not _looks_like_itself(search))
+        enough = enough and (len(shown) == 1 or tried.missed(least) <= RIVAL_MISSED)
         if enough or search._spent() or (wanted and tried.lost > VAIN):
             return missed
-    return tried.missed(least) if wanted else 0.0
+    return tried.missed(shown[0]) if wanted else 0.0
 
 
 def verify_rivals(search: Search, found: Survivors, known: Integers | None) -> int:
