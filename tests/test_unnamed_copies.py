@@ -64,6 +64,50 @@ def test_two_copies_with_normals_are_ambiguous() -> None:
     assert match.status is rm.Status.AMBIGUOUS
 
 
+def two_shells(seed: int, turns: tuple[float, float]) -> tuple[Floats, Floats, Floats, list[Any], Floats]:
+    """Points and normals of a front of 20 LEDs, the image of two that are turned about the vertical by such degrees.
+
+    Also the assignment that is right for each, and the vertical of the first in its own frame; the other leans by 10°.
+    """
+    rng = np.random.default_rng(seed)
+    azimuth, height = rng.uniform(-1.9, 1.9, 20), rng.uniform(-0.05, 0.05, 20)
+    points = np.column_stack([0.09 * np.sin(azimuth), height, -0.07 * np.cos(azimuth)])
+    normals = np.column_stack([np.sin(azimuth) / 0.09, 3.0 * height, -np.cos(azimuth) / 0.07])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    each, facing, down = [], [], np.zeros(3)
+    for (x, y, z), turn, lean in zip(ACROSS, turns, (2.0, 10.0), strict=True):
+        R = Rotation.from_euler("xyz", (lean, turn, 0.0), degrees=True).as_matrix()
+        places = points @ R.T + (4.0 * x, 4.0 * y, 2.0 * z)
+        towards = -((normals @ R.T) * places).sum(axis=1) / np.linalg.norm(places, axis=1)
+        facing.append(np.flatnonzero(towards > np.cos(VIEW)))
+        each.append(CAMERA.project(places[facing[-1]]))
+        down = down if down.any() else R[1]
+    target, own = seen(rng, each, np.empty((0, 2)), 0.2)
+    right = [np.full(20, -1) for _ in own]
+    for assignment, shown, places in zip(right, facing, own, strict=True):
+        assignment[shown] = places
+    return points, normals, target, right, down
+
+
+@pytest.mark.parametrize("seed", [2, 9, 17])
+def test_a_copy_that_shows_far_more_is_not_told_by_that(seed: int) -> None:
+    points, normals, target, right, _ = two_shells(seed, (62.0, 0.0))
+    match = rm.match(points, target, rm.P3P(CAMERA), noise=0.2, normals=normals)
+    assert match.status is rm.Status.AMBIGUOUS
+    found = [match.assignment, *(other for other, _ in match.alternatives)]
+    for one in right:
+        assert any(np.mean(other[one >= 0] == one[one >= 0]) > 0.8 for other in found)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_vertical_tells_a_copy_that_leans_from_the_body(seed: int) -> None:
+    points, normals, target, right, down = two_shells(seed, (40.0, 0.0))
+    vertical = rm.PosePrior(vertical=(down, (0.0, 1.0, 0.0), np.radians(2.0)))
+    match = rm.match(points, target, rm.P3P(CAMERA), noise=0.2, normals=normals, prior=vertical)
+    assert match
+    assert (match.assignment[match.assignment >= 0] == right[0][match.assignment >= 0]).all()
+
+
 @pytest.mark.parametrize("problem", [rm.Rigid(), rm.Similarity()])
 @pytest.mark.parametrize("n", [5, 12])
 def test_two_copies_in_space_are_ambiguous(problem: rm.Problem, n: int) -> None:

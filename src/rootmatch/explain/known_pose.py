@@ -78,7 +78,8 @@ def _searched(
 ) -> Finding:
     """What searches find, weighed with what was ``proposed`` and told by ``found``.
 
-    What one of them would have met was not missed.
+    What one of them would have met was not missed. One that its budget ended has not looked beside what it found, where
+    what is known may point to a copy of that.
     """
     named, evaluated, missed = list[Integers](), 0, 1.0
     for one, columns in _searches(task):
@@ -88,6 +89,7 @@ def _searched(
         part: MatchingTask | None = one
         while part is not None and len(columns) >= part.problem.order and not task.deadline.passed():
             searched = solve(part)
+            cut = part.budget is not None and searched.evaluated >= part.budget
             evaluated, part = evaluated + searched.evaluated, searched.left
             missed = min(missed, searched.facts.missed)
             searched = among_all(searched, task, columns)
@@ -98,7 +100,7 @@ def _searched(
                 # where all that is known leaves was proposed, a search need not meet it
                 as_known = missed if proposed is None else 0.0
                 found = told_by(base, body.alone(), body, missed=missed, missed_as_known=as_known)
-            if found.status is Status.MATCHED:
+            if found.status is Status.MATCHED and not cut:
                 return found
     return found
 

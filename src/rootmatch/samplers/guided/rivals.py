@@ -7,7 +7,7 @@ images, in every arrangement, so this takes a fraction of what the search took.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -35,9 +35,9 @@ detections that it may lack, however many there are: of a hundred, ten fewer are
 LITTLE, CROWD = 3_000_000, 1_000
 """Evaluations that may always be spent on other detections, some 30 ms, and how many of those are a crowd."""
 RIVAL_MISSED = 0.08
-"""Probability of having missed such a rival at which none is looked for any more, where no normals tell what is
-visible: two minimal sets in every arrangement of those detections, where all points are seen. `tests/test_guided.py`
-has objects that show less of them."""
+"""Probability of having missed a rival at which none is looked for any more: one elsewhere that shows far less than
+the best, and any where no normals tell what is visible: two minimal sets in every arrangement of those detections,
+where all points are seen. `tests/test_guided.py` has objects that show less of them."""
 VAIN = 0.75
 """Probability that a set leads to nothing, as those of the known pose tell it, beyond which no more are tried. A round
 value."""
@@ -65,13 +65,14 @@ def try_rivals(search: Search) -> None:
         hypotheses = search._clustered()[2]
         best, evidence = hypotheses.best[0], float(hypotheses.evidence[0])
         own = np.sort(best[best >= 0])
-        search.missed = search._missed_among(own, len(own), known=best)
+        search.missed = search._missed_among(own, fewest_of_its_own(search, len(own)), known=best)
         search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
         free = np.ones(search.n_target, np.bool_)
         free[own] = False
         (rest,) = np.nonzero(free)
-        if max(fewest(len(own), SAME), search.minimal + 1) <= len(rest) <= CROWD and not search._spent():
-            missed = search._missed_among(rest, len(own))
+        shown = fewest_elsewhere(search, len(own))
+        if shown[-1] <= len(rest) <= CROWD and not search._spent():
+            missed = search._missed_among(rest, shown)
             if not search._spent():
                 search.missed = max(search.missed, missed)
         better = search._clustered()[2]
@@ -88,26 +89,34 @@ def allowed_to(search: Search, images: Integers) -> Bools:
     return mask & search.allowed if search.allowed.size else mask
 
 
-def fewest(matched: int, share: float) -> float:
-    """Detections that a rival of a hypothesis with so many explains at least: this share of them, and nearly all.
+def fewest_of_its_own(search: Search, matched: int) -> tuple[int]:
+    """Detections of a hypothesis with so many that a rival explains at least: it has to be as probable."""
+    share = SAME * matched if search.normals and search.single else max(RIVAL * matched, matched - LACKS)
+    return (max(search.minimal + 1, math.ceil(share)),)
 
-    With the same detections it has to be as probable. Elsewhere it may be another thing, of which less is seen.
+
+def fewest_elsewhere(search: Search, matched: int) -> tuple[int, int]:
+    """Other detections that a rival of a hypothesis with so many explains at least.
+
+    The first number is of one that shows nearly as much, which must not be missed. The second is of one that chance
+    does not explain: how much a copy shows does not tell which of the two is asked for, but the prior of it is low.
     """
-    return max(share * matched, matched - LACKS)
+    as_much = max(search.minimal + 1, math.ceil(max(SAME * matched, matched - LACKS)))
+    return as_much, min(as_much, max(2 * search.minimal, search.fewest))
 
 
-def missed_among(search: Search, images: Integers, matched: int, known: Integers | None = None) -> float:
+def missed_among(search: Search, images: Integers, shown: Sequence[int], known: Integers | None = None) -> float:
     """Probability of having missed a rival among some detections, after all minimal sets with them that it takes.
 
-    Of a hypothesis with so many matches; ``known`` (n,) is its assignment if the detections are its own.
+    It explains ``shown[0]`` of them at least; if there is a second number, one that explains so many is hardly missed
+    either. ``known`` (n,) is the hypothesis if the detections are its own.
     """
     arrangements = target_arrangements(len(images), search.minimal - 1)
-    tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
-    least, wanted = max(search.minimal + 1, math.ceil(SAME * matched)), False
+    tried, pace, wanted = search._tried(), Pace(search.deadline, batches.CHUNKS), False
     if tried is None:
-        # a rival explains nearly as many detections, of any points
-        least = max(search.minimal + 1, math.ceil(fewest(matched, SAME if known is None else RIVAL)))
+        # a rival explains so many detections, of any points
         tried, wanted = TriedSets(partial(views_of_parts, positions=search.positions), LOST_OF_ALL), True
+    least = shown[-1]
     test = search._test(0, least)
     for points in _wanted(search, tried, least) if wanted else search._waves():
         sets, met = search._prepared(points, len(arrangements)), 0
@@ -123,11 +132,12 @@ def missed_among(search: Search, images: Integers, matched: int, known: Integers
             tried.add(points)
             if wanted and known is not None:
                 tried.learn(int((known[points] >= 0).all(axis=1).sum()), met)
-        missed = tried.missed(least)
+        missed = tried.missed(shown[0])
         enough = missed <= MISSED or (wanted and missed <= RIVAL_MISSED and not _looks_like_itself(search))
+        enough = enough and (len(shown) == 1 or tried.missed(least) <= RIVAL_MISSED)
         if enough or search._spent() or (wanted and tried.lost > VAIN):
             return missed
-    return tried.missed(least) if wanted else 0.0
+    return tried.missed(shown[0]) if wanted else 0.0
 
 
 def verify_rivals(search: Search, found: Survivors, known: Integers | None) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from rootmatch.samplers.guided.local_search import CROWDED, IMAGES, LEAST, LOCAL
 from rootmatch.samplers.guided.model_views import LARGEST_WAVE, model_views
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import begin_with
-from rootmatch.samplers.guided.rivals import SAME, allowed_to, fewest
+from rootmatch.samplers.guided.rivals import RIVAL_MISSED, allowed_to
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
@@ -130,22 +130,25 @@ class VisibleSearch(Search):
         yield from self._in_rings(np.arange(self.n_target), self.allowed)
         self.conclusive = 0.0 < self.missed <= MISSED  # not where all listed triples were tried before that
 
-    def _in_rings(
-        self, images: Integers, allowed: Bools, least: int | None = None, seen: float = math.inf
-    ) -> Iterator[None]:
+    def _in_rings(self, images: Integers, allowed: Bools, shown: Sequence[int] = ()) -> Iterator[None]:
         """Try triples with some images until a pose that explains so many points can hardly have been missed.
 
-        ``least``: those that the strongest hypothesis explains, by default. Images that lie close together are few, so
-        their triples come first, as many as their cost allows: those of an object that fills the image are not much
-        later, and those of a small one far sooner.
+        ``shown``: see `missed_among`; those that the strongest hypothesis explains, by default. Images that lie close
+        together are few, so their triples come first, as many as their cost allows: those of an object that fills the
+        image are not much later, and those of a small one far sooner.
         """
         turns = [Turn(ring, math.sqrt(ring.cost)) for ring in rings_of(images, self.grid.positions, sizes_of(images))]
         batch, pace, waves = batches.FIRST, Pace(self.deadline), len(self.views.edges)
         while True:
-            matched = max(self._most_matched(), LEAST_MATCHED) if least is None else least
+            matched = shown[0] if shown else max(self._most_matched(), LEAST_MATCHED)
+            limits = ((matched, MISSED), *((least, RIVAL_MISSED) for least in shown[1:]))
             done = min(turn.wave for turn in turns)
             self.missed = self.views.missed(matched, done) if done < waves else 0.0
-            open_turns = [one for one in turns if one.wave < waves and self.views.missed(matched, one.wave) > MISSED]
+            open_turns = [
+                one
+                for one in turns
+                if one.wave < waves and any(self.views.missed(least, one.wave) > most for least, most in limits)
+            ]
             if not open_turns:
                 return
             turn = min(open_turns, key=lambda one: (one.spent + one.ring.cost) / one.share)
@@ -153,7 +156,7 @@ class VisibleSearch(Search):
             last = min(len(sets.shapes), turn.done + pace.block(max(1, batch // turn.ring.cost)))
             if last == turn.done:
                 return
-            self._try_visible(sets, turn.done, last, turn.ring, allowed, seen=seen)
+            self._try_visible(sets, turn.done, last, turn.ring, allowed, seen=shown[-1] if shown else math.inf)
             self._look_closer()
             turn.spent += (last - turn.done) * turn.ring.cost
             turn.done, batch = last, batches.next_batch(batch)
@@ -171,17 +174,16 @@ class VisibleSearch(Search):
             begin_with(self, strongest_of(self.hypotheses)[None])
             self.strongest = max(float(batch.evidence.max()) for batch in self.hypotheses)
 
-    def _missed_among(self, images: Integers, matched: int, known: Integers | None = None) -> float:
+    def _missed_among(self, images: Integers, shown: Sequence[int], known: Integers | None = None) -> float:
         """See `Search`: sets that are visible together, until no pose that explains so many can well be missed.
 
         Rivals that have the detections of a pose which is ``known`` are met by local triples as it is, or by wide ones
         if those cost less.
         """
-        explained = SAME * matched if known is not None else fewest(matched, SAME)
-        least, mask = max(self.minimal + 1, math.ceil(explained)), allowed_to(self, images)
+        mask, least = allowed_to(self, images), shown[0]
         local = None if known is None else self._local_of(images, least, known)
         before = self.missed
-        for _ in self._in_rings(images, mask, least, least) if local is None else self._locally(local, mask, least):
+        for _ in self._in_rings(images, mask, shown) if local is None else self._locally(local, mask, least):
             if self._spent():
                 break
         missed, self.missed = self.missed, before
