@@ -240,7 +240,8 @@ class Belief:
                 not_there = np.logaddexp(log_back(self.poses[origin[first]], time), lost)
                 weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
         nothing, go_on = float(log_chance(np.array(told.clutter))) - self.returned(time), []
-        is_shown = float(told.probabilities.sum()) >= found.facts.min_probability  # whether or not it fits
+        # whether or not it fits, and though it may be a copy, which is followed as well
+        is_shown = float(told.probabilities.sum()) + told.copy >= found.facts.min_probability
         for k, of in enumerate(origin.tolist()):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
                 continue  # what is left of another mode
