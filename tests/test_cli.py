@@ -629,6 +629,7 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         evaluated=1234567,
         noise=np.array([0.5, 1.0]),
         stopped_early=False,
+        prior_holds=None,
         sightings=None,
         problem=make(least_for_pose=0),
     )

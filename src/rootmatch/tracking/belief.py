@@ -128,11 +128,14 @@ class Belief:
         weight = np.exp(weight - weight.max(initial=-math.inf))
         return np.asarray(weight / weight.sum())
 
-    def predicted(self, time: float, doubt: float) -> tuple[Pose, Rivals]:
-        """The most probable pose at a time, and the others with their probabilities; that none is right."""
+    def predicted(self, time: float, doubt: float, lit: Floats | None = None) -> tuple[Pose, Rivals]:
+        """The most probable pose at a time, and the others with their probabilities.
+
+        ``doubt``: that none is right; ``lit`` (n,): that each point is lit, if that is known.
+        """
         poses = [one.filter.predicted(time) for one in self.poses]
         others = tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True)) if len(poses) > 1 else ()
-        return poses[0], Rivals(others, doubt, tuple(one.place for one in self.poses))
+        return poses[0], Rivals(others, doubt, tuple(one.place for one in self.poses), lit)
 
     def forget_before(self, time: float) -> None:
         """Give up the hypotheses that no frame has confirmed since a time."""

@@ -130,8 +130,8 @@ class FollowedBody:
 
     def predicted(self, time: float) -> tuple[Pose, Rivals]:
         """The most probable pose at a time, and what else it may be."""
-        pose, rivals = self.belief.predicted(time, min(max(DOUBT, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL))
-        return pose, rivals._replace(lit=self.dark.at(time))
+        doubt = min(max(DOUBT, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL)
+        return self.belief.predicted(time, doubt, self.dark.at(time))
 
     def keep_best(self, time: float) -> None:
         """The caller says where the body is: nothing beside it is taken for its points."""
