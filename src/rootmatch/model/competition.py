@@ -60,7 +60,7 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
     of_copy = {k: 1.0 - float(share[-1]) for (k, _), share in zip(named, each_of[len(parts) :], strict=True)}
     for k, (modes, share) in enumerate(zip(parts, each_of, strict=False)):  # those of copies follow
         each, of = (1.0 - WRONG_MODEL) * share, origins[k]
-        copy = min(of_copy.get(k, 0.0), float(each[-1]))
+        copy = min(of_copy[k], float(each[-1])) if k in of_copy else 0.0
         order = (-each[:-1]).argsort(kind="stable")
         if (order[1:] > order[:-1]).all():  # as they are, nearly always
             found.append(Posterior(modes, each[:-1], float(each[-1]), origins=of, copy=copy))

@@ -37,8 +37,12 @@ def unrecognised(model: DetectionModel, prior: Doubted, copies: Modes) -> Floats
     """
     poses, shares = [expected(model, one) for one in prior.predictions], np.exp(prior.log_shares)
     rotation, position = (np.concatenate(part) for part in zip(*poses, strict=True))
-    visible = prior.lit * model.visibility(model.linearised(rotation, position), np.zeros(len(rotation)))
-    weights = np.repeat(shares / shares.sum() / POSES, POSES)
+    at = model.linearised(rotation, position)
+    visible = prior.lit * model.visibility(at, np.zeros(len(rotation)))
+    weights = np.repeat(shares, POSES)
+    in_view = weights * at.seen.any(axis=1)  # as a vague prediction hardly says: the body is asked for
+    weights = in_view if in_view.any() else weights
+    weights = weights / weights.sum()
     rates, log_weights = model.rates
     chance, sight = in_sight(visible, rates, max(len(model.images), 1))
     matched = np.count_nonzero(copies.assignments >= 0, axis=1)
