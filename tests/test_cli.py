@@ -65,7 +65,7 @@ class TestMatch:
         assert set(record) == {
             "assignment", "score", "margin", "probability", "log_odds", "confidence", "motion_labels", "alternatives",
             "status", "converged", "stopped_early", "seconds", "evaluated", "noise", "noise_factor",
-            "point_error", "poses", "other_poses",
+            "point_error", "poses", "other_poses", "prior_holds",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth

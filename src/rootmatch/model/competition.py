@@ -82,7 +82,8 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | No
     A copy that nobody named, of which what is known of the body tells nothing; or, where a tracker follows the body in
     several places, what it follows in the others: whether that is a copy or clutter that stays, it is expected there.
     (M,), or (M + 1, M) whose rows are of the body's own mode, the last one of no mode, and columns of the other: the
-    body is absent then, or where it is expected and shows too little. ``uses`` (M, n'): the detections of each mode; ``of``: as of `_origins`.
+    body is absent then, or where it is expected and shows too little. ``uses`` (M, n'): the detections of each mode;
+    ``of``: as of `_origins`.
     """
     mass, prior = modes.log_mass, of_itself(model.prior)
     if (of is None or (of >= 0).all()) and (uses @ uses.T).all():

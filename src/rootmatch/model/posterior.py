@@ -111,7 +111,8 @@ class Posterior:
         clutter = self.clutter * math.exp(-top) + math.exp(log_other - top)
         whole = (float(self.probabilities.sum()) + self.clutter) / (float(weights.sum()) + clutter)
         order = np.argsort(-weights, kind="stable")
-        exchanged, origins = (None if one is None else one[order] for one in (self.exchanged, self.origins))
+        exchanged = None if self.exchanged is None else self.exchanged[order]
+        origins = None if self.origins is None else self.origins[order]
         return Posterior(
             self.modes.take(order), whole * weights[order], whole * clutter, self.few, exchanged, origins,
             whole * self.copy * math.exp(-top),

@@ -119,7 +119,7 @@ def few_of_each(chance: Floats, counts: Integers, most: int) -> tuple[Floats, Fl
 def in_sight(visible: Floats, rates: Floats, images: int) -> tuple[Floats, Floats]:
     """Chance (C, n, S Q H) of each point to be detected, in poses, at rates, and with what is hidden as a whole.
 
-    ``visible`` (S, C n): visibility in each pose; ``rates`` (Q,). The probabilities (H,) of what is hidden come with it.
+    ``visible`` (S, C n): visibility in each pose; ``rates`` (Q,). With the probabilities (H,) of what is hidden.
     """
     each = (rates[:, None] * np.array((1.0, *IN_SIGHT))).reshape(-1)
     chance = (visible.T[:, :, None] * each).reshape(images, -1, len(visible) * len(each))

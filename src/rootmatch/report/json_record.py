@@ -20,7 +20,8 @@ def match_record(match: Match) -> dict[str, Any]:
     evaluated), ``margin``, ``probability`` and ``log_odds`` (null if there is none), ``confidence`` (list of n, of each
     match or unmatched point), ``alternatives`` (objects with ``assignment`` and ``score``, best first), ``status``
     (``"matched"``, ``"ambiguous"`` or ``"untrusted"``), ``prior_holds`` (null without one, or if nothing is trusted),
-    ``converged``, ``stopped_early`` (whether the time limit ended it), ``seconds``, ``evaluated`` (hyper-edges), ``noise`` (σ in pixels, null if it differs by point),
+    ``converged``, ``stopped_early`` (whether the time limit ended it), ``seconds``, ``evaluated`` (hyper-edges),
+    ``noise`` (σ in pixels, null if it differs by point),
     ``noise_factor`` and ``point_error`` (see `rootmatch.Match`), ``poses`` (one for each motion, null if it has none;
     null for problems that fit no poses; see `rootmatch.io.pose_record`), which alternatives have too, ``other_poses``
     (of the same assignment, or null: objects with ``pose`` and ``probability``). Indices are zero-based row numbers. A
