@@ -65,7 +65,7 @@ class TestMatch:
         assert set(record) == {
             "assignment", "score", "margin", "probability", "log_odds", "confidence", "motion_labels", "alternatives",
             "status", "converged", "stopped_early", "seconds", "evaluated", "noise", "noise_factor",
-            "point_error", "poses", "other_poses",
+            "point_error", "poses", "other_poses", "prior_holds",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth
@@ -629,6 +629,7 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         evaluated=1234567,
         noise=np.array([0.5, 1.0]),
         stopped_early=False,
+        prior_holds=None,
         sightings=None,
         problem=make(least_for_pose=0),
     )

@@ -149,3 +149,19 @@ def test_the_command_goes_on_after_a_bad_frame_if_asked_to(tmp_path: Path) -> No
     assert "frame 1 is left out" in result.stderr
     assert f"row {spoiled + 2}" in result.stderr
     assert [row.split(",")[0] for row in result.stdout.splitlines()[1:]] == ["0", "2", "3"]
+
+
+def test_the_command_goes_on_after_a_late_frame_if_asked_to(tmp_path: Path) -> None:
+    rows = [f"{k},{x},{y}" for k in (0, 2, 1, 2, 3) for x, y in frame(k).tolist()]  # a live pipe cannot be sorted
+    (tmp_path / "frames.csv").write_text("\n".join(["frame,x,y", *rows]) + "\n")
+    model = ["x,y,z", *(",".join(map(str, point)) for point in POINTS.tolist())]
+    (tmp_path / "model.csv").write_text("\n".join(model) + "\n")
+    given = ["track", *(str(tmp_path / name) for name in ("model.csv", "frames.csv")), "--problem", "p3p"]
+    given += ["--camera", "900,900,640,480", "--noise", "0.2"]
+    assert run(*given).exit_code == 2
+    result = run(*given, "--skip-bad-frames")
+    assert result.exit_code == 0
+    assert "frame 1 is left out" in result.stderr
+    assert "frame 1 after frame 2; frames are out of order" in result.stderr
+    assert "frame 2 after frame 2" in result.stderr
+    assert [row.split(",")[0] for row in result.stdout.splitlines()[1:]] == ["0", "2", "3"]

@@ -35,6 +35,63 @@ def seen(rng: np.random.Generator, each: list[Floats], clutter: Floats, sigma: f
     return every[order] + rng.normal(0.0, sigma, every.shape), [place[a:b] for a, b in pairwise(ends)]
 
 
+def wand() -> tuple[Floats, Floats]:
+    """Twelve LEDs on a ring that faces one way, and their normals."""
+    turn = np.arange(12) * np.pi / 6.0
+    points = np.column_stack([0.05 * np.cos(turn), 0.05 * np.sin(turn), 0.008 * np.sin(5.0 * turn**1.3)])
+    normals = np.column_stack([np.cos(turn), np.sin(turn), np.full(12, 1.5)])
+    return points, normals / np.linalg.norm(normals, axis=1)[:, None]
+
+
+AWAY, FACING = np.eye(3), Rotation.from_rotvec([np.pi - 0.2, 0.1, 0.0]).as_matrix()
+"""Rotations of it."""
+
+
+@pytest.mark.parametrize("away", [True, False])
+def test_a_twin_is_not_the_body_that_is_turned_away_where_it_is_expected(away: bool) -> None:
+    """If it faced the camera there, it would be seen: the prior is wrong then."""
+    (points, normals), rng = wand(), np.random.default_rng(5)
+    twin = CAMERA.project(points @ FACING.T + (0.3, 0.1, 1.2))
+    target, (own,) = seen(rng, [twin], rng.uniform((0, 0), (1280, 960), (3, 2)), 0.25)
+    expected = rm.Pose(AWAY if away else FACING, (-0.3, 0.0, 1.0), np.diag([np.radians(3.0)] * 3 + [0.03] * 3) ** 2)
+    match = rm.match(points, target, rm.P3P(CAMERA), noise=0.27, normals=normals, prior=expected)
+    assert np.array_equal(match.assignment, own)
+    assert match.probability is not None
+    assert (match.status is rm.Status.MATCHED) != away
+    assert match.probability == pytest.approx(0.89 if away else 0.97, abs=0.015)
+
+
+def test_a_body_that_shows_less_is_looked_for_beside_what_contradicts_its_prior() -> None:
+    rng = np.random.default_rng(6)
+    points, (R, twin_R) = rng.uniform(-0.06, 0.06, (12, 3)), (Rotation.random(rng=rng).as_matrix() for _ in range(2))
+    own = CAMERA.project(points[:6] @ R.T + ACROSS[0])
+    twin = CAMERA.project(points @ twin_R.T + ACROSS[1])
+    target, (mine, _) = seen(rng, [own, twin], rng.uniform((0, 0), (1280, 960), (12, 2)), 0.3)
+    known = rm.PosePrior(position=(ACROSS[0], 0.06))
+    match = rm.match(points, target, rm.P3P(CAMERA), noise=0.3, prior=known)
+    if match.status is rm.Status.MATCHED:
+        assert np.array_equal(match.assignment[:6], mine)
+
+
+def test_a_tracker_does_not_jump_to_a_twin_while_the_body_is_turned_away() -> None:
+    (points, normals), rng = wand(), np.random.default_rng(8)
+    tracker, found = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3, normals=normals, view_angle=VIEW), []
+    for k in range(40):
+        turn = Rotation.from_rotvec([0.0, min(0.05 * k, 1.6), 0.0]).as_matrix()  # until it shows nothing
+        shown = [(turn @ FACING, np.array([-0.3, 0.0, 1.0]))]
+        if k >= 34:
+            shown.append((FACING, np.array([0.3, 0.1, 1.2])))
+        target = []
+        for R, t in shown:
+            place = points @ R.T + t
+            facing = -((normals @ R.T) * place).sum(axis=1) / np.linalg.norm(place, axis=1) > np.cos(VIEW)
+            target.append(CAMERA.project(place[facing]))
+        every = np.concatenate([*target, rng.uniform((0, 0), (1280, 960), (2, 2))])
+        found.append(tracker.update(every + rng.normal(0.0, 0.3, every.shape), time=k / 60.0))
+    assert sum(map(bool, found[:20])) >= 15
+    assert not any(found[34:])
+
+
 @pytest.mark.parametrize(("n", "clutter"), [(6, 10), (12, 40), (40, 0)])
 def test_two_copies_in_an_image_are_ambiguous_and_both_are_listed(n: int, clutter: int) -> None:
     rng = np.random.default_rng([7, n])

@@ -108,7 +108,8 @@ Diagnose = Annotated[bool, typer.Option("--diagnose", hidden=True)]
 SkipBadFrames = Annotated[
     bool,
     typer.Option(
-        "--skip-bad-frames", help="Leave out frames whose detections are faulty, with a warning; else they end the run."
+        "--skip-bad-frames",
+        help="Leave out frames that are faulty or out of order, with a warning; else they end the run.",
     ),
 ]
 Matches = Annotated[Path | None, option.output("Write frame,source,target,weight,motion.", metavar="CSV")]

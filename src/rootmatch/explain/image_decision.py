@@ -123,9 +123,7 @@ def told_by(
         told = with_parts(told, model, base.task.minimal, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability
-    scoreless, origins = base.evaluated == 0, None
-    if isinstance(prior, Doubted):
-        origins = prior.prediction_of(modes.rotation, modes.position)
+    scoreless, origins = base.evaluated == 0, told.origins
     if (k := next(free, None)) is None:
         nothing = np.full(base.task.rows, -1, np.int64)
         return copied(

@@ -281,7 +281,9 @@ def _with_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.flo
         place, covariance = about_point(pose.R, pose.t, pose.covariance, centre)
         predictions.append(Gaussian(pose.R, place, covariance, freedom=task.prior_freedom))
         shares.append(math.log(max(share, 1e-300)) + math.log1p(-doubt))
-    return Doubted(predictions, shares, without, doubt, task.rivals.places)
+    lit = task.rivals.lit
+    known = 1.0 if lit is None or len(lit) != task.rows else lit
+    return Doubted(predictions, shares, without, doubt, task.rivals.places, known)
 
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: Sequence[Integers]) -> Proposals:

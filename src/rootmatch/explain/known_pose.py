@@ -18,7 +18,7 @@ from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
 from rootmatch.explain.known_place import Pairs, pairs_by_angle, poses_by_position
 from rootmatch.explain.known_rotation import lines_of_sight, pairs_are_drawn, poses_by_rotation
-from rootmatch.explain.predicted_poses import knowledge_of
+from rootmatch.explain.predicted_poses import contradicts, knowledge_of
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.too_few import are_too_few
@@ -81,7 +81,7 @@ def _searched(
     What one of them would have met was not missed. One that its budget ended has not looked beside what it found, where
     what is known may point to a copy of that.
     """
-    named, evaluated, missed = list[Integers](), 0, 1.0
+    named, evaluated, missed, beside = list[Integers](), 0, 1.0, False
     for one, columns in _searches(task):
         # with what is known every pose was proposed: without it, what is known would have to be wrong
         if proposed is not None and one.problem is task.problem and are_too_few(one, math.log(DOUBT)):
@@ -101,8 +101,20 @@ def _searched(
                 as_known = missed if proposed is None else 0.0
                 found = told_by(base, body.alone(), body, missed=missed, missed_as_known=as_known)
             if found.status is Status.MATCHED and not cut:
-                return found
+                if beside or not _is_elsewhere(found, task):
+                    return found
+                beside, free = True, np.flatnonzero(~np.isin(columns, found.assignment))
+                part, columns = one.subset(np.arange(one.shape[0]), free), columns[free]
     return found
+
+
+def _is_elsewhere(found: Finding, task: MatchingTask) -> bool:
+    """Whether a body was found where what is known of it all but excludes it.
+
+    It may be a copy: the body may be beside it, and show less.
+    """
+    assert task.known is not None
+    return found.pose is not None and (not found.prior_holds or contradicts(task.known, found.pose))
 
 
 def proposals_by_knowledge(task: MatchingTask, model: DetectionModel, pairs: Pairs | None) -> Proposals | None:

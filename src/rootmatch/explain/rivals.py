@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from rootmatch.arrays import Floats
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
@@ -22,11 +23,14 @@ class Rivals(NamedTuple):
         Probability that none of all of them is right.
     places : tuple of int
         Numbers of the places in which all of them are followed, the first one's before the others.
+    lit : (n,) array, optional
+        Probability that each sighting of a point is lit by the frames before; all are where not given.
     """
 
     poses: tuple[tuple[Pose, float], ...] = ()
     doubt: float = DOUBT
     places: tuple[int, ...] = ()
+    lit: Floats | None = None
 
     def given(self, known: PosePrior) -> Rivals:
         """The same poses with partial knowledge."""

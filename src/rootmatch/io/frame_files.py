@@ -44,7 +44,7 @@ class Frame:
     """What is known of the pose, where the file has such columns (`rootmatch.io.known_files`): a `rootmatch.PosePrior`;
     by label where another file tells it of bodies."""
     fault: str | None = None
-    """Why its detections could not all be read, where that is allowed."""
+    """Why it is out of order, or its detections could not all be read, where that is allowed."""
 
 
 def has_frames(path: Path) -> bool:
@@ -77,7 +77,8 @@ def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False, skippin
     of_rig : bool
         Whether they are detections of several cameras: ``frame,x,y,camera``, with the camera's index from 0.
     skipping : bool
-        Whether a detection that cannot be read spoils its frame alone, see `Frame.fault`.
+        Whether a detection that cannot be read spoils its frame alone, and a frame out of order itself; see
+        `Frame.fault`.
     """
     name = Path("standard input") if path == STANDARD_INPUT else path
     with _opened(path) as stream:
@@ -94,6 +95,7 @@ class _Frames:
         self.numbered, self.timed = (name in header for name in ("frame", "time"))
         self.noisy = noise_columns(path, header)
         self.key: tuple[int, float | None] | None = None
+        self._latest: tuple[int, float | None] | None = None
         self.ended = True
         self._points: list[list[float]] = []
         self._sigma: list[list[float]] = []
@@ -109,7 +111,14 @@ class _Frames:
             key = 0 if self.key is None else self.key[0] + (time != self.key[1]), time
         if key != self.key:
             yield from self.end()
-            self._check_order(where, *key)
+            try:
+                self._check_order(where, *key)
+            except InputError as error:
+                if not self.skipping:
+                    raise
+                self.fault = str(error)
+            else:
+                self._latest = key
             self.key, self.ended = key, False
         elif self.ended:
             raise InputError(
@@ -146,12 +155,12 @@ class _Frames:
         yield Frame(self.key[0], points, self.key[1], sigma=sigma, known=known, fault=fault)
 
     def _check_order(self, where: str, frame: int, time: float | None) -> None:
-        if self.key is None:
+        if self._latest is None:
             return
-        before, earlier = self.key
-        if frame == before:
+        before, earlier = self._latest
+        if frame == before and time != earlier:
             raise InputError(f"{where}: frame {frame} has two times, {earlier:g} and {time:g}; give one for each frame")
-        behind, order = frame < before, f"frame {frame} after frame {before}"
+        behind, order = frame <= before, f"frame {frame} after frame {before}"
         if not behind and time is not None and earlier is not None:
             behind, order = time <= earlier, f"time {time:g} after time {earlier:g}"
         if behind:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.exchanged import of_itself
@@ -22,6 +22,7 @@ from rootmatch.model.modes import Modes, none_near, same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
+from rootmatch.model.unrecognised import unrecognised
 
 KEPT = 16
 """Modes of each body that are weighed together. A round value."""
@@ -48,42 +49,57 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
     pairs = zip(uses, parts, strict=True)
     uses = [known if len(known) == len(modes.log_odds) else modes.uses(count) for known, modes in pairs]
     masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
-    copies = [(k, _as_copy(*each)) for k, each in enumerate(zip(models, parts, uses, strict=True))]
+    origins = [_origins(*each) for each in zip(models, parts, strict=True)]
+    copies = [(k, _as_copy(*each)) for k, each in enumerate(zip(models, parts, uses, origins, strict=True))]
     named = [(k, mass) for k, mass in copies if mass is not None]
     each_of = marginals(
         [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_left,
         given=[*(-1 for _ in parts), *(k for k, _ in named)],
     )  # fmt: skip
     found = []
-    for modes, share in zip(parts, each_of, strict=False):  # those of copies follow
-        each = (1.0 - WRONG_MODEL) * share
+    of_copy = {k: 1.0 - float(share[-1]) for (k, _), share in zip(named, each_of[len(parts) :], strict=True)}
+    for k, (modes, share) in enumerate(zip(parts, each_of, strict=False)):  # those of copies follow
+        each, of = (1.0 - WRONG_MODEL) * share, origins[k]
+        copy = min(of_copy[k], float(each[-1])) if k in of_copy else 0.0
         order = (-each[:-1]).argsort(kind="stable")
         if (order[1:] > order[:-1]).all():  # as they are, nearly always
-            found.append(Posterior(modes, each[:-1], float(each[-1])))
+            found.append(Posterior(modes, each[:-1], float(each[-1]), origins=of, copy=copy))
         else:
-            found.append(Posterior(modes.take(order), each[:-1][order], float(each[-1])))
+            of = None if of is None else of[order]
+            found.append(Posterior(modes.take(order), each[:-1][order], float(each[-1]), origins=of, copy=copy))
     return found
 
 
-def _as_copy(model: DetectionModel, modes: Modes, uses: Bools) -> Floats | None:
+def _origins(model: DetectionModel, modes: Modes) -> Integers | None:
+    """The prediction (M,) that each mode is about, −1 for none; None if nothing is predicted."""
+    prior = of_itself(model.prior)
+    return prior.prediction_of(modes.rotation, modes.position) if isinstance(prior, Doubted) else None
+
+
+def _as_copy(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None) -> Floats | None:
     """Log-odds of a body's modes as those of something else; None if two cannot be in one image.
 
     A copy that nobody named, of which what is known of the body tells nothing; or, where a tracker follows the body in
     several places, what it follows in the others: whether that is a copy or clutter that stays, it is expected there.
-    (M,), or (M + 1, M) whose rows are of the body's own mode, the last one of its absence, and columns of the other.
-    ``uses`` (M, n'): the detections of each mode.
+    (M,), or (M + 1, M) whose rows are of the body's own mode, the last one of no mode, and columns of the other: the
+    body is absent then, or where it is expected and shows too little. ``uses`` (M, n'): the detections of each mode;
+    ``of``: as of `_origins`.
     """
-    if (uses @ uses.T).all():
-        return None
     mass, prior = modes.log_mass, of_itself(model.prior)
-    if not isinstance(prior, Doubted):
+    if (of is None or (of >= 0).all()) and (uses @ uses.T).all():
+        return None
+    if of is None or not isinstance(prior, Doubted):
         return np.asarray(mass + math.log(COPY))
     at = model.linearised(modes.rotation, modes.position)
     anywhere = evidence(model, modes.assignments, at, prior.without).log_odds
     as_copy = np.asarray(mass - modes.log_odds + anywhere + math.log(COPY))
+    if (elsewhere := np.flatnonzero(of < 0)).size:
+        more = np.zeros((len(of) + 1, len(of)))
+        hidden = unrecognised(model, prior, modes.take(elsewhere))
+        more[-1, elsewhere] = np.log1p((1.0 - prior.doubt) * math.exp(PRESENT_ODDS) * hidden)
+        as_copy = as_copy + more
     if len(prior.predictions) == 1:
-        return as_copy
-    of = prior.prediction_of(modes.rotation, modes.position)
+        return np.asarray(as_copy)
     places = np.array(prior.places)
     share = (places[:, None] == places) @ np.exp(prior.log_shares)  # of all that is followed in the place of each
     expected = mass - np.log(np.where(of >= 0, share[of], 1.0)) + math.log(COPY)

@@ -218,6 +218,8 @@ class Doubted(Mixed):
         Share of the latter.
     places : sequence of int
         Those in which a tracker follows each of several predictions; see `rootmatch.tracking.followed_places`.
+    lit : (n,) array or float
+        Probability that each point of a body in a predicted pose is lit, by the frames before.
     """
 
     predictions: Sequence[Mixed]
@@ -225,6 +227,7 @@ class Doubted(Mixed):
     without: Mixed
     doubt: float
     places: Sequence[int] = ()
+    lit: Floats | float = 1.0
 
     @once
     def least(self) -> int:

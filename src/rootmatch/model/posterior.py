@@ -48,6 +48,10 @@ class Posterior:
         What tells how probably it shows too little; it is taken to be absent without.
     exchanged : (M,) bool array, optional
         Which modes are where another body of its family was expected; none if not given.
+    origins : (M,) int array, optional
+        Which prediction each mode is about, −1 for none; see `rootmatch.model.pose_density.Doubted.prediction_of`.
+    copy : float
+        Part of ``clutter`` in which the modes are those of a copy of the body.
     """
 
     modes: Modes
@@ -55,6 +59,8 @@ class Posterior:
     clutter: float
     few: FewShown | None = None
     exchanged: Bools | None = None
+    origins: Integers | None = None
+    copy: float = 0.0
 
     @once
     def undetected(self) -> Floats | float:
@@ -106,7 +112,11 @@ class Posterior:
         whole = (float(self.probabilities.sum()) + self.clutter) / (float(weights.sum()) + clutter)
         order = np.argsort(-weights, kind="stable")
         exchanged = None if self.exchanged is None else self.exchanged[order]
-        return Posterior(self.modes.take(order), whole * weights[order], whole * clutter, self.few, exchanged)
+        origins = None if self.origins is None else self.origins[order]
+        return Posterior(
+            self.modes.take(order), whole * weights[order], whole * clutter, self.few, exchanged, origins,
+            whole * self.copy * math.exp(-top),
+        )  # fmt: skip
 
     def ranked(self, most: int) -> list[tuple[Integers, float]]:
         """Different assignments with their probabilities: those of the modes, and changes of them that were weighed."""

@@ -84,18 +84,9 @@ def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -
     (C n,) float array
         Probability that each point is not detected, if that is so.
     """
-    chance = np.minimum(chance, HIGHEST_RATE)
-    odds = chance / (1.0 - chance)
-    sums = np.zeros((most + 1, len(odds), len(weights)))  # over the sets of 0, 1, … points: products of their odds
-    sums[0] = 1.0
-    for point in range(odds.shape[1]):
-        sums[1:] += odds[:, point] * sums[:-1]
-    ways = np.ones((most + 1, len(counts), 1))  # to own 0, 1, … detections, times the odds that the others are clutter
-    for k in range(1, most + 1):
-        left = np.maximum(counts - k + 1, 0)[:, None]
-        ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
+    log_each, odds, sums, ways = few_of_each(chance, counts, most)
     whole = (ways * sums).sum(axis=0)
-    each = weights * np.exp(np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0))
+    each = weights * np.exp(log_each)
     total = max(float(each.sum()), 1e-300)
     others, detected = np.ones_like(odds), np.zeros(odds.shape[:2])
     for k in range(1, most + 1):
@@ -105,13 +96,47 @@ def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -
     return total, np.clip(1.0 - detected.reshape(-1) / total, 0.0, 1.0)
 
 
+def few_of_each(chance: Floats, counts: Integers, most: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Logarithms (H,) of the odds that `few_detected` sums in each of some cases, and what they are made of.
+
+    Odds (C, n, H) of each point; their products (most + 1, C, H), summed over the sets of 0, 1, … points; and the ways
+    (most + 1, C, 1) to own as many detections.
+    """
+    chance = np.minimum(chance, HIGHEST_RATE)
+    odds = chance / (1.0 - chance)
+    sums = np.zeros((most + 1, len(odds), odds.shape[2]))
+    sums[0] = 1.0
+    for point in range(odds.shape[1]):
+        sums[1:] += odds[:, point] * sums[:-1]
+    ways = np.ones((most + 1, len(counts), 1))  # times the odds that the others are clutter
+    for k in range(1, most + 1):
+        left = np.maximum(counts - k + 1, 0)[:, None]
+        ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
+    whole = (ways * sums).sum(axis=0)
+    return np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0), odds, sums, ways
+
+
+def in_sight(visible: Floats, rates: Floats, images: int) -> tuple[Floats, Floats]:
+    """Chance (C, n, S Q H) of each point to be detected, in poses, at rates, and with what is hidden as a whole.
+
+    ``visible`` (S, C n): visibility in each pose; ``rates`` (Q,). With the probabilities (H,) of what is hidden.
+    """
+    each = (rates[:, None] * np.array((1.0, *IN_SIGHT))).reshape(-1)
+    chance = (visible.T[:, :, None] * each).reshape(images, -1, len(visible) * len(each))
+    return chance, np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
+
+
 def _visible(model: DetectionModel) -> Floats:
     """Visibility (S, n) of the points in poses anywhere: of all turns alike, before each camera."""
-    rotations, translations = frames_of(model.camera)
-    if model.normals is None and len(rotations) == 1:
+    if model.normals is None and len(frames_of(model.camera)[0]) == 1:
         return np.ones((1, len(model.points)))
-    radius = math.sqrt(float((model.about_centre[0] ** 2).sum(axis=1).mean()))
-    which = np.arange(TURNS) % len(rotations)
-    ahead = np.array([0.0, 0.0, RADII * radius]) - translations[which]
-    at = model.linearised(spread_rotations(TURNS), (ahead[:, None] @ rotations[which])[:, 0])
+    at = model.linearised(spread_rotations(TURNS), ahead(model, TURNS))
     return model.visibility(at, np.zeros(TURNS))
+
+
+def ahead(model: DetectionModel, count: int) -> Floats:
+    """Positions (count, 3) of the body's centre before each camera in turn."""
+    rotations, translations = frames_of(model.camera)
+    which = np.arange(count) % len(rotations)
+    place = np.array([0.0, 0.0, RADII * model.radius]) - translations[which]
+    return np.asarray((place[:, None] @ rotations[which])[:, 0])

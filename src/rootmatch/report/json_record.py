@@ -19,8 +19,9 @@ def match_record(match: Match) -> dict[str, Any]:
     Keys: ``assignment`` and ``motion_labels`` (lists of n, −1 unmatched), ``score`` (null if no hyper-edge was
     evaluated), ``margin``, ``probability`` and ``log_odds`` (null if there is none), ``confidence`` (list of n, of each
     match or unmatched point), ``alternatives`` (objects with ``assignment`` and ``score``, best first), ``status``
-    (``"matched"``, ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``stopped_early`` (whether the time limit ended
-    it), ``seconds``, ``evaluated`` (hyper-edges), ``noise`` (σ in pixels, null if it differs by point),
+    (``"matched"``, ``"ambiguous"`` or ``"untrusted"``), ``prior_holds`` (null without one, or if nothing is trusted),
+    ``converged``, ``stopped_early`` (whether the time limit ended it), ``seconds``, ``evaluated`` (hyper-edges),
+    ``noise`` (σ in pixels, null if it differs by point),
     ``noise_factor`` and ``point_error`` (see `rootmatch.Match`), ``poses`` (one for each motion, null if it has none;
     null for problems that fit no poses; see `rootmatch.io.pose_record`), which alternatives have too, ``other_poses``
     (of the same assignment, or null: objects with ``pose`` and ``probability``). Indices are zero-based row numbers. A
@@ -42,6 +43,7 @@ def match_record(match: Match) -> dict[str, Any]:
         ],
         "status": match.status.name.lower(),
         **({} if match.sightings is None else {"sightings": match.sightings.assignment.tolist()}),
+        "prior_holds": match.prior_holds,
         "converged": match.converged,
         "stopped_early": match.stopped_early,
         "seconds": finite(match.seconds),

@@ -128,11 +128,14 @@ class Belief:
         weight = np.exp(weight - weight.max(initial=-math.inf))
         return np.asarray(weight / weight.sum())
 
-    def predicted(self, time: float, doubt: float) -> tuple[Pose, Rivals]:
-        """The most probable pose at a time, and the others with their probabilities; that none is right."""
+    def predicted(self, time: float, doubt: float, lit: Floats | None = None) -> tuple[Pose, Rivals]:
+        """The most probable pose at a time, and the others with their probabilities.
+
+        ``doubt``: that none is right; ``lit`` (n,): that each point is lit, if that is known.
+        """
         poses = [one.filter.predicted(time) for one in self.poses]
         others = tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True)) if len(poses) > 1 else ()
-        return poses[0], Rivals(others, doubt, tuple(one.place for one in self.poses))
+        return poses[0], Rivals(others, doubt, tuple(one.place for one in self.poses), lit)
 
     def forget_before(self, time: float) -> None:
         """Give up the hypotheses that no frame has confirmed since a time."""
@@ -240,7 +243,7 @@ class Belief:
                 not_there = np.logaddexp(log_back(self.poses[origin[first]], time), lost)
                 weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
         nothing, go_on = float(log_chance(np.array(told.clutter))) - self.returned(time), []
-        is_shown = found.in_view >= found.facts.min_probability
+        is_shown = found.in_view + told.copy >= found.facts.min_probability  # a copy is followed as well
         for k, of in enumerate(origin.tolist()):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
                 continue  # what is left of another mode

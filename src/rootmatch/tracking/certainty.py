@@ -28,6 +28,9 @@ def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
         "it may be in a place in which it was followed before": 1.0 - belief.gone.share,
         "it may be another one that looks like it and came into view": probability(-math.log(COPY) - absent),
     }
+    if belief.poses:  # where it was followed, or as a jump from there
+        returned = chance_returned(1.0 if told is None else told.clutter, belief.returned(time))
+        sure["it was not in view a moment ago, and little shows it now"] = returned
     if holds:
         unseen = share_unseen(found, belief.poses, belief.places) if len(belief.poses) > 1 else 0.0
         sure |= {
@@ -35,9 +38,6 @@ def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
             "it may be in another followed place, of which this frame shows nothing": 1.0 - unseen,
             "it may be something else of nearly its shape, as not every frame fitted": probability(
                 -belief.poses[0].log_other
-            ),
-            "it was not in view a moment ago, and little shows it now": chance_returned(
-                1.0 if told is None else told.clutter, belief.returned(time)
             ),
         }
     elif found.pose is not None and belief.given_up is not None:

@@ -129,8 +129,14 @@ class FollowedBody:
         self.missed = self.agreements = 0
 
     def predicted(self, time: float) -> tuple[Pose, Rivals]:
-        """The most probable pose at a time, and what else it may be."""
-        return self.belief.predicted(time, min(max(DOUBT, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL))
+        """The most probable pose at a time, and what else it may be.
+
+        That it does not move as predicted has the probability `DOUBT` in each interval in which it is not seen.
+        """
+        unseen = (time - self.belief.best.time) / self.options.interval
+        moved = DOUBT if unseen <= 1.0 else 1.0 - (1.0 - DOUBT) ** unseen
+        doubt = min(max(moved, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL)
+        return self.belief.predicted(time, doubt, self.dark.at(time))
 
     def keep_best(self, time: float) -> None:
         """The caller says where the body is: nothing beside it is taken for its points."""

@@ -1,0 +1,89 @@
+"""A body where it is expected that shows too little there to be recognised: it is turned away, or out of view.
+
+What is found elsewhere contradicts what was known of the pose. Either that was wrong, or it is right, the body shows
+nothing where it is, and a copy is in view. The second is as probable as that so little is shown in the expected poses,
+
+    W = mean over expected poses and rates of Π over images of Σ_(k ≤ m) P(k detected) n'! / (n' − k)! Γ(n' − k + ½) / …
+
+with the detections n' that the copy leaves, and the rate of which the copy tells, as it is like the body.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rootmatch.algebra.rotation import rotation_from_vector, rotation_onto_y, spread_rotations
+from rootmatch.arrays import Floats
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.known_density import LEAST_TILT, Known
+from rootmatch.model.modes import Modes
+from rootmatch.model.pose_density import Doubted, Gaussian, Mixed
+from rootmatch.model.shown_in_part import ahead, few_of_each, in_sight
+
+POSES = 32
+"""Poses of a prediction over which a mean is taken. A round value."""
+
+
+def unrecognised(model: DetectionModel, prior: Doubted, copies: Modes) -> Floats:
+    """Odds (M,) that the body is in its expected poses and shows too little, relative to clutter alone.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    prior : Doubted
+        What is known of the body.
+    copies : Modes
+        What is seen of a copy.
+    """
+    poses, shares = [expected(model, one) for one in prior.predictions], np.exp(prior.log_shares)
+    rotation, position = (np.concatenate(part) for part in zip(*poses, strict=True))
+    at = model.linearised(rotation, position)
+    visible = prior.lit * model.visibility(at, np.zeros(len(rotation)))
+    weights = np.repeat(shares, POSES)
+    in_view = weights * at.seen.any(axis=1)  # as a vague prediction hardly says: the body is asked for
+    weights = in_view if in_view.any() else weights
+    weights = weights / weights.sum()
+    rates, log_weights = model.rates
+    chance, sight = in_sight(visible, rates, max(len(model.images), 1))
+    matched = np.count_nonzero(copies.assignments >= 0, axis=1)
+    missed = np.maximum(copies.visible.sum(axis=1) - matched, 0.0)
+    told = log_weights + np.outer(matched, np.log(rates)) + np.outer(missed, np.log1p(-rates))
+    told = np.exp(told - told.max(axis=1)[:, None])
+    told /= told.sum(axis=1)[:, None]
+    out = np.empty(len(matched))
+    tables = dict[bytes, Floats]()
+    for k, used in enumerate(copies.uses(model.shape[1])):
+        left = np.bincount(model.image_of[~used], minlength=len(chance))
+        if (key := left.tobytes()) not in tables:
+            each = np.exp(few_of_each(chance, left, prior.least - 1)[0])
+            tables[key] = weights @ (each.reshape(len(visible), len(rates), len(sight)) @ sight)
+        out[k] = tables[key] @ told[k]
+    return out
+
+
+def expected(model: DetectionModel, known: Mixed) -> tuple[Floats, Floats]:
+    """Some poses (`POSES`, 3, 3) and (`POSES`, 3) of the body's centre by what is known; ahead where no place is."""
+    normal = np.random.default_rng(0).normal(size=(POSES, 6))  # always the same, as nothing here is to be noisy
+    if isinstance(known, Gaussian):
+        step = normal @ np.linalg.cholesky(known.bounded).T
+        return rotation_from_vector(step[:, :3]) @ known.rotation, known.position + step[:, 3:]
+    rotation, place = spread_rotations(POSES), None
+    if isinstance(known, Known):
+        turn, down, place = known.prior.turn, known.prior.down, known.prior.place
+        if turn is not None:
+            rotation = rotation_from_vector(normal[:, :3] @ _root(turn[1])) @ turn[0]
+        elif down is not None:
+            source, camera, tilt = down
+            onto, back = rotation_onto_y(np.asarray(source)), rotation_onto_y(np.asarray(camera)).T
+            about = 2.0 * np.pi * (np.arange(POSES)[:, None] + 0.5) / POSES * np.array([0.0, 1.0, 0.0])
+            tilted = rotation_from_vector(max(tilt, LEAST_TILT) * normal[:, :3] * np.array([1.0, 0.0, 1.0]))
+            rotation = back @ tilted @ rotation_from_vector(about) @ onto
+    if place is None:
+        return rotation, ahead(model, POSES)
+    return rotation, place[0] + normal[:, 3:] @ _root(place[1]) + rotation @ model.centre
+
+
+def _root(covariance: Floats) -> Floats:
+    """A root (3, 3) of a covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
