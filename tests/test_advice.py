@@ -260,3 +260,12 @@ def test_normalised_coordinates_before_a_camera_in_pixels_are_named() -> None:
     assert "normalised" not in rm.match(points, strange, rm.P3P(rm.Camera(1, 1, 0, 0)), noise=1e-3).advice
     few = rm.Matcher(points, rm.P3P(rm.Camera(800, 800, 320, 240))).match(image[:2])
     assert "at least 4 needed" in few.advice
+
+
+def test_a_focal_length_in_millimetres_is_named() -> None:
+    points = np.random.default_rng(0).uniform(-0.3, 0.3, (8, 3))
+    image = 800.0 * points[:, :2] / (points[:, 2:] + 2.0) + (320.0, 240.0)
+    given = rm.match(points, image, rm.P3P(rm.Camera(4.8, 4.8, 320, 240)))
+    assert not given
+    assert "give its focal length in pixels" in given.advice
+    assert "focal length" not in rm.match(points, image[:, ::-1], rm.P3P(rm.Camera(800, 800, 320, 240))).advice

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ import instances
 import oracles
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import rotation_to_vertical
-from rootmatch.errors import InputError, RootmatchError
+from rootmatch.errors import InputError, InputWarning, RootmatchError
 
 INTRINSICS = (900.0, 1100.0, 310.0, 250.0)
 
@@ -159,3 +161,11 @@ def test_turn_to_y_is_the_smallest_turn() -> None:
 def test_turn_to_y_refuses_what_is_no_direction(direction: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="gravity"):
         rotation_to_vertical(direction, "gravity")
+
+
+def test_a_camera_that_gives_the_principal_point_first_is_asked_about() -> None:
+    with pytest.warns(InputWarning, match="the order is fx, fy, cx, cy"):
+        Camera(640, 480, 700, 700)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Camera(700, 690, 640, 480)

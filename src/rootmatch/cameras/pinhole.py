@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,10 +15,14 @@ from rootmatch.cameras.base import CameraModel, tangent_axes
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
-from rootmatch.errors import InputError, UnseenPixelError, quoted
+from rootmatch.errors import InputError, InputWarning, UnseenPixelError, quoted
 
 LEAST_FOCAL, MOST = 1e-6, 1e18
 """Minimum focal length, and maximum of any of the four numbers, in pixels: far beyond any camera's."""
+
+UNEQUAL = 1.25
+"""Ratio of the focal lengths beyond which it is asked whether they are meant: pixels are square mostly. A round
+value."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,11 @@ class Camera(CameraModel):
     ------
     InputError
         If a number is not finite, or a focal length or a size is not positive.
+
+    Warns
+    -----
+    InputWarning
+        If the focal lengths differ by more than a quarter, as where the principal point was given first.
     """
 
     fx: float
@@ -76,6 +86,9 @@ class Camera(CameraModel):
                     f"camera: focal length {name} is {getattr(self, name):g} px, far below a pixel; "
                     "give it in pixels, not in metres"
                 )
+        if not 1.0 / UNEQUAL < self.fx / self.fy < UNEQUAL:
+            told = f"camera: fx {self.fx:g} and fy {self.fy:g} differ by far; the order is fx, fy, cx, cy"
+            warnings.warn(told, InputWarning, stacklevel=3)
         if self.size is not None:
             object.__setattr__(self, "size", _checked_size(self.size))
         if self.lens is not None and not isinstance(self.lens, Lens):

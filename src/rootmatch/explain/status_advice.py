@@ -13,7 +13,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.predicted_poses import agrees_with_prior
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.usual_mistakes import as_normalised
+from rootmatch.explain.usual_mistakes import in_other_units
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.problems.base import Problem
@@ -70,7 +70,7 @@ def advice(
     undetermined : bool
         Whether the matches leave a direction of the pose open; see `is_undetermined`.
     """
-    if finding.status is Status.UNTRUSTED and (reason := as_normalised(finding.task) or finding.reason) is not None:
+    if finding.status is Status.UNTRUSTED and (reason := in_other_units(finding.task) or finding.reason) is not None:
         return f"no trustworthy match: {reason}"
     unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
     if (of_bodies := _of_bodies(finding)) is not None:

@@ -37,17 +37,25 @@ NORMALISED, IN_PIXELS = 2.0, 10.0
 length from which a camera is in pixels: no image has all that it shows within two of them. Round values."""
 
 
-def as_normalised(task: MatchingTask) -> str | None:
-    """What to say of detections that look like normalised coordinates before cameras in pixels; None if they do not."""
+def in_other_units(task: MatchingTask) -> str | None:
+    """What to say of detections and a camera that cannot be of the same unit; None if they may be."""
     camera, target = getattr(task.problem, "camera", None), task.points.target
     every = getattr(camera, "cameras", (camera,))
-    in_pixels = all(isinstance(own, Camera) and min(own.fx, own.fy) > IN_PIXELS for own in every)
-    if not in_pixels or len(target) < task.problem.order or np.abs(target[:, :2]).max() >= NORMALISED:
+    if len(target) < task.problem.order or not all(isinstance(own, Camera) for own in every):
         return None
-    return (
-        "these look like normalised coordinates (x/z, y/z), and the camera is in pixels; give Camera(1, 1, 0, 0), with "
-        "the noise in these units, or pixels"
-    )
+    if min(min(own.fx, own.fy) for own in every) > IN_PIXELS and np.abs(target[:, :2]).max() < NORMALISED:
+        return (
+            "these look like normalised coordinates (x/z, y/z), and the camera is in pixels; give Camera(1, 1, 0, 0), "
+            "with the noise in these units, or pixels"
+        )
+    if isinstance(camera, Camera) and camera.lens is None:
+        aside = np.abs((target - (camera.cx, camera.cy)) / (camera.fx, camera.fy)).max(axis=1)
+        if np.median(aside) > WIDEST:
+            return (
+                "this camera would see most detections more than 80° from its axis; give its focal length in pixels: "
+                "that in millimetres, over the size of a pixel"
+            )
+    return None
 
 
 def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
