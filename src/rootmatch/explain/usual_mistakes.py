@@ -41,9 +41,10 @@ def in_other_units(task: MatchingTask) -> str | None:
     """What to say of detections and a camera that cannot be of the same unit; None if they may be."""
     camera, target = getattr(task.problem, "camera", None), task.points.target
     every = getattr(camera, "cameras", (camera,))
-    if len(target) < task.problem.order or not all(isinstance(own, Camera) for own in every):
+    if len(target) < task.problem.order:
         return None
-    if min(min(own.fx, own.fy) for own in every) > IN_PIXELS and np.abs(target[:, :2]).max() < NORMALISED:
+    in_pixels = all(isinstance(own, Camera) and min(own.fx, own.fy) > IN_PIXELS for own in every)
+    if in_pixels and np.abs(target[:, :2]).max() < NORMALISED:
         return (
             "these look like normalised coordinates (x/z, y/z), and the camera is in pixels; give Camera(1, 1, 0, 0), "
             "with the noise in these units, or pixels"

@@ -14,16 +14,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Floats
-from rootmatch.explain.decide import Status
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copied
+from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_density import LEAST, Doubted
+from rootmatch.model.pose_density import Doubted
+from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
@@ -51,6 +52,7 @@ from rootmatch.tracking.followed_pose import FollowedPose, Step, beside_misfits,
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.two_states import log_chance
+from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes
 
 MOST = 4
 """Largest number of poses followed at once, each for about a millisecond per frame. A round value."""
@@ -59,8 +61,6 @@ NEGLIGIBLE = math.log(1e4)
 TEMPER = 0.5
 """Weight of a frame's evidence: errors of the source points, or a σ that is stated too small, act in the same way in
 every frame. The weight delays decisions; it does not change which pose leads."""
-LIKELY = 0.5
-"""Probability of a mode, among all that a prediction may have become, from which its pose is used."""
 DOUBTED = 1e-3
 """Initial weight, relative to the best pose, of one that looks the same: frames may have decided wrongly. Round."""
 
@@ -217,12 +217,29 @@ class Belief:
             self.time = time  # it does not show what is followed
         if told is None or model is None or not len(told.probabilities):
             return False
-        modes, doubt, shares = told.modes.first(LOOKED_AT), 1.0, self.shares
-        origin = np.full(len(modes.log_odds), -1)
+        doubt, shares, origin = 1.0, self.shares, np.full(min(len(told.probabilities), LOOKED_AT), -1)
         if self.poses and isinstance(model.prior, Doubted):
             assert found.origins is not None
             origin, doubt = found.origins[:LOOKED_AT], model.prior.doubt
-        log_share = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
+        log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
+        weighed, others = self._weighed(found, model, told, origin, log_shares, holds=holds, time=time)
+        nothing = float(log_chance(np.array(told.clutter))) - self.returned(time)
+        go_on, often = weighed.steps(found, model, nothing, log_shares), TEMPER if (origin >= 0).any() else 1.0
+        own = log_chance(shares).tolist()
+        stay = [self._stays(k, often * nothing, go_on, own, time) for k in range(len(self.poses))]
+        stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
+        self._follow(found, weighed, sorted([*stay, *go_on], key=lambda one: -one.total), time)
+        return others
+
+    def _weighed(
+        self, found: Finding, model: DetectionModel, told: Posterior, origin: Integers, log_shares: Floats,
+        *, holds: float, time: float,
+    ) -> tuple[WeighedModes, bool]:  # fmt: skip
+        """The modes of a frame with their weights, and whether it has something beside what is followed.
+
+        ``origin`` (K,): the hypothesis that each mode continues; the rest as of `WeighedModes.steps` and `take`.
+        """
+        modes = told.modes.first(LOOKED_AT)
         shown = modes.detected.copy()
         place, alone, more = in_places(model, modes, origin, self.poses, shown)
         count = int(np.count_nonzero(modes.assignments[0] >= 0))
@@ -233,7 +250,7 @@ class Belief:
         elsewhere, others = np.array([one not in followed for one in place.tolist()]), False
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
-        weight = log_share[origin] + tempered(each - log_share[origin] - shown, origin, often) + more
+        weight = log_shares[origin] + tempered(each - log_shares[origin] - shown, origin, often) + more
         if elsewhere.any():
             others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
             new = elsewhere & (place != place[first]) & [not found.is_exchanged(k) for k in range(len(origin))]
@@ -242,37 +259,24 @@ class Belief:
                 lost = np.minimum(log_lost(holds, alone[first]), each - each[first])  # as what is there tells of it now
                 not_there = np.logaddexp(log_back(self.poses[origin[first]], time), lost)
                 weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
-        nothing, go_on = float(log_chance(np.array(told.clutter))) - self.returned(time), []
-        is_shown = found.in_view + told.copy >= found.facts.min_probability  # a copy is followed as well
-        for k, of in enumerate(origin.tolist()):
-            if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
-                continue  # what is left of another mode
-            if of < 0:
-                many = search_meets(found.task, model, modes.assignments[k], points=0)
-                told_of = k == 0 and bool(found.prior_holds)  # by the caller
-                shows = found.status is not Status.UNTRUSTED or is_shown
-                chance = float((many or told_of) and shows)
-            else:
-                chance = math.exp(each[k] - np.logaddexp(each[k], nothing + log_share[of]))
-                if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
-                    chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
-            if chance >= LIKELY:
-                where, best, rise = int(place[k]), float(alone[k]), float(more[k])
-                go_on.append(Step(float(weight[k]), float(shown[k]), of, k, chance, place=where, alone=best, more=rise))
-        log_shares = log_chance(shares).tolist()
-        stay = [self._stays(k, often * nothing, go_on, log_shares, time) for k in range(len(self.poses))]
-        stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
-        after = sorted([*stay, *go_on], key=lambda one: -one.total)
+        return WeighedModes(modes, origin, place, alone, more, shown, each, weight), others
+
+    def _follow(self, found: Finding, weighed: WeighedModes, after: list[Step], time: float) -> None:
+        """Follow the likeliest of the hypotheses that may be ``after`` a frame, the most probable first."""
+        told, model, modes, origin = found.posterior, found.model, weighed.modes, weighed.origin
+        assert told is not None
+        assert model is not None
         # no frame makes more of a place than it is, so one that is less probable than a wrong model never counts
         least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
-        seen = any(step.origin >= 0 for step in go_on)
+        seen = any(step.mode is not None and step.origin >= 0 for step in after)
         every = [self._after(step, found, modes, time, seen) for step in likely]
         every = moved_alike(every, [step.mode for step in likely], model, modes)
         self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)
-        stands = origin[0] >= 0 or not is_shown or any(step.mode == 0 for step in go_on)
-        every = beside_misfits(every, None if stands else (int(place[0]), float(weight[0] + shown[0])))
+        stands = origin[0] >= 0 or not weighed.is_shown(found) or any(step.mode == 0 for step in after)
+        new = None if stands else (int(weighed.place[0]), float(weighed.weights[0] + weighed.shown[0]))
+        every = beside_misfits(every, new)
         known, self.poses = bool(self.poses), of_places([one for one in every if one.log_other < GIVEN_UP])
         share = np.exp([step.total - after[0].total for step in after])
         kept = np.array([step in likely for step in after], np.bool_)
@@ -285,7 +289,6 @@ class Belief:
         if known and any(one.filter.time == time for one in self.poses):
             self.gone.fade(time - self.time)
         self.time = time
-        return others
 
     def _stays(self, k: int, more: float, go_on: Sequence[Step], log_shares: Sequence[float], time: float) -> Step:
         """A hypothesis that no mode continues; ``more``: what the frame adds to its log-weight, if it tells of it.
