@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -445,3 +446,12 @@ def log_first(clutter: Any, taken: np.ndarray) -> float:
     others = (clutter.about[:, rest].sum(axis=1) + (1.0 - clutter.alone) * clutter.uniform) / (rest.sum() + 1.0)
     owed = (clutter.log_density - np.log(clutter.alone * clutter.uniform + others))[taken]
     return max(float(owed.sum()) / max(len(owed), 1), 0.0)
+
+
+def moved_along_arc(step: np.ndarray) -> np.ndarray:
+    """Where a motion (6,) leads, a rotation vector and a translation at constant rates: the exponential of SE(3)."""
+    generator = np.zeros((4, 4))
+    (x, y, z) = step[:3]
+    generator[:3, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    generator[:3, 3] = step[3:]
+    return np.asarray(expm(generator)[:3, 3])

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import gammaln, logsumexp
 from scipy.stats import multivariate_normal
 
+import oracles
 import rootmatch as rm
 from oracles import log_first
 from rootmatch.cameras.base import CameraModel
@@ -227,7 +228,9 @@ def too_far(
     owned: NDArray[np.bool_], shown: Floats, out: NDArray[np.bool_], jacobian: Floats
 ) -> list[tuple[float, NDArray[np.bool_]]]:
     """Logarithm of the probability of each group of points that a limit of distance may hide, and which these are."""
-    size, place = np.linalg.norm(jacobian[..., 3:], axis=(1, 2)), owned | (~out & (shown > BARELY))
+    spread = np.linalg.svd(jacobian[..., 3:], compute_uv=False)  # across and along, as a pinhole stretches it
+    size = np.divide(spread[:, 1] ** 2, spread[:, 0], out=np.zeros(len(spread)), where=spread[:, 0] > 0.0)
+    place = owned | (~out & (shown > BARELY))
     nearest = size[owned | (shown > FULLY)].max()
     reached = np.maximum(1.0 - np.log(np.maximum(nearest / size, 1.0)) / math.log(DEPTHS), FARTHEST) ** 2
     last = size[owned].min()
@@ -392,13 +395,14 @@ class TestPriors:
         peak = multivariate_normal(np.zeros(6), prior.covariance).logpdf(np.zeros(6)) - math.log(mass)
         for _ in range(20):
             step = rng.normal(size=6) * np.sqrt(np.diag(prior.covariance)) * rng.choice([0.1, 1.0, 5.0])
-            R = Rotation.from_rotvec(step[:3]).as_matrix() @ prior.rotation
-            terms = prior.terms(R[None], (prior.position + step[3:])[None])
+            turn = Rotation.from_rotvec(step[:3]).as_matrix()
+            terms = prior.terms((turn @ prior.rotation)[None], (prior.position + oracles.moved_along_arc(step))[None])
             squared = float(step**2 / np.diag(prior.covariance) @ np.ones(6))
             exact = peak + log_shape(squared)
             assert terms.log_density[0] - 0.5 * terms.squared[0] == pytest.approx(exact, abs=1e-3, rel=1e-4)
             weight = 1.0 if freedom == math.inf else min((freedom + 6) / (freedom + squared), 1.0)
-            np.testing.assert_allclose(terms.slope[0], -weight * step / np.diag(prior.covariance), rtol=1e-4, atol=1e-3)
+            slope = -weight * np.kron(np.eye(2), turn) @ (step / np.diag(prior.covariance))
+            np.testing.assert_allclose(terms.slope[0], slope, rtol=1e-4, atol=1e-3)
 
     @pytest.mark.parametrize("freedom", [4.0, 8.0, math.inf])
     def test_an_image_that_tells_little_leaves_a_prediction_as_sure_as_it_was(self, freedom: float) -> None:

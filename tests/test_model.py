@@ -26,7 +26,7 @@ from rootmatch.model.mode_search import _without_misfits, modes_of
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_density import Broad, Gaussian, PoseDensity
 from rootmatch.model.posterior import Posterior
-from rootmatch.model.priors import COPY, PRESENT_ODDS
+from rootmatch.model.priors import COPY, DEPTHS, PRESENT_ODDS
 from rootmatch.model.proposals import Proposals, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
@@ -223,9 +223,12 @@ def test_a_prior_alone_is_a_density(prior: PoseDensity) -> None:
     model = DetectionModel(CAMERA, model.points, model.target, model.sigma, prior=prior, rate=0.5)
     nothing = np.full((1, 5), -1)
     found, _ = settled(model, nothing, *about(model, nothing, np.eye(3)[None], np.array([[0.0, 0.0, 1.0]])))
-    one_by_one, all_hidden = 0.9 * 0.5**5, 0.05 / 8.0 / 5.0
+    away = np.sort(np.linalg.norm(model.points - model.points.mean(axis=0) + (0.0, 0.0, 1.0), axis=1))
+    beyond = (1.0 - np.log(away / away[0]) / math.log(DEPTHS)) ** 2  # chance of a limit of distance beyond each point
+    missed = float((0.5 ** np.arange(1, 6) * -np.diff(beyond, append=0.0)).sum())
+    one_by_one, all_hidden = 0.9 * missed, 0.05 / 8.0 / 5.0
     # where a position is known to a third of the distance, any place is not the same within σ
-    close = 0.1 if isinstance(prior, Known) and prior.prior.position is not None else 1e-6
+    close = 0.15 if isinstance(prior, Known) and prior.prior.position is not None else 1e-6
     assert found.log_odds[0] == pytest.approx(math.log(one_by_one + all_hidden), abs=close)
 
 

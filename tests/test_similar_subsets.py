@@ -59,10 +59,10 @@ def test_an_arc_read_from_the_other_end_is_proposed() -> None:
 
 
 def test_twins_of_a_mode_are_proposed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stairs of five steps, of which three show: each better reading has twins, and those before it had theirs."""
-    steps = np.array([[0.04 * k, 0.03 * k, 0.02 * (k % 2)] for k in range(7)])
+    """Stairs of twelve steps, of which four show: each better reading has twins, and those before it had theirs."""
+    steps = np.array([[0.04 * k, 0.03 * k, 0.02 * (k % 2)] for k in range(12)])
     points = np.concatenate([steps, np.random.default_rng(2).uniform(-0.1, 0.1, (3, 3))])
-    target = CAMERA.project(steps[2:6] + np.array([0.02, 0.01, 0.8]))
+    target = CAMERA.project(steps[7:11] + np.array([0.02, 0.01, 0.8]))
     task, proposed = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.3), list[bytes]()
     work = Candidate.twins
 
@@ -71,7 +71,7 @@ def test_twins_of_a_mode_are_proposed_once(monkeypatch: pytest.MonkeyPatch) -> N
         return work(self, modes)
 
     monkeypatch.setattr(Candidate, "twins", counted)
-    wrong = np.array([0, 1, 2, 3, *6 * [-1]])
+    wrong = np.array([0, 1, 2, 3, *11 * [-1]])
     Candidate.of(task, [wrong])
     assert len(proposed) > TWINS  # there was a second turn
     assert len(proposed) == len(set(proposed))

@@ -15,6 +15,7 @@ from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+import oracles
 import rootmatch as rm
 from rootmatch.explain.image_decision import pose_of_mode
 from rootmatch.explain.near_symmetries import near_symmetries
@@ -430,8 +431,8 @@ def test_the_filter_is_that_of_kalman() -> None:
         P = np.kron(np.eye(6), turn) @ before_P @ np.kron(np.eye(6), turn.T)
         gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise)
         step, expected = gain @ measured, P - gain @ H @ P
-    along_arc = Rotation.from_rotvec(-0.5 * step[:3]).as_matrix() @ step[3:6]
-    fused = one._given(turn @ before_R, before_t + along_arc, expected[:6, :6])
+    moved = oracles.moved_along_arc(np.concatenate([-step[:3], step[3:6]]))
+    fused = one._given(turn @ before_R, before_t + moved, expected[:6, :6])
     one.update(fused, 0.1)
     np.testing.assert_allclose(one.motion, step[6:], atol=1e-9)
     np.testing.assert_allclose(one.P, expected, atol=1e-9 * np.abs(expected).max())

@@ -43,11 +43,15 @@ class Sampled:
 
     def image(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pixels (K, n, 2), depths (K, n) and positions (K, 3) of steps (K, 5) from the true pose."""
-        turns = np.array([axis_rotation(DOWN, angle) for angle in v[:, 0]])
-        place = self.place + v[:, 2:]
-        x = np.einsum("ij,kjl,nl->kni", self.scene.rotation, turns, self.centred) + place[:, None]
+        x, place = self.places(v), self.place + v[:, 2:]
         focal = self.scene.focal * np.exp(v[:, 1])
         return focal[:, None, None] * x[..., :2] / x[..., 2:] + CENTRE, x[..., 2], place
+
+    def places(self, v: np.ndarray) -> np.ndarray:
+        """Points (K, n, 3) in the camera frame."""
+        turns = np.array([axis_rotation(DOWN, angle) for angle in v[:, 0]])
+        place = self.place + v[:, 2:]
+        return np.asarray(np.einsum("ij,kjl,nl->kni", self.scene.rotation, turns, self.centred) + place[:, None])
 
     def squared(self, v: np.ndarray) -> np.ndarray:
         pixels, _, _ = self.image(v)
@@ -70,6 +74,8 @@ class Sampled:
         radius2 = ((self.scene.source - self.scene.source.mean(axis=0)) ** 2).sum(axis=1).mean()
         prior = prior - np.log(2.0 * ((place**2).sum(axis=1) + radius2) ** 1.5 * math.log(100.0))
         prior = prior + math.log(0.9)  # nothing hides a part: at most two points are missing
+        away = np.linalg.norm(self.places(v), axis=2)  # and all of it is within the limit of distance
+        prior = prior + 2.0 * np.log1p(-np.log(away.max(axis=1) / away.min(axis=1)) / math.log(100.0))
         total = noisy + clutter + shown + prior - k * math.log(2.0 * math.pi * SIGMA**2)
         return np.asarray(np.where((depth > 0.0).all(axis=1), total, -np.inf))
 

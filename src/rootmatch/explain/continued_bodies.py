@@ -164,9 +164,25 @@ def beside_continuations(told: Posterior, model: DetectionModel, places: Places,
     if not len(places.points) or not float(told.probabilities.sum()) >= LIKELY:
         return told
     beside = Beside(model, places, taken)
-    every = [_continued(beside, mode) for mode in beside.each(told)]
+    modes = beside.each(told)
+    odds = [_continued(beside, mode) for mode in modes]
+    every = [
+        None if one is None else (one[0] + own, one[1] + own) for one, own in zip(odds, _own(told, modes), strict=True)
+    ]
     found = factors_of(every, told.probabilities[: len(every)], LOG_CONTINUED)
     return told if found is None else told.beside(*found)
+
+
+def _own(told: Posterior, modes: Sequence[Modes]) -> Floats:
+    """Logarithm (K,) of the part of each mode's weight that is its own, and not that of copies beside it.
+
+    What goes on beside a mode explains what these do. Relative to the mode that explains most itself.
+    """
+    mass = np.array([float(mode.log_mass[0]) for mode in modes])
+    with np.errstate(divide="ignore"):
+        own = mass - np.log(told.probabilities[: len(mass)])
+    own -= own[mass.argmax()]
+    return np.asarray(np.minimum(own, 0.0))
 
 
 def factors_of(

@@ -283,7 +283,7 @@ def _with_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.flo
         shares.append(math.log(max(share, 1e-300)) + math.log1p(-doubt))
     lit = task.rivals.lit
     known = 1.0 if lit is None or len(lit) != task.rows else lit
-    return Doubted(predictions, shares, without, doubt, task.rivals.places, known)
+    return Doubted(predictions, shares, without, doubt, task.rivals.places, lit=known)
 
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: Sequence[Integers]) -> Proposals:

@@ -114,8 +114,8 @@ class Posterior:
         exchanged = None if self.exchanged is None else self.exchanged[order]
         origins = None if self.origins is None else self.origins[order]
         return Posterior(
-            self.modes.take(order), whole * weights[order], whole * clutter, self.few, exchanged, origins,
-            whole * self.copy * math.exp(-top),
+            self.modes.take(order), whole * weights[order], whole * clutter, self.few, exchanged,
+            origins=origins, copy=whole * self.copy * math.exp(-top),
         )  # fmt: skip
 
     def ranked(self, most: int) -> list[tuple[Integers, float]]:

@@ -14,17 +14,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import misfit_of
 from rootmatch.explain.rig_triples import search_meets
 from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copied
-from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
@@ -38,21 +36,17 @@ from rootmatch.tracking.followed_places import (
     LastFrame,
     chance_absent,
     chance_of_copy,
-    in_places,
     log_absent,
     log_back,
     log_gone,
-    log_lost,
     log_returned,
-    met_beside,
-    odds_alone,
     overlooked,
 )
-from rootmatch.tracking.followed_pose import FollowedPose, Step, beside_misfits, moved_alike, of_places, tempered
+from rootmatch.tracking.followed_pose import FollowedPose, Step, beside_misfits, moved_alike, of_places
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.two_states import log_chance
-from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes
+from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes, weighed_modes
 
 MOST = 4
 """Largest number of poses followed at once, each for about a millisecond per frame. A round value."""
@@ -222,44 +216,18 @@ class Belief:
             assert found.origins is not None
             origin, doubt = found.origins[:LOOKED_AT], model.prior.doubt
         log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
-        weighed, others = self._weighed(found, model, told, origin, log_shares, holds=holds, time=time)
+        first = int((origin >= 0).argmax())
+        often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
+        weighed, self.most = weighed_modes(
+            found, origin, log_shares, (first, often), poses=self.poses, most=self.most, holds=holds, time=time
+        )
         nothing = float(log_chance(np.array(told.clutter))) - self.returned(time)
-        go_on, often = weighed.steps(found, model, nothing, log_shares), TEMPER if (origin >= 0).any() else 1.0
-        own = log_chance(shares).tolist()
+        go_on = weighed.steps(found, model, nothing, log_shares)
+        own = (log_chance(shares) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
         stay = [self._stays(k, often * nothing, go_on, own, time) for k in range(len(self.poses))]
         stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
         self._follow(found, weighed, sorted([*stay, *go_on], key=lambda one: -one.total), time)
-        return others
-
-    def _weighed(
-        self, found: Finding, model: DetectionModel, told: Posterior, origin: Integers, log_shares: Floats,
-        *, holds: float, time: float,
-    ) -> tuple[WeighedModes, bool]:  # fmt: skip
-        """The modes of a frame with their weights, and whether it has something beside what is followed.
-
-        ``origin`` (K,): the hypothesis that each mode continues; the rest as of `WeighedModes.steps` and `take`.
-        """
-        modes = told.modes.first(LOOKED_AT)
-        shown = modes.detected.copy()
-        place, alone, more = in_places(model, modes, origin, self.poses, shown)
-        count = int(np.count_nonzero(modes.assignments[0] >= 0))
-        if count > self.most and len(set(place.tolist())) == 1:
-            self.most, alone[:] = count, max(alone[0], odds_alone(model, modes.take(slice(1)))[0])
-        each = log_chance(told.probabilities[: len(origin)])
-        followed = {one.place for one in self.poses}
-        elsewhere, others = np.array([one not in followed for one in place.tolist()]), False
-        first = int((origin >= 0).argmax())
-        often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
-        weight = log_shares[origin] + tempered(each - log_shares[origin] - shown, origin, often) + more
-        if elsewhere.any():
-            others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
-            new = elsewhere & (place != place[first]) & [not found.is_exchanged(k) for k in range(len(origin))]
-            weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
-            if new.any() and origin[first] >= 0:
-                lost = np.minimum(log_lost(holds, alone[first]), each - each[first])  # as what is there tells of it now
-                not_there = np.logaddexp(log_back(self.poses[origin[first]], time), lost)
-                weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
-        return WeighedModes(modes, origin, place, alone, more, shown, each, weight), others
+        return weighed.others
 
     def _follow(self, found: Finding, weighed: WeighedModes, after: list[Step], time: float) -> None:
         """Follow the likeliest of the hypotheses that may be ``after`` a frame, the most probable first."""
@@ -270,11 +238,12 @@ class Belief:
         least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
-        seen = any(step.mode is not None and step.origin >= 0 for step in after)
+        continued = [step.mode for step in after if step.origin >= 0]
+        seen = continued != [None] * len(continued)
         every = [self._after(step, found, modes, time, seen) for step in likely]
         every = moved_alike(every, [step.mode for step in likely], model, modes)
         self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)
-        stands = origin[0] >= 0 or not weighed.is_shown(found) or any(step.mode == 0 for step in after)
+        stands = origin[0] >= 0 or not weighed.is_shown or 0 in [step.mode for step in after]
         new = None if stands else (int(weighed.place[0]), float(weighed.weights[0] + weighed.shown[0]))
         every = beside_misfits(every, new)
         known, self.poses = bool(self.poses), of_places([one for one in every if one.log_other < GIVEN_UP])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,10 @@ from rootmatch.explain.rig_triples import search_meets
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST
-from rootmatch.tracking.followed_pose import Step
+from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.tracking.followed_places import LOOKED_AT, in_places, log_back, log_lost, met_beside, odds_alone
+from rootmatch.tracking.followed_pose import FollowedPose, Step, tempered
+from rootmatch.tracking.two_states import log_chance
 
 LIKELY = 0.5
 """Probability of a mode, among all that a prediction may have become, from which its pose is used."""
@@ -37,11 +41,10 @@ class WeighedModes(NamedTuple):
     """(K,) logarithm of the probability of each."""
     weights: Floats
     """(K,) logarithm of the weight of each, without ``shown``."""
-
-    def is_shown(self, found: Finding) -> bool:
-        """Whether a frame shows the body, whether or not its pose fits; what may be a copy is followed as well."""
-        copy = 0.0 if found.posterior is None else found.posterior.copy
-        return found.in_view + copy >= found.facts.min_probability
+    others: bool
+    """Whether the frame has something beside what is followed."""
+    is_shown: bool
+    """Whether the frame shows the body, whether or not its pose fits; what may be a copy is followed as well."""
 
     def steps(self, found: Finding, model: DetectionModel, nothing: float, log_shares: Floats) -> list[Step]:
         """The modes that hypotheses go on with.
@@ -49,14 +52,14 @@ class WeighedModes(NamedTuple):
         ``nothing``: logarithm of the probability that the frame does not show the body; ``log_shares``: of hypotheses,
         the last that of a new one.
         """
-        modes, is_shown, out = self.modes, self.is_shown(found), list[Step]()
+        modes, out = self.modes, list[Step]()
         for k, of in enumerate(self.origin.tolist()):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
                 continue  # what is left of another mode
             if of < 0:
                 many = search_meets(found.task, model, modes.assignments[k], points=0)
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
-                chance = float((many or told_of) and (found.status is not Status.UNTRUSTED or is_shown))
+                chance = float((many or told_of) and (found.status is not Status.UNTRUSTED or self.is_shown))
             else:
                 chance = math.exp(self.chances[k] - np.logaddexp(self.chances[k], nothing + log_shares[of]))
                 if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
@@ -69,3 +72,63 @@ class WeighedModes(NamedTuple):
                     )
                 )  # fmt: skip
         return out
+
+
+def weighed_modes(
+    found: Finding,
+    origin: Integers,
+    log_shares: Floats,
+    tempering: tuple[int, float],
+    *,
+    poses: Sequence[FollowedPose],
+    most: int,
+    holds: float,
+    time: float,
+) -> tuple[WeighedModes, int]:
+    """The modes of a frame with their weights, and the largest number of matches with which a place was weighed alone.
+
+    Parameters
+    ----------
+    found : Finding
+    origin : (K,) int64 array
+        The hypothesis that each mode continues.
+    log_shares : (H + 1,) array
+        Of hypotheses, the last that of a new one.
+    tempering : int and float
+        The first mode that continues a hypothesis, and the power of the frame's evidence.
+    poses : sequence of FollowedPose
+        The hypotheses.
+    most : int
+        That number, before the frame.
+    holds : float
+        See `DarkPoints.holds`.
+    time : float
+    """
+    told, model, (first, often) = found.posterior, found.model, tempering
+    assert told is not None
+    assert model is not None
+    modes = told.modes.first(LOOKED_AT)
+    shown = modes.detected.copy()
+    place, alone, more = in_places(model, modes, origin, poses, shown)
+    count = int(np.count_nonzero(modes.assignments[0] >= 0))
+    places = place.tolist()
+    if count > most and len(set(places)) == 1:
+        most, alone[:] = count, max(alone[0], odds_alone(model, modes.take(slice(1)))[0])
+    each = log_chance(told.probabilities[: len(origin)])
+    followed, others = {one.place for one in poses}, False
+    weight = log_shares[origin] + tempered(each - log_shares[origin] - shown, origin, often) + more
+    if not followed.issuperset(places):
+        elsewhere = np.array([one not in followed for one in places])
+        others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
+        new = elsewhere & (place != place[first]) & [not found.is_exchanged(k) for k in range(len(origin))]
+        weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
+        if new.any() and origin[first] >= 0:
+            lost = np.minimum(log_lost(holds, alone[first]), each - each[first])  # as what is there tells of it now
+            not_there = np.logaddexp(log_back(poses[origin[first]], time), lost)
+            weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
+    is_shown = found.in_view + told.copy >= found.facts.min_probability
+    weighed = WeighedModes(
+        modes, origin, place,
+        alone=alone, more=more, shown=shown, chances=each, weights=weight, others=others, is_shown=is_shown,
+    )  # fmt: skip
+    return weighed, most

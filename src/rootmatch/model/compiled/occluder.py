@@ -45,12 +45,18 @@ ACROSS, DOWN = np.array([math.cos(turn) for turn in TURNS]), np.array([math.sin(
 
 @part
 def _size(jacobian):  # type: ignore[no-untyped-def]
-    """Square of the size at which the surroundings of a point appear, by its Jacobian (2, 6)."""
-    size = 0.0
-    for q in range(2):
-        for a in range(3, 6):
-            size += jacobian[q, a] * jacobian[q, a]
-    return size
+    """Square of the angle that a length at a point appears in, by its Jacobian (2, 6), in units of the focal length.
+
+    A pinhole stretches what is θ aside by 1 / cos θ across and 1 / cos² θ along, so that is left out.
+    """
+    across, along, both = 0.0, 0.0, 0.0
+    for a in range(3, 6):
+        across += jacobian[0, a] * jacobian[0, a]
+        along += jacobian[1, a] * jacobian[1, a]
+        both += jacobian[0, a] * jacobian[1, a]
+    more = math.sqrt(0.25 * (across - along) ** 2 + both * both)
+    largest = 0.5 * (across + along) + more
+    return (largest - 2.0 * more) ** 2 / largest if largest > 0.0 else 0.0
 
 
 @part
