@@ -87,7 +87,7 @@ def test_a_symmetric_object_asks_for_no_normals_twice(normals: bool) -> None:
     assert "the vertical to `UP2P`" in match.advice
 
 
-@pytest.mark.parametrize("seed", [0, 4, 13])
+@pytest.mark.parametrize("seed", [0, 4, 9])
 def test_a_rig_whose_cameras_show_the_same_three_points(seed: int) -> None:
     shown = frame(seed, 0, RIG, clutter=0)
     points = np.argsort(-(shown.truth >= 0).sum(axis=0)[:LEDS], kind="stable")[:3]

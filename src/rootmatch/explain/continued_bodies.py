@@ -15,18 +15,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, kept_by_values
+from rootmatch.explain.more_places import Beside, Places
 from rootmatch.explain.near_symmetries import DISTINCT, LEAST, SHARE, TOLERANCE, symmetries_of
-from rootmatch.frozen import copied, once
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.modes import Modes
 from rootmatch.model.posterior import Posterior
-from rootmatch.model.prediction import GATE, HIDDEN, Settled, settle
+from rootmatch.model.prediction import GATE, Settled, settle
 from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -43,21 +42,8 @@ MOTIONS = 12
 """Most motions that continue a body. A round value; it bounds time."""
 INSIDE = 1e-6
 """Distance beyond the hull of a body, over its radius, up to which a place is within it."""
-MODES = 16
-"""Modes that are weighed. A round value; it bounds time."""
 LIKELY = 0.5
 """Probability that the body is in view from which it is asked whether something else is. A round value."""
-
-
-class Places(NamedTuple):
-    """Where a body that continues by its own law would have more points."""
-
-    points: Floats
-    """(m, 3)"""
-    normals: Floats | None
-    """(m, 3), if the body has any."""
-    beyond: Bools
-    """(m,) which are beyond the hull of the body's points; the others are its holes."""
 
 
 @kept_by_values(64)
@@ -236,122 +222,3 @@ def _continued(beside: Beside, mode: Modes) -> tuple[float, float] | None:
     both = about(beside.whole, np.concatenate([own, more], axis=1).reshape(1, -1), *pose)[0]
     shown = about(beside.outside, more[:, places.beyond].reshape(1, -1), *pose)[0].detected + mode.detected
     return float((both.log_odds - both.detected + shown - mode.log_odds)[0]), instead
-
-
-class Beside:
-    """A body's model with points in more places: the same for all of its modes.
-
-    Attributes
-    ----------
-    others, outside, whole : DetectionModel
-        Of points in the places alone; in those beyond the body; and in all of them beside its own points.
-    """
-
-    def __init__(self, model: DetectionModel, places: Places, taken: Bools | None) -> None:
-        self.model, self.places, self.images = model, places, max(len(model.images), 1)
-        self.free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
-        self.shape = Shape.of(model, self.images)
-
-    @once
-    def others(self) -> DetectionModel:
-        """See the class."""
-        return self.shape.only(self.places).model(self.model, self.free)
-
-    @once
-    def outside(self) -> DetectionModel:
-        """See the class."""
-        return self.shape.only(self.places).take(self.places.beyond).model(self.model, self.free)
-
-    @once
-    def whole(self) -> DetectionModel:
-        """See the class."""
-        return self.shape.and_(self.places).model(self.model, self.free)
-
-    def each(self, told: Posterior) -> list[Modes]:
-        """The modes of a posterior that are weighed, one by one."""
-        modes = told.modes.first(MODES)
-        return [modes.take(slice(k, k + 1)) for k in range(len(modes.log_odds))]
-
-    def left_by(self, mode: Modes) -> Bools:
-        """Which detections (n',) a mode leaves."""
-        (assignment,), left = mode.assignments, self.free.copy()
-        left[assignment[assignment >= 0]] = False
-        return left
-
-    def off_by(self, mode: Modes) -> Floats:
-        """Squared distances (m, n') of detections from the places, in units of both their variances.
-
-        Infinite for a place that is not in view.
-        """
-        found, at = about(self.others, np.full((1, self.others.shape[0]), -1), mode.rotation, mode.position)
-        by_pose = 0.5 * ((at.jacobian[0] @ mode.covariance[0]) * at.jacobian[0]).sum(axis=(1, 2))
-        squared = ((at.pixels[0][:, None] - self.others.target) ** 2).sum(axis=2)
-        shown = found.visible[0] > HIDDEN
-        return np.where(shown[:, None], squared / (by_pose[:, None] + self.others.sigma**2), np.inf)
-
-
-class Shape(NamedTuple):
-    """Points of one image of a body, and what is known of them."""
-
-    points: Floats
-    normals: Floats | None
-    cosine: Floats | None
-    covariance: Floats | None
-    images: int
-
-    @classmethod
-    def of(cls, model: DetectionModel, images: int) -> Shape:
-        """The body of a model."""
-        which = slice(len(model.points) // images)
-        return cls(
-            model.points[which], _taken(model.normals, which), _taken(model.view_cosine, which),
-            _taken(model.source_covariance, which), images,
-        )  # fmt: skip
-
-    def only(self, places: Places) -> Shape:
-        """Places in the stead of its points, as uncertain as these."""
-        m = len(places.points)
-        cosine = None if self.cosine is None else np.full(m, self.cosine.mean())
-        covariance = None if self.covariance is None else np.tile(self.covariance.mean(axis=0), (m, 1, 1))
-        return Shape(places.points, places.normals, cosine, covariance, self.images)
-
-    def and_(self, places: Places) -> Shape:
-        """Its points, followed by places."""
-        more = self.only(places)
-        return Shape(
-            np.concatenate([self.points, more.points]), _joined(self.normals, more.normals),
-            _joined(self.cosine, more.cosine), _joined(self.covariance, more.covariance), self.images,
-        )  # fmt: skip
-
-    def take(self, which: Bools) -> Shape:
-        """Some of its points."""
-        return Shape(
-            self.points[which], _taken(self.normals, which), _taken(self.cosine, which),
-            _taken(self.covariance, which), self.images,
-        )  # fmt: skip
-
-    def model(self, model: DetectionModel, free: Bools) -> DetectionModel:
-        """A model with these points, in the same poses of the same centre, of some detections (n',) only."""
-
-        def of_all(one: Floats | None) -> Floats | None:
-            return None if one is None else np.tile(one, (self.images, *(1,) * (one.ndim - 1)))
-
-        allowed = None
-        if self.images > 1 or not free.all():
-            allowed = (np.repeat(np.arange(self.images), len(self.points))[:, None] == model.image_of) & free
-        wide = copied(
-            model, points=of_all(self.points), normals=of_all(self.normals), view_cosine=of_all(self.cosine),
-            source_covariance=of_all(self.covariance), allowed=allowed, log_weights=None,
-        )  # fmt: skip
-        wide.__dict__["centre"] = model.centre  # to which the poses and their prior refer
-        return wide
-
-
-def _taken(one: Floats | None, which: Bools | slice) -> Floats | None:
-    """Some rows of what may not be known."""
-    return None if one is None else one[which]
-
-
-def _joined(one: Floats | None, other: Floats | None) -> Floats | None:
-    """Rows of what may not be known, one after the other."""
-    return None if one is None or other is None else np.concatenate([one, other])

@@ -13,7 +13,8 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.explain.continued_bodies import LIKELY, MODES, Places, factors_of, places_beside
+from rootmatch.explain.continued_bodies import LIKELY, factors_of, places_beside
+from rootmatch.explain.more_places import MODES, Places
 from rootmatch.model.labelling_sums import same_motion
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
