@@ -43,16 +43,39 @@ def test_the_claims_with_the_largest_total_are_met(seed: int) -> None:
         one = claims[int(shared.labels[i])]
         assert one.assignment[i] == shared.assignment[i]
         assert one.gains[i] + more == pytest.approx(worth[i, shared.assignment[i]])
-    assert 0.0 < shared.together <= shared.certainty.min() <= 1.0
+    assert 0.0 < shared.together <= 1.0
+    assert 0.0 < shared.certainty.min() <= shared.certainty.max() <= 1.0
+
+
+def test_how_sure_the_shares_are_is_a_sum_over_all_of_them() -> None:
+    rng = np.random.default_rng(7)
+    n, n_target = 5, 5
+    claims = {
+        label: Claims(rng.permutation(n_target)[:n], rng.uniform(1.0, 6.0, n), own=n)  # nothing is left, nothing added
+        for label in range(2)
+    }
+    shared = shared_out(claims, n_target)
+    every = [(i, int(one.assignment[i]), float(one.gains[i]), k) for k, one in claims.items() for i in range(n)]
+    more = np.log((n + 1.0) / 1.0 * 1.0 / (n + 1.0))
+    total, best = 0.0, 0.0
+    for size in range(n + 1):
+        for some in itertools.combinations(every, size):
+            if len({i for i, _, _, _ in some}) < size or len({j for _, j, _, _ in some}) < size or size < 3:
+                continue
+            odds = np.exp(sum(gain + more for _, _, gain, _ in some))
+            total += odds
+            if all(shared.assignment[i] == j and shared.labels[i] == k for i, j, _, k in some):
+                best += odds
+    assert shared.together == pytest.approx(best / total, rel=0.05)  # those of fewer than three are left out of one
 
 
 def test_a_point_that_two_motions_claim_alike_is_of_either() -> None:
-    own = np.array([0, 1, -1]), np.array([-1, -1, 2])
-    first, second = (Claims(np.where(one >= 0, one, [0, 1, 2]), np.full(3, 5.0), own=2) for one in own)
-    shared = shared_out({0: first, 1: second}, 3)
-    np.testing.assert_array_equal(shared.assignment, [0, 1, 2])
-    np.testing.assert_allclose(shared.certainty, 0.5)
-    assert shared.together == pytest.approx(0.125)
+    own = np.array([0, 1, 2, 3]), np.array([0, 1, 2, 3])
+    first, second = (Claims(one, np.full(4, 5.0), own=4) for one in own)
+    shared = shared_out({0: first, 1: second}, 4)
+    np.testing.assert_array_equal(shared.assignment, [0, 1, 2, 3])
+    np.testing.assert_allclose(shared.certainty, 0.5, rtol=1e-6)
+    assert shared.together == pytest.approx(0.5**4, rel=0.02)
 
 
 def test_motions_in_turn_are_those_of_a_packing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.hypergraph.assignment import largest_total
 from rootmatch.model.evidence import about
+from rootmatch.model.matchings import matchings_in_parts
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.prediction import GATE
 from rootmatch.model.proposals import fitted
@@ -95,7 +96,8 @@ def shared_out(claims: dict[int, Claims], n_target: int) -> SharedOut:
     """Each point and detection given to the motions so that their claims have the largest total, by label.
 
     The model of one motion takes what is of the others for points missed and for clutter; so each claim is worth more
-    by what it costs to leave a point and a detection where all motions together leave few.
+    by what it costs to leave a point and a detection where all motions together leave few. How sure the shares are is
+    the sum over all ways to share out, each with the product of the odds of its claims.
     """
     n = len(next(iter(claims.values())).assignment)
     i, j, gain, label = np.concatenate([one.rows(label) for label, one in claims.items()]).T
@@ -111,13 +113,13 @@ def shared_out(claims: dict[int, Claims], n_target: int) -> SharedOut:
     assignment = largest_total(worth, 0.0)
     matched, labels, certainty = np.flatnonzero(assignment >= 0), np.full(n, -1), np.ones(n)
     labels[matched] = whose[matched, assignment[matched]]
-    owner, together = np.full(n_target, -1), 1.0
-    owner[assignment[matched]] = matched
-    for p, q, more, of in zip(i.tolist(), j.tolist(), gain.tolist(), label.tolist(), strict=True):
-        if assignment[p] == q and labels[p] == of:
-            continue
-        lost = [k for k in {p, int(owner[q])} if k >= 0 and assignment[k] >= 0]
-        odds = math.exp(more - sum(worth[k, assignment[k]] for k in lost))
-        certainty[lost] /= 1.0 + odds
-        together /= 1.0 + odds
+    own = (assignment[i] == j) & (labels[i] == label)
+    told = matchings_in_parts(gain[None], i, j, 0.0)
+    chance = told.marginals[0]
+    either = np.bincount(told.rows, chance, n)[:, None] + np.bincount(told.columns, chance, n_target)
+    np.subtract.at(either, (told.rows, told.columns), chance)  # of a point or a detection, each claim once
+    for p, q, here, odds in zip(told.rows, told.columns, chance, told.log_odds[0], strict=True):
+        if assignment[p] == q and worth[p, q] == odds:
+            certainty[p] = here / either[p, q]
+    together = math.exp(min(float(np.logaddexp(0.0, gain[own]).sum() - told.log_total[0]), 0.0))
     return SharedOut(assignment, labels, certainty, together)
