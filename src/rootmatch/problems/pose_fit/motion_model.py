@@ -45,9 +45,10 @@ class MotionModel:
     def residuals(self, state: State) -> Floats:
         """See `Model`."""
         off, sigma, _ = self._parts(state)
+        rows = len(off), off.shape[1] * off.shape[2]  # there may be no labelling
         if self.white is not None:
-            return np.asarray((self.white @ off[..., None]).reshape(len(off), -1))
-        return (off / sigma[..., None]).reshape(len(off), -1)
+            return np.asarray((self.white @ off[..., None]).reshape(rows))
+        return (off / sigma[..., None]).reshape(rows)
 
     def jacobian(self, state: State) -> Floats:
         """See `Model`."""
@@ -60,7 +61,7 @@ class MotionModel:
             parts.append((moved - (0.0 if self.white is not None else share[..., None] * off))[..., None])
         whole = np.concatenate(parts, axis=-1)
         whole = whole / sigma[..., None, None] if self.white is None else self.white @ whole
-        return np.asarray(whole.reshape(len(moved), -1, whole.shape[-1]))
+        return np.asarray(whole.reshape(len(moved), moved.shape[1] * size, whole.shape[-1]))
 
     def moved(self, state: State, step: Floats) -> State:
         """See `Model`."""

@@ -269,7 +269,7 @@ def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
         of_scale = rest[:, size, size] - (column * np.linalg.solve(of_shift, column[..., None])[..., 0]).sum(axis=1)
         evidence += 0.5 * np.log(TURN / (of_scale + TURN / RANGE_OF_LOG**2)) - math.log(RANGE_OF_LOG)
     own = 1.0 / (curvature + 1.0 / TURN)
-    vague = np.zeros(len(rest[0]) + angles)
+    vague = np.zeros(rest.shape[1] + angles)
     vague[:angles] = 1.0 / TURN
     return replace(
         fit, chi2=found.chi2, evidence=evidence, rotation=found.rotation, scale=found.scale,
