@@ -70,6 +70,8 @@ def gains_of_errors(found: Finding) -> Floats:
     if model is None or told is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
     modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * model.radius
+    if k >= len(modes.log_odds):
+        return np.zeros(OWN)
     _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
     return gains_of_residuals(model, (misfit.squared, moved), misfit.dof, errors)
 

@@ -35,6 +35,8 @@ DIRECTIONS = 4.0 * math.pi
 """Area of all directions."""
 GATE = 21.0
 """Squared deviation, in three coordinates, up to which a target may be a predicted point: chance 10⁻⁴ beyond."""
+RIDGE = 1e-12
+"""Added to the diagonal of a covariance, relative to it, so that it has an inverse."""
 
 
 class _Off(NamedTuple):
@@ -116,6 +118,7 @@ class MotionPrior:
         # turns and shifts have different units: scaled, so that the inverse is exact
         size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
         unit, scaled, count = whole / (size[:, :, None] * size[:, None]), off / size, off.shape[1]
+        unit = unit + RIDGE * np.eye(count)
         squared = (scaled * np.linalg.solve(unit, scaled[..., None])[..., 0]).sum(axis=1)
         peak = 0.5 * (np.linalg.slogdet(unit)[1] + count * math.log(2.0 * math.pi)) + np.log(size).sum(axis=1)
         tail = -0.5 * squared
@@ -246,6 +249,7 @@ def _deviations(clouds: PointClouds, pose: Pose) -> Floats:
     spread = rows @ pose.covariance @ rows.swapaxes(1, 2)
     first, second = clouds.covariances(pose.scale * pose.R)
     whole = (spread + first)[:, None] + second
+    whole = whole + RIDGE * np.trace(whole, axis1=2, axis2=3)[..., None, None] * np.eye(3)
     off = clouds.target - (moved + pose.t)[:, None]
     return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
 
