@@ -29,7 +29,6 @@ class Claims(NamedTuple):
     """(n,)"""
     gains: Floats
     """(n,) log-odds of each match, given all that are its own; 0 where there is none."""
-
     own: int
     """Number of its own matches."""
 
@@ -57,8 +56,7 @@ def claims_in_image(body: Candidate, own: Integers) -> Claims:
     _, found, at = fitted(model, own[None])
     if not len(found.log_odds):
         return Claims(own, np.zeros(len(own)), int((own >= 0).sum()))
-    by_pose = 0.5 * ((at.jacobian[0] @ found.covariance[0]) * at.jacobian[0]).sum(axis=(1, 2))
-    squared = ((at.pixels[0][:, None] - model.target) ** 2).sum(axis=2) / (by_pose[:, None] + model.sigma**2)
+    squared = at.squared_from(model.target, model.sigma, found.covariance[0])
     squared[~at.seen[0]] = np.inf
 
     def log_odds(rows: Integers) -> Floats:

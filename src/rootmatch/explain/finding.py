@@ -75,8 +75,6 @@ class Finding:
         is something near points that have no match.
     mode : int
         Which mode of ``posterior`` it tells.
-    origins : (M,) int64, optional
-        The prediction about which each of those lies, −1 for none; None if nothing was predicted.
     point_error : float
         Standard deviation of the points' coordinates which it takes, though none was stated.
     sequence_factor : float
@@ -123,7 +121,6 @@ class Finding:
     noise_dof: int = 0
     alike: Floats | None = None
     mode: int = 0
-    origins: Integers | None = None
     sequence_factor: float = 1.0
     point_error: float = 0.0
     reason: str | None = None

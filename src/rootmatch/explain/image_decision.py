@@ -123,13 +123,12 @@ def told_by(
         told = with_parts(told, model, base.task.minimal, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability
-    scoreless, origins = base.evaluated == 0, told.origins
+    scoreless = base.evaluated == 0
     if (k := next(free, None)) is None:
         nothing = np.full(base.task.rows, -1, np.int64)
         return copied(
             base,
             posterior=told,
-            origins=origins,
             model=model,
             assignment=nothing,
             others=Others(told, TRUST.alternatives),
@@ -149,7 +148,7 @@ def told_by(
     fault = misfit_of(model, modes, k)
     if beside and present >= LIKELY:
         fault = fault._replace(alike=log_odds_alike(model, modes, k, of_others))
-    prediction = -1 if origins is None else int(origins[k])
+    prediction = -1 if told.origins is None else int(told.origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     missed = missed_as_known if holds else missed
     trusted = told.believed(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
@@ -178,7 +177,6 @@ def told_by(
     found = copied(
         base,
         posterior=told,
-        origins=origins,
         model=model,
         task=about_prediction(base.task, prediction) if holds else base.task,
         assignment=first,

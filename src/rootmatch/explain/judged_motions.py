@@ -116,8 +116,10 @@ def _judged_with(
                 found_by = by_search.get(label)
                 if solve is not None and found_by is not None and found_by.missed > TRUST.missed:
                     # what it may have missed may be another motion, which was found since
-                    found_by = search(alone, solve, np.where(labels == label, -1, assignment), budget=budget)
-                    searched.append(found_by._replace(label=label))
+                    others = np.where(labels == label, -1, assignment)
+                    if not found_by.is_left_by(others):
+                        found_by = search(alone, solve, others, budget=budget)
+                        searched.append(found_by._replace(label=label))
                 parts[label] = _judged(alone, assignment, labels, label, found_by, proposed=proposed)
             if np.array_equal(before, assignment):
                 break

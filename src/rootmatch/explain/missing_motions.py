@@ -42,6 +42,12 @@ class Rest(NamedTuple):
     label: int = -1
     """Of the motion that was found there; −1 if none was."""
 
+    def is_left_by(self, assignment: Integers) -> bool:
+        """Whether other motions, by their assignment (n,) of all points, leave as much as was searched."""
+        used = assignment[assignment >= 0]
+        same = np.array_equal(self.points, np.flatnonzero(assignment < 0))
+        return same and not np.isin(self.detections, used).any()
+
     @property
     def is_asked_for(self) -> bool:
         """Whether there is one more motion, as far as the caller knows."""

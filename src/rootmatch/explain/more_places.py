@@ -75,10 +75,8 @@ class Beside:
         Infinite for a place that is not in view.
         """
         found, at = about(self.others, np.full((1, self.others.shape[0]), -1), mode.rotation, mode.position)
-        by_pose = 0.5 * ((at.jacobian[0] @ mode.covariance[0]) * at.jacobian[0]).sum(axis=(1, 2))
-        squared = ((at.pixels[0][:, None] - self.others.target) ** 2).sum(axis=2)
-        shown = found.visible[0] > HIDDEN
-        return np.where(shown[:, None], squared / (by_pose[:, None] + self.others.sigma**2), np.inf)
+        squared = at.squared_from(self.others.target, self.others.sigma, mode.covariance[0])
+        return np.where((found.visible[0] > HIDDEN)[:, None], squared, np.inf)
 
 
 class Shape(NamedTuple):

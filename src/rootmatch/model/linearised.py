@@ -61,6 +61,15 @@ class Linearised(NamedTuple):
         """One of the poses."""
         return self.take(slice(k, k + 1))
 
+    def squared_from(self, target: Floats, sigma: Floats, covariance: Floats) -> Floats:
+        """Squared distances (n, n') of detections (n', 2) from the first pose's image, in units of both variances.
+
+        ``sigma`` (n',): that of the detections; ``covariance`` (6, 6): that of the pose.
+        """
+        by_pose = 0.5 * ((self.jacobian[0] @ covariance) * self.jacobian[0]).sum(axis=(1, 2))
+        squared = ((self.pixels[0][:, None] - target) ** 2).sum(axis=2)
+        return np.asarray(squared / (by_pose[:, None] + sigma**2))
+
     def with_(self, which: Integers, others: Linearised) -> Linearised:
         """The same with other poses in the place of some."""
         one = self

@@ -213,8 +213,8 @@ class Belief:
             return False
         doubt, shares, origin = 1.0, self.shares, np.full(min(len(told.probabilities), LOOKED_AT), -1)
         if self.poses and isinstance(model.prior, Doubted):
-            assert found.origins is not None
-            origin, doubt = found.origins[:LOOKED_AT], model.prior.doubt
+            assert told.origins is not None
+            origin, doubt = told.origins[:LOOKED_AT], model.prior.doubt
         log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
@@ -238,8 +238,7 @@ class Belief:
         least = [math.log(WRONG_MODEL) if one.place != after[0].place else -NEGLIGIBLE for one in after]
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
-        continued = [step.mode for step in after if step.origin >= 0]
-        seen = continued != [None] * len(continued)
+        seen = [step for step in after if step.mode is not None and step.origin >= 0] != []
         every = [self._after(step, found, modes, time, seen) for step in likely]
         every = moved_alike(every, [step.mode for step in likely], model, modes)
         self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)

@@ -126,9 +126,10 @@ def in_places(
 
 def share_unseen(found: Finding, poses: Sequence[FollowedPose], places: Mapping[int, float]) -> float:
     """Share of the places of which a frame shows nothing, if it shows another that is followed."""
-    if len(poses) < 2 or found.origins is None:
+    origins = None if found.posterior is None else found.posterior.origins
+    if len(poses) < 2 or origins is None:
         return 0.0
-    seen = {poses[k].place for k in found.origins[:LOOKED_AT].tolist() if k >= 0}
+    seen = {poses[k].place for k in origins[:LOOKED_AT].tolist() if k >= 0}
     return sum(share for place, share in places.items() if place not in seen) if seen else 0.0
 
 
