@@ -6,6 +6,7 @@ import pytest
 
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent
+from rootmatch.solvers.ascent import bounded_ascents, multi_start
 from rootmatch.solvers.ascent.bounded_ascents import BoundedAscents
 from rootmatch.solvers.ascent.climb import climb_from, state_of
 from rootmatch.solvers.ascent.start_ranking import candidates, heaviest, rank_heaviest
@@ -124,10 +125,12 @@ def test_without_reads_the_first_ascent_is_made_and_goes_on_with_exchanges():
     assert again.moves[0] == 0
 
 
-def test_what_is_left_out_does_not_depend_on_threads():
+def test_what_is_left_out_does_not_depend_on_threads(monkeypatch):
+    monkeypatch.setattr(multi_start, "RANKED", 3000)
+    monkeypatch.setattr(bounded_ascents, "LOOKUPS_PER_THREAD", 100)
     indices, weights, _ = planted(9, 12, 14, 4, 20_000)
     tensor = AffinityTensor(indices, weights, (12, 14))
-    solver = MultiStartAscent(most_reads=5000, ranking_reads=3000, lookups_per_thread=100)
+    solver = MultiStartAscent(most_reads=5000)
     threads, found = numba.get_num_threads(), []
     try:
         for count in (1, min(2, numba.config.NUMBA_NUM_THREADS)):

@@ -10,7 +10,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.predicted_poses import poses_of_finding
-from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.hypergraph.deferred_tensor import renumbered
 from rootmatch.problems.pose_fit.pose import Pose
 
 
@@ -82,15 +82,14 @@ def of_first_cameras(finding: Finding) -> Finding:
     soft, labels = np.zeros((n, n_target)), np.full(n, -1, np.int64)
     soft[points, first[points]] = finding.soft_assignment[rows, first[points]]
     labels[points] = finding.motion_labels[rows]
-    i, j = np.divmod(finding.tensor.indices.astype(np.int64), max(n_target, 1))
-    indices = (i % n * n_target + j).astype(np.int32)
+    of_rows = np.arange(task.rows) % n, np.arange(n_target)
     return replace(
         finding,
         assignment=first,
         others=others,
         scores=scores,
         soft=soft,
-        tensor=AffinityTensor.unchecked(indices, np.asarray(finding.tensor.weights), (n, n_target), task.weights),
+        tensor=renumbered(finding.tensor, of_rows, (n, n_target), task.weights),
         labels=labels,
     )
 

@@ -11,7 +11,7 @@ from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
-from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor, joined_tensor, renumbered
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.modes import as_objects
 
@@ -39,15 +39,10 @@ def joined(task: MatchingTask, found: Sequence[Finding], evaluated: int) -> Find
 
 def of_all_bodies(task: MatchingTask, bodies: list[tuple[Integers, Finding]]) -> AffinityTensor:
     """The hyper-edges of all bodies, or of several motions, by the rows and the finding of each."""
-    _, n_target = task.row_shape
-    nothing = empty_tensor(task)
-    indices, weights = [nothing.indices], [nothing.weights]
-    for rows, found in bodies:
-        if found.tensor.size:
-            i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
-            indices.append((rows[i] * n_target + j).astype(np.int32))
-            weights.append(np.asarray(found.tensor.weights))
-    return AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.row_shape, task.row_weights)
+    shape, targets = task.row_shape, np.arange(task.shape[1])
+    some = [(rows, found.tensor) for rows, found in bodies if found.tensor.size]
+    parts = [empty_tensor(task), *(renumbered(tensor, (rows, targets), shape) for rows, tensor in some)]
+    return joined_tensor(parts, shape, task.row_weights)
 
 
 def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
@@ -57,11 +52,6 @@ def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
     if found.soft is not None:
         soft = np.zeros((n, n_target))
         soft[:, columns] = found.soft
-
-    def tensor() -> AffinityTensor:
-        i, j = np.divmod(found.tensor.indices, np.int32(len(columns)))
-        indices = (i * np.int32(n_target) + columns.astype(np.int32)[j]).astype(np.int32)
-        return AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), task.row_shape, task.row_weights)
 
     def of_all(assignment: Integers) -> Integers:
         return np.where(assignment >= 0, columns[assignment], -1)
@@ -84,5 +74,7 @@ def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
         mirrored=[of_all(one) for one in found.mirrored],
         labellings=None,
         soft=soft,
-        tensor=DeferredTensor.of(tensor, task.row_shape, task.row_weights),
+        tensor=DeferredTensor.of(
+            lambda: renumbered(found.tensor, (np.arange(n), columns), task.row_shape), task.row_shape, task.row_weights
+        ),
     )

@@ -20,7 +20,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, kept_by_values
 from rootmatch.explain.more_places import Beside, Places
-from rootmatch.explain.near_symmetries import DISTINCT, LEAST, SHARE, TOLERANCE, symmetries_of
+from rootmatch.explain.near_symmetries import LEAST, SHARE, TOLERANCE, same_up_to, symmetries_of
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.modes import Modes
@@ -89,8 +89,7 @@ def _leading_on(source: Floats, normals: Floats | None) -> tuple[Floats, Floats,
     found = symmetries_of(source, normals)
     if not found:
         return np.empty((0, 3, 3)), np.empty((0, 3)), 0.0
-    between = np.linalg.norm(source[:, None] - source, axis=2)
-    near = min(TOLERANCE * body_radius(source), DISTINCT * float(np.median(np.sort(between, axis=1)[:, 1])))
+    near = same_up_to(source)
     rotations, shifts = np.array([one.rotation for one in found]), np.array([one.shift for one in found])
     rotations = np.concatenate([rotations, rotations.swapaxes(1, 2)])
     shifts = np.concatenate([shifts, -(rotations[len(found) :] @ shifts[..., None])[..., 0]])

@@ -135,12 +135,12 @@ def _judged_with(
 
 def _share_out(alone: MatchingTask, assignment: Integers, labels: Integers, *, proposed: bool) -> SharedOut | None:
     """Change an assignment and its labels to what each motion has most claim to, if there are several."""
-    claims = dict[int, Claims]()
+    claims, model = dict[int, Claims](), None if is_modelled(alone) else model_of(alone)
     for label in np.unique(labels[labels >= 0]).tolist():
         own = np.where(labels == label, assignment, -1)
-        if is_modelled(alone):
+        if model is None:
             claims[label] = claims_in_image(_body_of(alone, own[None], proposed), own)
-        elif (model := model_of(alone)) is not None:
+        else:
             claims[label] = claims_in_space(model, own)
     if len(claims) < 2:
         return None
@@ -156,7 +156,7 @@ def _judged(
 
     What a search named beside what it found is weighed too, and what it missed counts.
     """
-    part, points, pixels, own = _left_to(alone, assignment, labels, label)
+    part, points, pixels, own = left_to(alone, assignment, labels, label)
     if is_modelled(part):
         named, missed = [own[None]], 0.0
         if found_by is not None:
@@ -221,7 +221,7 @@ def confidence_of_motions(task: MatchingTask, assignment: Integers, labels: Inte
     confidence = np.full(len(assignment), math.nan)
     alone = replace(task, options=replace(task.options, motions=1), deadline=NEVER)
     for label in range(int(labels.max(initial=-1)) + 1):
-        part, points, _, own = _left_to(alone, assignment, labels, label)
+        part, points, _, own = left_to(alone, assignment, labels, label)
         each = np.full(len(own), math.nan)
         if is_modelled(part):
             told = candidate_of(part, [own]).alone()
@@ -230,7 +230,7 @@ def confidence_of_motions(task: MatchingTask, assignment: Integers, labels: Inte
     return confidence
 
 
-def _left_to(
+def left_to(
     alone: MatchingTask, assignment: Integers, labels: Integers, label: int
 ) -> tuple[MatchingTask, Integers, Integers, Integers]:
     """What the other motions leave to one: the task of it, its points and detections, and its assignment in them."""

@@ -107,7 +107,7 @@ def with_missing(
     labels: Integers,
     asked: int | Literal["auto"],
     *,
-    searched: list[Rest] | None = None,
+    searched: list[Rest],
     budget: int = QUICK,
 ) -> Rest | None:
     """What is left where no more motions are found, or None of as many as were asked for.
@@ -122,7 +122,7 @@ def with_missing(
         The route of a task of one motion.
     assignment, labels : (n,) int64 arrays
     asked : int or "auto"
-    searched : list, optional
+    searched : list
         To which each search is appended.
     budget : int
         Most evaluations of each.
@@ -133,8 +133,7 @@ def with_missing(
         told = rest.told
         if told is not None and told.status is not Status.UNTRUSTED and (told.assignment >= 0).any():
             rest = rest._replace(label=int(labels.max(initial=-1)) + 1)
-        if searched is not None:
-            searched.append(rest)
+        searched.append(rest)
         if told is None or rest.label < 0:
             return rest
         matched = told.assignment >= 0

@@ -11,6 +11,7 @@ import numpy as np
 from rootmatch.deadline import Deadline
 from rootmatch.explain.sampling import affordable, sample
 from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.deferred_tensor import joined_tensor, renumbered
 from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -51,14 +52,9 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
         if not sampler.pays(rest.sampling_task):
             return solution, sampled
     more = sample(replace(rest, options=replace(rest.options, sampler=sampler)))
-    source, target = np.divmod(more.tensor.indices, np.int32(len(pixels)))
-    indices = (points[source] * task.shape[1] + pixels[target]).astype(np.int32)
-    tensor = AffinityTensor.unchecked(
-        np.concatenate([sampled.tensor.indices, np.sort(indices, axis=1)]),
-        np.concatenate([sampled.tensor.weights, more.tensor.weights]),
-        task.shape,
-        task.weights,
-    )
+    added = renumbered(more.tensor, (points, pixels), task.shape)
+    added = AffinityTensor.unchecked(np.sort(added.indices, axis=1), added.weights, task.shape)
+    tensor = joined_tensor([sampled.tensor, added], task.shape, task.weights)
     joined = sampled._replace(tensor=distinct_hyperedges(tensor), evaluated=sampled.evaluated + more.evaluated)
     return _packed(task, joined, task.deadline), joined
 

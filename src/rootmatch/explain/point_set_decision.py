@@ -29,7 +29,7 @@ from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances,
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, mixed, posterior
 from rootmatch.model.priors import PRESENT
-from rootmatch.model.repetition import with_repetition
+from rootmatch.model.repetition import Repeated, with_repetition
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
@@ -179,21 +179,18 @@ def assessed(
     """The finding of proposed labellings; their scores are computed when they are asked for."""
     _, base = unjudged(task, sampled, None)
     base = replace(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
-    found, models, log_odds = [posterior(model, judged, mirrored)], [model], [0.0]
-    if (repeated := with_repetition(model, judged)) is not None:
-        found.append(posterior(repeated.model, repeated.judged, mirrored))
-        models.append(repeated.model)
-        log_odds.append(repeated.log_odds)
-    every = [beside_sets(one, of) for one, of in zip(found, models, strict=True)]
-    before, told = (
-        [replace(one, log_total=one.log_total + more) for one, more in zip(some, log_odds, strict=True)]
-        for some in (found, every)
+    repeated = with_repetition(model, judged)
+    every = [Repeated(model, judged, 0.0), *([] if repeated is None else [repeated])]
+    found = [posterior(one.model, one.judged, mirrored) for one in every]
+    beside = [beside_sets(told, one.model) for told, one in zip(found, every, strict=True)]
+    before, after = (
+        [replace(told, log_total=told.log_total + one.log_odds) for told, one in zip(some, every, strict=True)]
+        for some in (found, beside)
     )
-    best = max(range(len(told)), key=lambda k: told[k].log_total)
-    whole = mixed(told)
+    whole = mixed(after)
     if mixed(before).present - whole.present > LIKELY:
         base = replace(base, reason=BY_ITS_LAW)
-    return told_by(base, whole, models[best])
+    return told_by(base, whole, every[int(np.argmax([told.log_total for told in after]))].model)
 
 
 def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> Finding:

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.explain.finding import Finding
+from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.image_hypotheses import Candidate, is_enough, model_of
 from rootmatch.explain.rig_triples import assignments_of_triples
@@ -20,7 +20,7 @@ from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.hypergraph.assignment import one_hot
-from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.hypergraph.deferred_tensor import joined_tensor, renumbered
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.gathering import gathered
@@ -62,11 +62,12 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     The second value says whether every camera's search ended before its budget.
     """
     assert task.rig is not None
-    n, n_target = task.shape
+    n = task.shape[0]
     guided = task.options.sampler
     if not isinstance(guided, Guided):
         guided = _guided(task.budget or BUDGET, limits[0])
-    indices, weights, hypotheses, evaluated, whole, missed_by = [], [], [], 0, True, np.ones(len(task.rig.cameras))
+    hypotheses, evaluated, whole, missed_by = list[Integers](), 0, True, np.ones(len(task.rig.cameras))
+    tensors = [empty_tensor(task)]
     searching = task.deadline.part(SEARCHED)
     views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
     parts = [of_camera(task, k, guided) for k in views]
@@ -84,9 +85,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
         sampled = sample(part)
         evaluated += sampled.evaluated
         whole, missed_by[k] = whole and sampled.evaluated < guided.budget, sampled.missed
-        i, j = np.divmod(sampled.tensor.indices.astype(np.int64), len(own))
-        indices.append(((k * n + i) * n_target + own[j]).astype(np.int32))
-        weights.append(np.asarray(sampled.tensor.weights))
+        tensors.append(renumbered(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))
         for assignment in sampled.assignments if sampled.assignments is not None else []:
             if (assignment >= 0).sum() >= LEAST:
                 one = np.full(task.rows, -1, np.int64)
@@ -102,9 +101,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
                 all_triples |= every
         if len(hypotheses) > met:
             verified = _verified(model, hypotheses, limits)
-    of_cameras = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
-    values = np.concatenate(weights) if weights else np.empty(0)
-    tensor = AffinityTensor.unchecked(np.ascontiguousarray(of_cameras), values, task.row_shape, task.row_weights)
+    tensor = joined_tensor(tensors, task.row_shape, task.row_weights)
     missed = 0.0 if all_triples else _missed(verified, missed_by)
     return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
 

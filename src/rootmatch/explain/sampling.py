@@ -16,7 +16,7 @@ from rootmatch.errors import InputError
 from rootmatch.explain.task import RESERVE, SAMPLED, MatchingTask
 from rootmatch.explain.validation import check_size
 from rootmatch.hypergraph.affinity import NOISE_KINDS
-from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor, renumbered
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
 from rootmatch.problems.capabilities import Capability
@@ -135,7 +135,9 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)
     fallback = automatic and options.motions == 1 and sampling.sweep_cost <= affordable
-    fallback = fallback and not searches_focal_lengths(sampling) and not _motions_decide(task)
+    # to the model of two point sets other hyper-edges tell nothing
+    of_sets = sampling.clouds is not None and _poses_decide(task)
+    fallback = fallback and not searches_focal_lengths(sampling) and not of_sets
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
     if (fallback and _searched_first(task)) or (automatic and _relative_poses_decide(task)):
@@ -168,11 +170,6 @@ def _relative_poses_decide(task: MatchingTask) -> bool:
     in both images 45 were trusted then, and 74 with the search, none wrong (seeds from 1000).
     """
     return _poses_decide(task) and task.sampling_task.views is not None
-
-
-def _motions_decide(task: MatchingTask) -> bool:
-    """Whether motions between two point sets are judged by their model, to which other hyper-edges tell nothing."""
-    return _poses_decide(task) and task.sampling_task.clouds is not None
 
 
 def _poses_decide(task: MatchingTask) -> bool:
@@ -211,7 +208,4 @@ def _with_baseline_prior(task: MatchingTask, tensor: AffinityTensor) -> Affinity
 
 def _in_given_order(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
     """The tensor with the source points in the caller's order, and the prior of the candidates."""
-    n_target = tensor.shape[1]
-    source, target = np.divmod(tensor.indices, np.int32(n_target))
-    indices = (task.permutation.astype(np.int32)[source] * np.int32(n_target) + target).astype(np.int32)
-    return AffinityTensor.unchecked(indices, tensor.weights, tensor.shape, task.weights)
+    return renumbered(tensor, (task.permutation, np.arange(tensor.shape[1])), tensor.shape, task.weights)

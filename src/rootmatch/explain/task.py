@@ -305,7 +305,7 @@ class MatchingTask:
             clouds=self.problem.point_clouds(self.ordered_points), views=self.problem.two_views(self.ordered_points),
             at_focal_lengths=self.problem.at_focal_lengths(self.ordered_points),
             without_vertical=self.problem.without_vertical(self.ordered_points),
-            later=True, more_images=self.more_images,
+            more_images=self.more_images,
             found_before=None if self.found_before is None else self.found_before[:, self.permutation],
         )  # fmt: skip
 

@@ -10,7 +10,7 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.judged_motions import ROUNDS
+from rootmatch.explain.judged_motions import ROUNDS, left_to
 from rootmatch.explain.missing_motions import Rest, among, hyperedges_of, with_missing
 from rootmatch.explain.motion_labels import by_size
 from rootmatch.explain.task import MatchingTask
@@ -81,10 +81,8 @@ def _weighed(
         left, motions, others = [], [], []
         assignment[labels < 0] = -1
         for label in np.unique(labels[labels >= 0]).tolist():
-            points = np.flatnonzero((labels == label) | (labels < 0))
-            detections = np.setdiff1d(np.arange(model.shape[1]), assignment[(labels != label) & (labels >= 0)])
-            part = model_of(alone.subset(points, detections))
-            rest = searched[label]
+            left_over, points, detections, _ = left_to(alone, assignment, labels, label)
+            part, rest = model_of(left_over), searched[label]
             assert part is not None
             assert rest.told is not None
             every = [np.where(labels == label, assignment, -1)]

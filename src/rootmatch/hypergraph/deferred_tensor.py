@@ -1,8 +1,8 @@
-"""A tensor whose hyper-edges are evaluated when they are first asked for."""
+"""Tensors made of others: of some points as of all, of several, and when their hyper-edges are first asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,3 +35,24 @@ class DeferredTensor(AffinityTensor):
     def __getstate__(self) -> dict[str, Any]:
         """State for pickling: the hyper-edges instead of the function."""
         return {"indices": self.indices, "weights": self.weights, "shape": self.shape, "unary": self.unary}
+
+
+def renumbered(
+    tensor: AffinityTensor,
+    places: tuple[NDArray[np.integer], NDArray[np.integer]],
+    shape: tuple[int, int],
+    unary: NDArray[np.float64] | None = None,
+) -> AffinityTensor:
+    """The hyper-edges of a tensor among other points; ``places``: which of those its points are, and its targets."""
+    source, target = places
+    i, j = np.divmod(tensor.indices, np.int32(tensor.shape[1]))
+    indices = source.astype(np.int32)[i] * np.int32(shape[1]) + target.astype(np.int32)[j]
+    return AffinityTensor.unchecked(indices, np.asarray(tensor.weights), shape, unary)
+
+
+def joined_tensor(
+    parts: Sequence[AffinityTensor], shape: tuple[int, int], unary: NDArray[np.float64] | None
+) -> AffinityTensor:
+    """The hyper-edges of several tensors of the same points, one tensor after the other."""
+    indices, weights = zip(*((part.indices, part.weights) for part in parts), strict=True)
+    return AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), shape, unary)

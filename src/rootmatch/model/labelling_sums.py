@@ -134,7 +134,7 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
         rate = np.clip(rng.beta(a, b, SAMPLES), 1e-9, 1.0 - 1e-9)
         log_weight -= (a - 1.0) * np.log(rate) + (b - 1.0) * np.log1p(-rate)
     log_weight += n * np.log1p(-rate)
-    rows, columns = np.nonzero(_likely(model, fit))
+    rows, columns = np.nonzero(model.gains(fit, 0) > LEAST - MARGIN)
     near = model.about_points(motions, np.ones((SAMPLES, n), np.bool_))
     of_hidden = model.log_more_clutter(matched) - model.log_more_clutter(min(matched + 1.0, n, n_target))
     log_clutter = model.clutter.log_alone
@@ -170,11 +170,6 @@ def _log_changes(model: PointSetModel, assignment: Integers) -> Floats:
     changed[np.arange(n), np.arange(n)] = ~matched
     *others, own = log_of_regions(model.clouds.source, changed, model.detection_rate)
     return np.asarray(np.where(matched, -1.0, 1.0) * (np.array(others) - own))
-
-
-def _likely(model: PointSetModel, fit: PointSetFit) -> Bools:
-    """Matches (n, n') that may count about the motion of the first labelling."""
-    return np.asarray(model.gains(fit, 0) > LEAST - MARGIN)
 
 
 def _log_odds(model: PointSetModel, motions: PointSetFit, exact: Floats, pairs: tuple[Integers, Integers]) -> Floats:

@@ -23,14 +23,13 @@ import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector, turn_jacobian
 from rootmatch.arrays import Floats, Integers
+from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
 from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, with_shared
 
-ROTATIONS = 8.0 * math.pi**2
-"""Volume of all rotations, by rotation vectors."""
 DIRECTIONS = 4.0 * math.pi
 """Area of all directions."""
 GATE = 21.0

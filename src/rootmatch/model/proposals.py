@@ -50,11 +50,7 @@ def joined(parts: list[Proposals]) -> Proposals:
     """All of several proposals."""
     if len(parts) == 1:
         return parts[0]
-    return Proposals(
-        np.concatenate([part.assignments for part in parts]),
-        np.concatenate([part.rotation for part in parts]),
-        np.concatenate([part.position for part in parts]),
-    )
+    return Proposals._make(map(np.concatenate, zip(*parts, strict=True)))
 
 
 def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:

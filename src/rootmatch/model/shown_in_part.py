@@ -84,8 +84,7 @@ def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -
     (C n,) float array
         Probability that each point is not detected, if that is so.
     """
-    log_each, odds, sums, ways = few_of_each(chance, counts, most)
-    whole = (ways * sums).sum(axis=0)
+    log_each, odds, sums, ways, whole = few_of_each(chance, counts, most)
     each = weights * np.exp(log_each)
     total = max(float(each.sum()), 1e-300)
     others, detected = np.ones_like(odds), np.zeros(odds.shape[:2])
@@ -96,11 +95,11 @@ def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -
     return total, np.clip(1.0 - detected.reshape(-1) / total, 0.0, 1.0)
 
 
-def few_of_each(chance: Floats, counts: Integers, most: int) -> tuple[Floats, Floats, Floats, Floats]:
+def few_of_each(chance: Floats, counts: Integers, most: int) -> tuple[Floats, ...]:
     """Logarithms (H,) of the odds that `few_detected` sums in each of some cases, and what they are made of.
 
     Odds (C, n, H) of each point; their products (most + 1, C, H), summed over the sets of 0, 1, … points; and the ways
-    (most + 1, C, 1) to own as many detections.
+    (most + 1, C, 1) to own as many detections, with the sum (C, H) of both.
     """
     chance = np.minimum(chance, HIGHEST_RATE)
     odds = chance / (1.0 - chance)
@@ -113,7 +112,7 @@ def few_of_each(chance: Floats, counts: Integers, most: int) -> tuple[Floats, Fl
         left = np.maximum(counts - k + 1, 0)[:, None]
         ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
     whole = (ways * sums).sum(axis=0)
-    return np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0), odds, sums, ways
+    return np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0), odds, sums, ways, whole
 
 
 def in_sight(visible: Floats, rates: Floats, images: int) -> tuple[Floats, Floats]:

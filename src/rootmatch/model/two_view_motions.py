@@ -88,7 +88,7 @@ class MotionsPosterior(TwoViewPosterior):
         own = np.flatnonzero(assignment >= 0)
         weights = np.concatenate([weights for _, weights, _ in self.parts])
         pairs = own, assignment[own]
-        odds = np.exp(np.minimum([_log_odds(self.model, one, pairs) for one in self.drawn], 300.0))
+        odds = np.exp(np.minimum([one.log_odds(self.model, pairs) for one in self.drawn], 300.0))
         shares = np.tensordot(odds / (1.0 + odds.sum(axis=0)), weights, axes=(1, 0))
         labels = np.full(len(assignment), -1, np.int64)
         labels[own] = shares.argmax(axis=0)
@@ -98,13 +98,12 @@ class MotionsPosterior(TwoViewPosterior):
         """See `TwoViewPosterior.chi2_of`: the sum over motions, each with the matches that are its own."""
         labels = self.motions_of(assignment)
         every = [
-            replace(self, parts=[(one, *self.parts[0][1:])])._chi2_of_one(np.where(labels == m, assignment, -1))
+            TwoViewPosterior.chi2_of(
+                replace(self, parts=[(one, *self.parts[0][1:])]), np.where(labels == m, assignment, -1)
+            )
             for m, one in enumerate(self.drawn)
         ]
         return sum(chi2 for chi2, _ in every), sum(freedom for _, freedom in every)
-
-    def _chi2_of_one(self, assignment: Integers) -> tuple[float, int]:
-        return TwoViewPosterior.chi2_of(self, assignment)
 
 
 def motions_posterior(model: TwoViewModel, motions: Sequence[Motion], seed: int = 0) -> MotionsPosterior:
@@ -198,9 +197,9 @@ def _weighed(
     whole = [one.samples._replace(rate=rate, clutter=clutter) for one, rate in zip(every, rates, strict=True)]
     rows, columns = pairs = possible_pairs(model)
     first = np.arange(max(min(FIRST, MOST_RATIOS // max(len(rows), 1)), FEWEST))
-    likely = np.max([_log_odds(model, one.take(first), pairs).max(axis=0) for one in whole], axis=0) > LEAST - MARGIN
+    likely = np.max([one.take(first).log_odds(model, pairs).max(axis=0) for one in whole], axis=0) > LEAST - MARGIN
     pairs = rows[likely], columns[likely]
-    odds = np.logaddexp.reduce([_log_odds(model, one, pairs) for one in whole])
+    odds = np.logaddexp.reduce([one.log_odds(model, pairs) for one in whole])
     log -= sum(one.log_own for one in every)
     places = np.unique(np.stack([one.part for one in every]), axis=1, return_inverse=True)[1].ravel()
     parts = []
@@ -209,12 +208,6 @@ def _weighed(
         parts.append((own, matchings_in_parts(odds[own], *pairs, LEAST)))
         log[own] += parts[-1][1].log_total
     return whole, log, parts
-
-
-def _log_odds(model: TwoViewModel, drawn: Samples, pairs: tuple[Integers, Integers]) -> Floats:
-    """Log-odds (K, P) of pairs to be of a motion, against being unmatched."""
-    term = np.log(drawn.rate) - np.log1p(-drawn.rate) - np.log(drawn.clutter)
-    return model.log_odds(drawn.poses, drawn.variance, term, pairs)
 
 
 def _log_mean(log: Floats) -> float:

@@ -268,8 +268,8 @@ def likeliest_at(model: TwoViewModel, fits: Fitted) -> Integers:
     rows, columns = possible_pairs(model)
     matched = (fits.assignments >= 0).sum(axis=1)
     rate, clutter = (matched + 0.5) / (model.shape[0] + 1.0), model.shape[1] - matched + 0.5
-    term = np.log(rate) - np.log1p(-rate) - np.log(clutter)
-    odds = model.log_odds(fits.poses, np.ones(len(term)), term, (rows, columns))
+    at = Samples(fits.poses, np.ones(len(rate)), rate, clutter, np.arange(len(rate)))
+    odds = at.log_odds(model, (rows, columns))
     return np.array([_likeliest(one, rows, columns, model) for one in odds])
 
 
@@ -290,8 +290,7 @@ def _log_odds(model: TwoViewModel, drawn: Samples, rows: Integers, columns: Inte
     from scipy.special import gammaln  # slow to import
 
     n, n_target = model.shape
-    term = np.log(drawn.rate) - np.log1p(-drawn.rate) - np.log(drawn.clutter)
-    odds = model.log_odds(drawn.poses, drawn.variance, term, (rows, columns))
+    odds = drawn.log_odds(model, (rows, columns))
     log = n_target * np.log(drawn.clutter) - drawn.clutter - float(gammaln(n_target + 0.5))
     return odds, log + n * np.log1p(-drawn.rate) + log_prior(model, drawn)
 

@@ -71,6 +71,11 @@ class Samples(NamedTuple):
         others: list[Any] = [part[rows] for part in self[1:]]
         return Samples(self.poses.take(rows), *others)
 
+    def log_odds(self, model: TwoViewModel, pairs: tuple[Integers, Integers]) -> Floats:
+        """Log-odds (K, P) of pairs to be matches, against being unmatched."""
+        term = np.log(self.rate) - np.log1p(-self.rate) - np.log(self.clutter)
+        return model.log_odds(self.poses, self.variance, term, pairs)
+
     @classmethod
     def joined(cls, parts: list[Samples]) -> Samples:
         """All of several, one after the other."""

@@ -175,7 +175,7 @@ def match_figure(
         handles += draw_poses(
             right, source=source, target=target, match=match, poses=poses, colours=COLOURS, camera=camera
         )
-    handles += _draw_unmatched((left, right), (source[match < 0], _unmatched_targets(target, match)), titles)
+    handles += _draw_unmatched((left, right), (source[match < 0], np.delete(target, match[match >= 0], axis=0)), titles)
     draw_labels(left, flat, point_names(source_names, len(source)), towards=-1.0)
     draw_labels(right, flat_target, point_names(target_names, len(target)), towards=1.0)
     figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 6), fontsize=9, frameon=False)
@@ -247,11 +247,6 @@ def _groups(match: Integers, labels: Integers, wrong: Bools) -> list[_Group]:
     ]
     groups.append(_Group("wrong", WRONG, "X", True, np.flatnonzero(wrong)))
     return [group for group in groups if len(group.members)]
-
-
-def _unmatched_targets(target: Floats, match: Integers) -> Floats:
-    """The targets (k, 2) that no source point is matched to."""
-    return np.delete(target, match[match >= 0], axis=0)
 
 
 def _draw_unmatched(axes: Sequence[Axes], points: Sequence[Floats], titles: Sequence[str]) -> list[Line2D]:

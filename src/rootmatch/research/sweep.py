@@ -9,15 +9,13 @@ from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from importlib import import_module
-from itertools import islice
-from typing import Any
+from functools import partial
 
 import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.backends.dask import connected
+from rootmatch.backends.dask import IN_FLIGHT, connected, in_order
 from rootmatch.backends.strongest import Progress
 from rootmatch.backends.worker_lifetime import pool
 from rootmatch.errors import InputError, RootmatchError
@@ -31,9 +29,6 @@ Plan = dict[Setting, tuple[tuple[Method, tuple[int, ...]], ...]]
 Stage = Callable[[str], AbstractContextManager[Progress | None]]
 """Begins a stage of a run, by its title, and gives what its progress is told to."""
 Evaluate = Callable[[Unit], list[Row]]
-
-IN_FLIGHT = 2
-"""Units sent ahead to each thread of a cluster, so that none waits for the next."""
 
 MOST_JOBS = 1024
 """Processes on one machine; each takes 200 MB."""
@@ -178,24 +173,7 @@ def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
 
 def _on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterator[Result]:
     with connected(scheduler) as client:
-        threads = sum(client.nthreads().values())
-        waiting = iter(work)
-
-        def send(unit: Unit) -> Any:
-            # Not pure: Dask would otherwise look the unit's result up by a hash of its input.
-            return client.submit(_timed, function, unit, pure=False)
-
-        distributed: Any = import_module("distributed")
-        finished = distributed.as_completed(
-            [send(unit) for unit in islice(waiting, IN_FLIGHT * threads)], loop=client.loop
-        )
-        for future in finished:
-            try:
-                result = future.result()
-            except RootmatchError:
-                raise
-            except Exception as error:
-                raise RootmatchError(f"scheduler: a unit failed on a worker: {error!r}") from error
-            yield result
-            for unit in islice(waiting, 1):
-                finished.add(send(unit))
+        ahead = IN_FLIGHT * sum(client.nthreads().values())
+        # not pure: Dask would otherwise look the unit's result up by a hash of its input
+        submit = partial(client.submit, _timed, function, pure=False)
+        yield from (result for _, result in in_order(submit, iter(work), ahead, "a unit"))

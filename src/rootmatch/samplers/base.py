@@ -55,8 +55,6 @@ class SamplingTask:
     """Tables of the same points for the kernels of `P3P`, where the problem is one of a measured vertical."""
     problem: str = "the problem"
     """Name of the problem, for messages."""
-    later: bool = False
-    """Whether hyper-edges may be evaluated when they are asked for."""
     found_before: Integers | None = None
     """(K, n) assignments that are tried first, as one of them is probably right; None for none."""
     more_images: bool = False

@@ -44,7 +44,7 @@ def sampled_among(
     rng: np.random.Generator,
     evaluated: int,
     *,
-    later: bool = False,
+    later: bool = True,
     chance_samples: int = CHANCE_SAMPLES,
     deadline: Deadline = NEVER,
     **found: Any,
@@ -62,7 +62,7 @@ def sampled_among(
     evaluated : int
         Evaluations of the search.
     later : bool
-        Whether they are evaluated when they are asked for: a pose may decide alone.
+        Whether they are evaluated when they are asked for, unless the task has a deadline: a pose may decide alone.
     chance_samples : int
         Random hyper-edges whose mean weight is that by chance.
     deadline : Deadline
@@ -89,7 +89,7 @@ def sampled_among(
         total = max(1.0, float(task.affinity.weights(by_chance[by_chance <= task.affinity.gate]).sum()))
         return total / chance_samples
 
-    if later:
+    if later and not task.deadline.is_set:
         tensor: AffinityTensor = DeferredTensor.of(lambda: weighed()[0], task.shape)
         return SampledTensor(tensor, evaluated, lambda: weighed()[1], chance, partial=True, **found)
     tensor, coverage, count = weighed()

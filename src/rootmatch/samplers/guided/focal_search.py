@@ -57,7 +57,6 @@ def focal_tensor(task: SamplingTask, tables: Callable[[], list[Any]], options: G
         task.progress(options.budget, options.budget)
     return sampled_among(
         task, whole.first.clusters, few, whole.first.rng, spent,
-        later=task.later and not task.deadline.is_set,
         deadline=task.deadline,
         conclusive=whole.found,
         assignments=whole.first.assignments(),

@@ -41,19 +41,11 @@ class Hypotheses(NamedTuple):
         """The hypotheses of several batches, one batch after the other."""
         if len(batches) == 1:
             return batches[0]
-        return cls(
-            np.concatenate([batch.points for batch in batches]),
-            np.concatenate([batch.images for batch in batches]),
-            np.concatenate([batch.evidence for batch in batches]),
-            np.concatenate([batch.best for batch in batches]),
-            np.concatenate([batch.candidates for batch in batches]),
-        )
+        return cls._make(map(np.concatenate, zip(*batches, strict=True)))
 
     def take(self, which: NDArray[np.integer] | Bools) -> Hypotheses:
         """A subset of the hypotheses."""
-        return Hypotheses(
-            self.points[which], self.images[which], self.evidence[which], self.best[which], self.candidates[which]
-        )
+        return Hypotheses._make(one[which] for one in self)
 
     def real(self) -> list[Hypotheses]:
         """Those whose root is there, if any is."""

@@ -97,7 +97,7 @@ class Guided(GuidedOptions):
         alone = search.single and search.conclusive and len(clusters.evidence) == 1
         return sampled_among(
             task, lambda: clusters, self, search.rng, search.evaluated,
-            later=task.later and alone and not task.deadline.is_set,
+            later=alone,
             deadline=task.deadline,
             conclusive=search.conclusive,
             assignments=assignments,

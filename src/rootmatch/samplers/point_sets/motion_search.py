@@ -18,6 +18,7 @@ from rootmatch.deadline import Deadline, checkpoint
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
+from rootmatch.samplers.guided.visibility import MISSED
 from rootmatch.samplers.point_sets.motions import WIDE, Motions, fitted_motions, joined_motions
 from rootmatch.samplers.point_sets.shown_parts import ShownParts
 from rootmatch.samplers.point_sets.triangles import GATE, Triangles
@@ -29,8 +30,6 @@ ENTRIES = 50_000
 TRIPLES, LEAST, BLOCK = 6_000, 12, 64
 """Most triples that are tried, and least, however clear the best motion is, and how many at once later on: three of ten
 matched points in a hundred are among so many with 99.5 %."""
-MISSED = 0.005
-"""Probability at which a motion that explains as much as the best one may have been missed."""
 REFINED = 4
 """Motions of a triple, those that explain the most points, that are refined on these points."""
 WORTH = 0.5

@@ -22,7 +22,7 @@ def point_set_tensor(task: SamplingTask, clouds: PointClouds, options: GuidedOpt
         search.run(options.budget)
     sampled = sampled_among(
         task, search.clusters, options, search.rng, search.evaluated,
-        later=task.later and task.motions == 1 and not task.deadline.is_set,
+        later=task.motions == 1,
         chance_samples=CHANCE_SAMPLES,
         conclusive=search.conclusive,
         assignments=search.assignments() if task.motions == 1 else None,

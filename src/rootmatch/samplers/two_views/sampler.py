@@ -25,7 +25,7 @@ def two_view_tensor(task: SamplingTask, options: GuidedOptions) -> SampledTensor
     return sampled_among(
         task, search.clusters, replace(options, edges=min(options.edges, EDGES)), search.rng, search.evaluated,
         # the poses are judged by themselves, and nobody may ask for hyper-edges
-        later=task.later and single and bool(search.hypotheses) and not task.deadline.is_set,
+        later=single and bool(search.hypotheses),
         conclusive=search.conclusive,
         missed=search.missed if single else 0.0,
         repeated=single and search.repeated,

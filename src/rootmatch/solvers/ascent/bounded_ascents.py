@@ -17,6 +17,8 @@ from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
 LOOKUPS_PER_SUBSET = 4.0
 """An ascent takes about so many look-ups for each C(n, d−1): a measured mean, for estimates of its cost."""
+LOOKUPS_PER_THREAD = 20_000
+"""Those that are worth a thread, half a millisecond to some. Changes no result."""
 SECONDS_PER_GAIN = 1e-9
 """That a move takes for each of the n n' gains, at least; an ascent makes two moves for each match, at most, mostly."""
 SECONDS_PER_READ = 5e-8
@@ -35,7 +37,7 @@ class BoundedAscents:
         most = min(n, n_target)
         subsets = math.comb(most, order - 1)
         usual = 1.0 + index.indices.size / math.comb(n * n_target, order - 1)
-        self.effort = LOOKUPS_PER_SUBSET * subsets / options.lookups_per_thread
+        self.effort = LOOKUPS_PER_SUBSET * subsets / LOOKUPS_PER_THREAD
         self.usual_reads = LOOKUPS_PER_SUBSET * subsets * usual
         self.moving = 2.0 * most * n * n_target * SECONDS_PER_GAIN
         # Until an ascent was made: that it ends with all of the hyper-edges that there can be.

@@ -26,6 +26,11 @@ POOL = 4
 """Best supported hyper-edges that are candidates, for each start."""
 STARTS_PER_CORRESPONDENCE = 2
 """Starts of small problems, which have no more that differ."""
+RANKED = 1 << 23
+"""Entries of the index that are read to rank hyper-edges by their support: of more subsets the heaviest ones alone."""
+DOMINANT = 2.0 / 3.0
+"""Share of all weight from which the assignment that the walk leads to is not searched beyond: any other has what it
+shares with it and at most half as much again. What it changes: benchmarks/record.py, benchmarks/constellations.py."""
 FIRST_ROUND, LARGEST_ROUND = 2, 64
 """Candidates tried together at first, twice as many each time, and at most: the first few often find the optimum, and
 those inside it are then not tried."""
@@ -85,7 +90,7 @@ class MultiStart:
     @cached_property
     def ranked(self) -> tuple[NDArray[np.int32], Floats]:
         """Candidates, (P, d), and their ranks."""
-        return candidates(self.index, POOL * self.starts, self.options.ranking_reads)
+        return candidates(self.index, POOL * self.starts, RANKED)
 
     @property
     def candidates(self) -> NDArray[np.int32]:
@@ -100,8 +105,8 @@ class MultiStart:
 
     def dominates(self) -> bool:
         """Whether the best assignment so far holds so much of all weight that no other can score much more."""
-        index, options = self.index, self.options
-        return options.penalty == 0.0 and not index.unary.any() and self.value >= options.dominant * index.weights.sum()
+        index = self.index
+        return self.options.penalty == 0.0 and not index.unary.any() and self.value >= DOMINANT * index.weights.sum()
 
     def alone(self, chosen: Integers) -> Integers:
         """Assignments (B, n) of some candidates alone."""

@@ -32,17 +32,8 @@ class AscentOptions(Options):
         Entries of the index that ascents may read. No other begins that would go beyond, by those made so far; but the
         first one, and that with exchanges from the best assignment. The bound of what a tensor of 10⁸ hyper-edges takes
         (benchmarks/large_tensors.py); it is not met by smaller ones, and unlike a time it is the same on every machine.
-    ranking_reads : int
-        Entries of the index that are read to rank hyper-edges by their support. Of a tensor with more subsets the
-        heaviest hyper-edges are ranked alone, as many as that allows.
-    dominant : float
-        Share of the weight of all hyper-edges from which the assignment that the walk leads to is not searched beyond:
-        any other has what it shares with this one and at most half as much again. What it changes:
-        benchmarks/record.py, benchmarks/constellations.py.
     rivals : int
         Candidates outside of all that was found from which an ascent is made in any case.
-    lookups_per_thread : int
-        Looked-up subsets that are worth a thread, half a millisecond to some. Changes no result.
     """
 
     starts: int = option(200, least=1)
@@ -52,7 +43,4 @@ class AscentOptions(Options):
     keep: int = option(16, least=0)
     limit: int = option(10_000, least=1)
     most_reads: int = option(30_000_000, least=0)
-    ranking_reads: int = option(1 << 23, least=1)
-    dominant: float = option(2.0 / 3.0, least=0.5)
     rivals: int = option(16, least=0)
-    lookups_per_thread: int = option(20_000, least=1)

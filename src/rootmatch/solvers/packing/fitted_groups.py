@@ -13,9 +13,8 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.packing.cliques import cliques
-from rootmatch.solvers.packing.hyperedge_groups import HyperedgeGroups, match_cost
+from rootmatch.solvers.packing.hyperedge_groups import Groups, HyperedgeGroups, distinct, match_cost, sizes, without_one
 
-Groups = Integers
 SECONDS_PER_GROUP = 1e-4
 """Time to extend a group in all ways and to evaluate these, at most (benchmarks/matches.py --only motions)."""
 MOST_CLIQUES = 2_000_000
@@ -139,28 +138,6 @@ def as_groups(flat: NDArray[np.int32], n: int, n_target: int) -> Groups:
     source, target = np.divmod(flat.astype(np.int64), n_target)
     np.put_along_axis(groups, source, target, axis=1)
     return groups
-
-
-def sizes(groups: Groups) -> Integers:
-    """Members of each group."""
-    return np.asarray((groups >= 0).sum(axis=1))
-
-
-def distinct(groups: Groups) -> Groups:
-    """Each group once, in the order in which they come."""
-    groups = np.ascontiguousarray(groups)
-    first: dict[bytes, int] = {}
-    for number, group in enumerate(groups):
-        first.setdefault(group.tobytes(), number)
-    return groups[list(first.values())]
-
-
-def without_one(groups: Groups) -> Groups:
-    """Each group without each of its members."""
-    number, member = np.nonzero(groups >= 0)
-    less = groups[number]
-    less[np.arange(len(less)), member] = -1
-    return less
 
 
 def shared(groups: Groups, others: Groups) -> Integers:

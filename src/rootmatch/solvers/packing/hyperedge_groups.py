@@ -81,31 +81,23 @@ class HyperedgeGroups:
             if fresh:
                 known = np.array(list(fresh.values()))
                 waiting = waiting[~within(candidates[waiting], known, index.n_target, self.order)]
-        every = dict(found)
-        for group in found.values():
-            members = np.flatnonzero(group >= 0)
-            for member in members if len(members) > self.order + 1 else []:
-                less = group.copy()
-                less[member] = -1
-                every.setdefault(less.tobytes(), less)
-        return np.array(list(every.values()), np.int64).reshape(-1, index.n)
+        every = np.array(list(found.values()), np.int64).reshape(-1, index.n)
+        return distinct(np.concatenate([every, without_one(every[sizes(every) > self.order + 1])]))
 
     def evidence(self, groups: Groups) -> Floats:
         """Evidence of groups (G, n), the logarithm of a likelihood ratio; see `GroupPacking`."""
-        sums = np.empty(len(groups))
-        for number, group in enumerate(groups):
-            members = np.flatnonzero(group >= 0)
-            gains = state_of(self.index, group).gains
-            sums[number] = float(gains[members * self.index.n_target + group[members]].sum()) / self.order
-        return self._evidence((groups >= 0).sum(axis=1), sums)
+        return self._evidence(sizes(groups), np.array([self._agreement(group)[0] for group in groups], np.float64))
 
     def with_each(self, group: Groups, pairs: Groups) -> Floats:
         """Evidence of a group (n,) with each of some pairs (2, P) of points and images added."""
-        members = np.flatnonzero(group >= 0)
-        gains = state_of(self.index, group).gains
-        total = float(gains[members * self.index.n_target + group[members]].sum()) / self.order
+        total, gains = self._agreement(group)
         sums = total + gains[pairs[0] * self.index.n_target + pairs[1]]
-        return self._evidence(np.full(pairs.shape[1], len(members) + 1), sums)
+        return self._evidence(np.full(pairs.shape[1], int((group >= 0).sum()) + 1), sums)
+
+    def _agreement(self, group: Groups) -> tuple[float, Floats]:
+        """Summed agreement of the hyper-edges of a group (n,), and what each correspondence (n n',) adds to it."""
+        members, gains = np.flatnonzero(group >= 0), state_of(self.index, group).gains
+        return float(gains[members * self.index.n_target + group[members]].sum()) / self.order, gains
 
     def _evidence(self, m: Integers, sums: Floats) -> Floats:
         """Evidence of groups by their number of members and the summed agreement of their hyper-edges."""
@@ -120,3 +112,25 @@ def match_cost(shape: tuple[int, int]) -> float:
     """Cost c of a correspondence: log of n'!/(n' − n)!, the ways to match all points, for each of them."""
     few, many = min(shape), max(shape)
     return (math.lgamma(many + 1) - math.lgamma(many - few + 1)) / few
+
+
+def sizes(groups: Groups) -> Integers:
+    """Members of each group."""
+    return np.asarray((groups >= 0).sum(axis=1))
+
+
+def distinct(groups: Groups) -> Groups:
+    """Each group once, in the order in which they come."""
+    groups = np.ascontiguousarray(groups)
+    first: dict[bytes, int] = {}
+    for number, group in enumerate(groups):
+        first.setdefault(group.tobytes(), number)
+    return groups[list(first.values())]
+
+
+def without_one(groups: Groups) -> Groups:
+    """Each group without each of its members."""
+    number, member = np.nonzero(groups >= 0)
+    less = groups[number]
+    less[np.arange(len(less)), member] = -1
+    return less

@@ -9,8 +9,8 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline
-from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.options import Options, option
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
 from rootmatch.solvers.packing.fitted_groups import FittedGroups, GroupFit
 from rootmatch.solvers.packing.group_selection import GroupSelection
@@ -27,7 +27,7 @@ LARGE = 2
 
 
 @dataclass(frozen=True)
-class GroupPacking:
+class GroupPacking(Options):
     """Disjoint groups of correspondences, each of one motion, that together are the best evidence.
 
     The sum of all weights, which the other solvers climb, lets weights across the groups count, and with many small
@@ -55,13 +55,9 @@ class GroupPacking:
         the weight of a detection at random: chance agrees in single hyper-edges, but not in all at once.
     """
 
-    motions: int | Literal["auto"] = "auto"
-    chance_weight: float = 1e-3
+    motions: Literal["auto"] | int = "auto"
+    chance_weight: float = option(1e-3, above=0.0)
     fit: GroupFit | None = None
-
-    def __post_init__(self) -> None:
-        if not self.chance_weight > 0.0:
-            raise InputError(f"GroupPacking: chance_weight is {self.chance_weight!r}; give a number above 0")
 
     def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
