@@ -77,7 +77,11 @@ Prior = Annotated[
 ]
 Known = Annotated[
     Path | None,
-    option.points("Rotation, position or vertical that is known, of each frame and body.", metavar="CSV"),
+    option.points(
+        "Rotation, position or vertical that is known, of each frame and body; σ in degrees, of a position in the "
+        "model's unit.",
+        metavar="CSV",
+    ),
 ]
 Frames = Annotated[
     Path,
