@@ -163,8 +163,10 @@ def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, ev
     """
     told = Candidate.of(task, list(verified)).alone()
     level = false_alarm_level(evaluated, StoppingOptions())
-    beyond_chance = len(told.probabilities) > 0 and float(told.modes.log_mass[0]) > level
-    return beyond_chance and is_enough(model, told, task.minimal, of_several=task.budget is not None)
+    if not len(told.probabilities) or not float(told.modes.log_mass[0]) > level:
+        return False
+    unmet = np.minimum(np.bincount(model.image_of), LEAST - 1).sum()  # what shows more in a camera was met there
+    return is_enough(model, told, task.minimal, of_several=task.budget is not None, unmet=float(unmet))
 
 
 def _verified(model: DetectionModel, hypotheses: list[Integers], limits: tuple[int, int]) -> Integers:
