@@ -24,9 +24,9 @@ from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
 from rootmatch.model.compiled.crowds import crowds_of, densities_of_crowds, shares_of_crowds
-from rootmatch.model.compiled.evidence import log_of_rates
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.occluder import DIRECTIONS, FARTHEST, LEAST_HIDDEN, OCCLUDED
+from rootmatch.model.compiled.rates import log_of_rates
 from rootmatch.model.compiled.same_pose import is_same_pose
 from rootmatch.model.compiled.single_changes import gains_of_matches
 from rootmatch.model.detection_model import DetectionModel
@@ -338,8 +338,9 @@ def test_evidence_is_the_formula(name: str) -> None:
 def test_many_hidden_points_do_not_underflow() -> None:
     missing = np.full(5000, 0.99)
     missing[7] = 0.0
-    exact = 4999 * math.log1p(-0.9 * 0.99) + math.log(0.9 * 0.99)
-    assert log_of_rates(math.log(0.99), missing, 1, np.array([0.9]), np.zeros(1)) == pytest.approx(exact, rel=1e-12)
+    exact = 4999 * math.log1p(-0.9 * 0.99) + math.log(0.9)
+    value = log_of_rates(missing, np.ones(5000), 1, np.array([0.9]), np.zeros(1), np.empty((2, 1)))
+    assert value == pytest.approx(exact, rel=1e-12)
 
 
 def test_steps() -> None:

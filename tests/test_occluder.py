@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 import rootmatch as rm
-from rootmatch.model.compiled.evidence import log_of_rates
 from rootmatch.model.compiled.occluder import (
     DIRECTIONS,
     EDGE,
@@ -21,8 +20,11 @@ from rootmatch.model.compiled.occluder import (
     WINDOW,
     hide,
     log_of_limits,
+    nearest_of,
     sizes_of,
+    smaller_than,
 )
+from rootmatch.model.compiled.rates import log_of_rates
 from rootmatch.model.detection_model import RATE_PRIOR, beta_quadrature
 from rootmatch.model.priors import DEPTHS
 
@@ -94,22 +96,29 @@ def jacobians(depth: Floats) -> Floats:
     return out
 
 
+def products() -> Floats:
+    """Scratch for the products at each rate."""
+    return np.empty((2, len(RATES[0])))
+
+
 def kernel(owned: NDArray[np.bool_], visible: Floats, pixels: Floats, kind: int) -> tuple[float, Floats]:
     """What the model takes for an edge or a window, and which points are in sight then."""
     missing, in_sight, odds = np.where(owned, 0.0, visible), np.empty((2, len(owned))), np.empty(2)
     hide(np.where(owned, 0, -1), pixels, missing, 1, np.empty(DIRECTIONS), in_sight, odds)
     seen, count = np.log(visible[owned]).sum(), int(owned.sum())
     prior = math.log(0.5 * OCCLUDED) - LOG_FREE
-    return odds[kind] - prior + log_of_rates(seen, missing * in_sight[kind], count, *RATES), in_sight[kind]
+    detected = log_of_rates(missing * in_sight[kind], np.ones(len(owned)), count, *RATES, products())
+    return odds[kind] - prior + seen + detected, in_sight[kind]
 
 
 def limited(owned: NDArray[np.bool_], visible: Floats, depth: Floats) -> float:
     """What the model has with a limit of distance."""
     assignment, missing, sizes = np.where(owned, 0, -1), np.where(owned, 0.0, visible), np.empty(len(owned))
-    nearest, smallest = sizes_of(assignment, jacobians(depth), visible, sizes)
-    matches = int(owned.sum())
-    far = log_of_rates(0.0, missing, matches, *RATES)
-    value = log_of_limits(missing, far, matches, sizes, nearest, smallest, *RATES, np.empty((2, len(owned))))
+    smallest, order = sizes_of(assignment, jacobians(depth), sizes), np.empty(len(owned), np.int64)
+    farther, nearest = order[: smaller_than(smallest, sizes, order)], nearest_of(assignment, visible, sizes)
+    matches, scratch = int(owned.sum()), (np.empty((2, len(owned))), products())
+    far = log_of_rates(missing, sizes, matches, *RATES, scratch[1])
+    value = log_of_limits(missing, far, matches, sizes, farther, nearest, smallest, *RATES, *scratch)
     return float(np.log(visible[owned]).sum() + value)
 
 
@@ -147,6 +156,15 @@ def test_a_limit_of_distance_is_integrated_over(count: int) -> None:
         gains.append(value - one_by_one(owned, visible))
     assert len(gains) >= 25
     assert max(gains) > 3.0
+
+
+@pytest.mark.parametrize("count", [1, 9, 200])
+def test_points_are_ordered_by_size_and_equal_ones_by_their_numbers(count: int) -> None:
+    rng = np.random.default_rng(count)
+    sizes, order = rng.integers(0, max(count // 4, 2), count).astype(float), np.empty(count, np.int64)
+    limit = float(sizes.max())
+    expected = [i for i in np.lexsort([np.arange(count), -sizes]) if sizes[i] < limit]
+    np.testing.assert_array_equal(order[: smaller_than(limit, sizes, order)], expected)
 
 
 def test_the_prior_of_a_limit_sums_to_one() -> None:

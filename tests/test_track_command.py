@@ -45,6 +45,27 @@ def test_a_vertical_that_is_upside_down_is_said_to_be_contradicted(folder: Path,
         assert ("warning: 4 of 4 matches contradict what is known" in result.stderr) == (sign < 0.0)
 
 
+def test_a_first_frame_that_shows_too_little_is_matched_where_its_pose_is_predicted(
+    folder: Path, tmp_path: Path
+) -> None:
+    """And the frames after it follow; a file that is not a pose is refused."""
+    image, truth = frame(0)
+    few = image[truth[truth >= 0][:4]].tolist()
+    rows = [[0, *point] for point in few] + [[1, *point] for point in frame(1)[0].tolist()]
+    both = folder / "model.csv", write(tmp_path / "frames.csv", "frame,x,y", rows)
+    whole = write(tmp_path / "whole.csv", "frame,x,y", [[0, *point] for point in image.tolist()])
+    seen = json.loads(run("track", both[0], whole, *OPTIONS, "--json").stdout)["pose"]
+    predicted, covariance = tmp_path / "pose.json", (1e-4 * np.eye(6)).tolist()
+    predicted.write_text(json.dumps({"R": seen["R"], "t": seen["t"], "covariance": covariance}))
+    alone = run("track", *both, *OPTIONS, "--json").stdout.splitlines()
+    told = run("track", *both, *OPTIONS, "--prior", predicted, "--json").stdout.splitlines()
+    assert [json.loads(line)["status"] for line in alone] == ["untrusted", "matched"]
+    assert [json.loads(line)["status"] for line in told] == ["matched", "matched"]
+    refused = run("track", *both, *OPTIONS, "--prior", both[1])
+    assert refused.exit_code == 2
+    assert "frames.csv" in refused.stderr
+
+
 def test_why_frames_are_not_matched_is_said_once(folder: Path, tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     noise = [[k, *point] for k in range(3) for point in rng.uniform(0.0, 640.0, (3 if k else 8, 2)).tolist()]

@@ -166,7 +166,8 @@ Prior = Annotated[
 Known = Annotated[
     Path | None,
     points(
-        "p3p, up2p, rigid, similarity: rotation, position or vertical that is known, of each frame and body.",
+        "p3p, up2p, rigid, similarity: rotation, position or vertical that is known, of each frame and body; σ in "
+        "degrees, of a position in the model's unit.",
         metavar="CSV",
     ),
 ]

@@ -7,7 +7,7 @@ import sys
 import warnings
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -69,9 +69,19 @@ VerticalWorld = Annotated[
         "up2p: the direction 'down' in the model's frame.", metavar="X,Y,Z", default="that of the camera file"
     ),
 ]
+Prior = Annotated[
+    Path | None,
+    option.points(
+        "Predicted pose of the first frame, as for rootmatch match; with several bodies, by label.", metavar="JSON"
+    ),
+]
 Known = Annotated[
     Path | None,
-    option.points("Rotation, position or vertical that is known, of each frame and body.", metavar="CSV"),
+    option.points(
+        "Rotation, position or vertical that is known, of each frame and body; σ in degrees, of a position in the "
+        "model's unit.",
+        metavar="CSV",
+    ),
 ]
 Frames = Annotated[
     Path,
@@ -126,6 +136,7 @@ def track(
     vertical_camera: VerticalCamera = None,
     vertical_world: VerticalWorld = None,
     vertical_noise: option.VerticalNoise = None,
+    prior: Prior = None,
     known: Known = None,
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
@@ -162,7 +173,7 @@ def track(
         raise InputError("--diagnose: `rootmatch match` has it, with the same files: of the first frame not matched")
     if rate is not None and not 0.0 < rate < float("inf"):
         raise InputError(f"--rate: {rate:g} given; give frames a second, above 0")
-    given_files = model, frames, known, None if camera is None else io.camera_file(camera)
+    given_files = model, frames, prior, known, None if camera is None else io.camera_file(camera)
     inputs = [path for path in given_files if path is not None and path != STANDARD_INPUT]
     outputs = _outputs(output, poses, pose_format, as_json=as_json)
     outputs.check(inputs)
@@ -180,6 +191,7 @@ def track(
 
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)
+    first = None if prior is None else io.read_prior(prior, source.bodies is not None)
     told = None if known is None else io.read_known(known, source.bodies)
     noises = Noise(given_noise, source.sigma, model, frames, problem=posed, given_source=source_noise)
     options = option.given_options(source, noises, given) | {"seed": seed}
@@ -205,11 +217,12 @@ def track(
                     raise InputError(f"--rate: {frames} has a column time; leave one of them out")
                 when = frame.number / (rate or RATE) if frame.time is None else frame.time
                 weights = None if frame.sigma is None else noises.of(frame.sigma)
-                prior = io.prior_of_frame(told, frame.number, when, frame.known)
+                known_here = io.prior_of_frame(told, frame.number, when, frame.known)
+                predicted: Any = known_here if first is None else first
                 try:
                     if frame.fault is not None:
                         raise InputError(frame.fault)
-                    found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
+                    found = tracker.update(frame.points, time=when, noise=weights, prior=predicted)
                 except InputError as error:
                     if not skip_bad_frames:
                         raise InputError(f"{error} (frame {frame.number})") from None
@@ -217,7 +230,8 @@ def track(
                     summary.skipped += 1
                     continue
                 statuses = writer.write(frame.number, when, found, tracker)
-                summary.take(found, statuses, when, timed=frame.time is not None, known=prior is not None)
+                summary.take(found, statuses, when, timed=frame.time is not None, known=predicted is not None)
+                first = None
                 if frames == STANDARD_INPUT and (late := queue.take(when, found.seconds)):
                     print(f"rootmatch: {late}", file=sys.stderr)
     warn_of_unused(told)

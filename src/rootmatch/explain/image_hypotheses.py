@@ -204,7 +204,9 @@ def _with_first_summed(model: DetectionModel, modes: Modes, told: Posterior) -> 
     return with_sums(model, modes, int(np.flatnonzero(same)[0]))
 
 
-def is_enough(model: DetectionModel, told: Posterior, minimal: int, *, of_several: bool = False) -> bool:
+def is_enough(
+    model: DetectionModel, told: Posterior, minimal: int, *, of_several: bool = False, unmet: float = math.inf
+) -> bool:
     """Whether a predicted pose explains more than any pose elsewhere could, so that no search is needed.
 
     A pose elsewhere has at most as many matches as there are unexplained detections or visible points. Each is worth as
@@ -213,14 +215,14 @@ def is_enough(model: DetectionModel, told: Posterior, minimal: int, *, of_severa
 
     ``of_several``: each is worth only as much as those found. For several bodies, whose searches take turns: otherwise
     more of them wait for one than it finds (benchmarks/flights.py, room, 3 flights from 1000: right 244 of 258 instead
-    of 251).
+    of 251). ``unmet``: most matches of a pose that has not been met, if a search tells that.
     """
     modes = told.modes
     if not len(modes.log_mass):
         return False
     used = modes.assignments[0][modes.assignments[0] >= 0]
     left, mass = model.shape[1] - len(used), float(modes.log_mass[0])
-    most = max(min(left, float(modes.visible[0].sum())) - minimal, 0.0)
+    most = max(min(left, float(modes.visible[0].sum()), unmet) - minimal, 0.0)
     elsewhere = most * max(mass, 0.0) / len(used)
     if most > 0.0 and not of_several:
         # of two squared deviations over their variances the mean is two: half of that is 1

@@ -141,12 +141,12 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
     room = room_for_terms(known)
     terms = room[0]
-    scratch = scratch_for(n, image[4].shape[0], target.shape[0])
+    scratch = scratch_for(n, image[4].shape[0], target.shape[0], rates[0].shape[0])
     step = np.empty((1, 6))
     one = np.empty(1)  # of what is not read
     weighed = one, step, np.empty((1, 6, 6)), one, one, np.empty((1, n)), one, one
     work, moved = (np.empty((6, 6)), np.empty((6, 6))), np.empty(lines.shape)
-    values, off, mean, shown, visible = np.empty(count), np.empty((count, 6)), np.zeros(6), np.empty(n), np.empty(n)
+    values, off, mean, visible = np.empty(count), np.empty((count, 6)), np.zeros(6), np.empty(n)
     # what is known beside the detections, as it is about the fit
     components_about(0, (rotation, position), known, room)
     best = 0
@@ -179,7 +179,7 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
                 for q in range(6):
                     push -= 0.5 * about[1][p, q] * off[k, q]
                 value += push * off[k, p]
-            see_one(0, expected[0], cosine, view_cosine, 0.0, shown, visible)
+            see_one(0, expected[0], cosine, view_cosine, 0.0, visible)
             for i in range(n):
                 j = assignments[0, i]
                 if j >= 0:

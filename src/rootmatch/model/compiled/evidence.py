@@ -13,42 +13,19 @@ from rootmatch.model.compiled.occluder import (
     EDGE,
     LEAST_HIDDEN,
     LOG_FREE,
-    SMALL,
     WINDOW,
     hide,
     log_of_limits,
+    nearest_of,
     sizes_of,
+    smaller_than,
 )
-from rootmatch.model.compiled.visibility import edge_of, see_one, shown_of, shown_of_blobs
-from rootmatch.model.visibility import EDGES
+from rootmatch.model.compiled.rates import log_of_rates
+from rootmatch.model.compiled.visibility import edges_of, facing_terms, see_one, shown_by_normal, shown_of_blobs
 
 LOG_2PI = math.log(2.0 * math.pi)
 RIDGE = 1e-13
 """Added to the unit diagonal of a scaled precision, so that it has an inverse."""
-
-
-@part
-def log_of_rates(owned, missing, matches, rates, log_weights):  # type: ignore[no-untyped-def]
-    """Log-probability that all of some points are detected and the others are not, the rate integrated out.
-
-    ``owned``: sum of the logarithms of the visibility of the former; ``missing`` (n,): that of the latter, zero for
-    the former.
-    """
-    highest, total = -math.inf, 0.0
-    for q in range(rates.shape[0]):
-        rate, product, each = rates[q], 1.0, log_weights[q] + matches * math.log(rates[q])
-        for point in range(missing.shape[0]):
-            product *= 1.0 - rate * missing[point]
-            if product < SMALL:
-                each += math.log(product)
-                product = 1.0
-        each += math.log(product)
-        if each > highest:
-            total = total * math.exp(highest - each) + 1.0 if total > 0.0 else 1.0
-            highest = each
-        else:
-            total += math.exp(each - highest)
-    return owned + highest + math.log(total)
 
 
 @part
@@ -137,10 +114,11 @@ def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
 
 
 @part
-def scratch_for(n, images, n_target):  # type: ignore[no-untyped-def]
-    """What `weigh_one` writes into, for so many points, images and detections."""
+def scratch_for(n, images, n_target, nodes):  # type: ignore[no-untyped-def]
+    """What `weigh_one` writes into, for so many points, images, detections and nodes of the rate."""
     square, hidden = (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), (np.empty(2), np.empty(DIRECTIONS))
-    return square, np.empty((3, 6)), np.empty((8, n)), np.empty(images, np.int64), np.zeros(n_target, np.bool_), hidden
+    points, of_rates = (np.empty((11, n)), np.empty(n, np.int64)), np.empty((2, nodes))
+    return square, np.empty((3, 6)), points, of_rates, np.empty(images, np.int64), np.zeros(n_target, np.bool_), hidden
 
 
 @part
@@ -179,11 +157,11 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
     target, sigma, log_weights, view_cosine, log_counts, image_of = image
     nodes, log_nodes, noise_freedom = rates
     log_odds, steps, covariances, squared_out, freedom_out, visible, decrements, detected = out
-    (whole, measured, factor), vectors, points, counts, taken, (odds, reaches) = scratch
+    (whole, measured, factor), vectors, (points, order), products, counts, taken, (odds, reaches) = scratch
     scale, slope, row = vectors[0], vectors[1], vectors[2]
     precisions, slopes, squares, log_densities = terms
     missing, shown, left, sizes = points[0], points[1], points[2], points[3]
-    in_sight, limits = points[4:6], points[6:]
+    in_sight, limits, (away, growth, barely) = points[4:6], points[6:8], points[8:]
     n, images = assignments.shape[1], log_counts.shape[0]
     total, matches, possible = 0.0, 0, True
     of_image = 0.0
@@ -244,11 +222,16 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
             best, which = value, one
     total += 3.0 * LOG_2PI + best
     tilt = min(math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])), 1.0)
-    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
-    highest, weights = -math.inf, 0.0
+    highest, weights, edges = -math.inf, 0.0, edges_of(cosine, view_cosine)
     visible[k] = 0.0
+    for i in range(n):
+        away[i], growth[i], barely[i] = facing_terms(cosine, view_cosine, tilt, pose, i)
+    least = sizes_of(assignments[k], jacobian[pose], sizes)
+    farther = order[: smaller_than(least, sizes, order)]
     for edge in range(edges):
-        shown_of(expected[pose], cosine, view_cosine, tilt, edge_of(edge), pose, shown)
+        for i in range(n):
+            shown[i] = expected[pose, i] * shown_by_normal(away[i], barely[i])
+            away[i] *= growth[i]
         if blob.shape[0] > 0:
             shown_of_blobs(blob[pose], shown, missing)
         owned, lost = 0.0, 0.0
@@ -259,19 +242,23 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
             else:
                 missing[i] = shown[i]
                 lost += shown[i]
-        near, least = sizes_of(assignments[k], jacobian[pose], shown, sizes)
+        near = nearest_of(assignments[k], shown, sizes)
         if edge == 0:
             odds[:] = -math.inf
             if lost > LEAST_HIDDEN:
                 hide(assignments[k], pixels[pose], missing, images, reaches, in_sight, odds)
-        far = log_of_rates(0.0, missing, matches, nodes, log_nodes)
-        value = log_of_limits(missing, far, matches, sizes, near, least, nodes, log_nodes, limits)
+        far = log_of_rates(missing, sizes, matches, nodes, log_nodes, products)
+        value = log_of_limits(
+            missing, far, matches, sizes, farther, near, least, nodes, log_nodes, limits, products
+        )  # fmt: skip
         for kind in (EDGE, WINDOW):
             if odds[kind] > -math.inf:
                 for i in range(n):
                     left[i] = missing[i] * in_sight[kind, i]
-                far = log_of_rates(0.0, left, matches, nodes, log_nodes)
-                hidden = odds[kind] + log_of_limits(left, far, matches, sizes, near, least, nodes, log_nodes, limits)
+                far = log_of_rates(left, sizes, matches, nodes, log_nodes, products)
+                hidden = odds[kind] + log_of_limits(
+                    left, far, matches, sizes, farther, near, least, nodes, log_nodes, limits, products
+                )  # fmt: skip
                 value = max(value, hidden) + math.log1p(math.exp(-abs(value - hidden)))
         value += owned
         if edge == 0 or value > highest:
@@ -322,7 +309,7 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
     assignments, at, white, terms = borrowed((assignments, at, white, terms))
     image, clutter, rates, out = borrowed((image, clutter, rates, out))
     precisions, slopes, squares, log_densities = terms
-    scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0])
+    scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0], rates[0].shape[0])
     for k in range(assignments.shape[0]):
         own = precisions[k], slopes[k], squares[k], log_densities[k]
         weigh_one(k, k, assignments, at, white, own, image, clutter, rates, scratch, out)
@@ -343,8 +330,8 @@ def see(at, view_cosine, tilts, out):  # type: ignore[no-untyped-def]
     """
     at, view_cosine, tilts, out = borrowed((at, view_cosine, tilts, out))
     expected, cosine, blob = at
-    shown, hidden = np.empty(out.shape[1]), np.empty(out.shape[1])
+    hidden = np.empty(out.shape[1])
     for k in range(out.shape[0]):
-        see_one(k, expected[k], cosine, view_cosine, tilts[k], shown, out[k])
+        see_one(k, expected[k], cosine, view_cosine, tilts[k], out[k])
         if blob.shape[0] > 0:
             shown_of_blobs(blob[k], out[k], hidden)

@@ -129,8 +129,8 @@ def gather_about(poses, sources, scene, limits, out):  # type: ignore[no-untyped
     hidden, n = limits[3], sources.shape[1]
     image = target, sigma, clutter[0], log_weights, image_of
     scratch, images = room_for(target.shape[0]), room_of(n, normals.shape[0] > 0)
-    visible, shown, pose = np.empty((1, n)), np.empty(n), (np.empty((1, 3, 3)), np.empty((1, 3)))
-    own_images, own_visible, own_shown = room_of(3, normals.shape[0] > 0), np.empty((1, 3)), np.empty(3)
+    visible, pose = np.empty((1, n)), (np.empty((1, 3, 3)), np.empty((1, 3)))
+    own_images, own_visible = room_of(3, normals.shape[0] > 0), np.empty((1, 3))
     own = np.empty((3, 3)), np.empty((3 if normals.shape[0] > 0 else 0, 3))
     own_cosine = np.empty(3 if view_cosine.shape[0] > 0 else 0)
     for k in range(sources.shape[0]):
@@ -156,9 +156,9 @@ def gather_about(poses, sources, scene, limits, out):  # type: ignore[no-untyped
             rims[camera : camera + 1],
         )  # fmt: skip
         linearise_one(0, own, pose, view, own_images)
-        see_one(0, own_images[5][0], own_images[4], own_cosine, 0.0, own_shown, own_visible[0])
+        see_one(0, own_images[5][0], own_images[4], own_cosine, 0.0, own_visible[0])
         out[1][k] = -math.inf
         if own_visible[0, 0] > hidden and own_visible[0, 1] > hidden and own_visible[0, 2] > hidden:
             linearise_one(0, body, pose, views, images)
-            see_one(0, images[5][0], images[4], view_cosine, 0.0, shown, visible[0])
+            see_one(0, images[5][0], images[4], view_cosine, 0.0, visible[0])
             gather_one(k, 0, (images[0], images[1], visible), sources, image, limits, scratch, out)

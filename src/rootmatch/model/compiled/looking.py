@@ -70,15 +70,15 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
     whole = pixels, jacobian, seen, expected, cosine, np.empty((0, 0), np.int64), np.empty((0, 0))
     white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
     isotropic = np.empty((0, 2, 2))
-    exact, visible, shown = np.empty((0, 2, 2)), np.empty(n), np.empty(n)
+    exact, visible = np.empty((0, 2, 2)), np.empty(n)
     room = room_for_terms(known)
     terms = room[0]
-    scratch = scratch_for(n, image[4].shape[0], target.shape[0])
+    scratch = scratch_for(n, image[4].shape[0], target.shape[0], rates[0].shape[0])
     for turn in range(assignments.shape[0]):
         linearise_one(turn, body, poses, views, images)
         tilt = 0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
         tilt = min(math.sqrt(max(tilt, 0.0)), 1.0)
-        see_one(turn, expected[turn], cosine, view_cosine, tilt, shown, visible)
+        see_one(turn, expected[turn], cosine, view_cosine, tilt, visible)
         unique = gate_about(
             (pixels[turn], jacobian[turn], exact, visible),
             covariance,

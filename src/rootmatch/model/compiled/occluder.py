@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from rootmatch.jit.decorators import part
+from rootmatch.model.compiled.rates import products_of
 from rootmatch.model.priors import DEPTHS
 from rootmatch.model.visibility import BARELY, FULLY
 
@@ -35,8 +36,6 @@ MOST_MISSED = 6.0
 LOG_ODDS = math.log(0.5 * OCCLUDED) - math.log1p(-OCCLUDED)
 """Of one of them against neither."""
 LOG_FREE = math.log1p(-OCCLUDED)
-SMALL = 1e-200
-"""Size below which a product of chances goes on as a logarithm."""
 
 
 TURNS = tuple(2.0 * math.pi * turn / DIRECTIONS for turn in range(DIRECTIONS))
@@ -60,22 +59,49 @@ def _size(jacobian):  # type: ignore[no-untyped-def]
 
 
 @part
-def sizes_of(assignment, jacobian, shown, sizes):  # type: ignore[no-untyped-def]
-    """Squares of the sizes at which points appear, into ``sizes`` (n,).
-
-    Returns
-    -------
-    float, float
-        That of the nearest point in view, 0 if there is none, and that of the farthest match, infinite without any.
-    """
-    nearest, farthest = 0.0, math.inf
+def sizes_of(assignment, jacobian, sizes):  # type: ignore[no-untyped-def]
+    """Squares of the sizes at which points appear, into ``sizes`` (n,); that of the farthest match, or ∞."""
+    farthest = math.inf
     for i in range(assignment.shape[0]):
         sizes[i] = _size(jacobian[i])
         if assignment[i] >= 0:
             farthest = min(farthest, sizes[i])
+    return farthest
+
+
+@part
+def nearest_of(assignment, shown, sizes):  # type: ignore[no-untyped-def]
+    """The largest of the ``sizes`` (n,) of points in view, 0 if there is none."""
+    nearest = 0.0
+    for i in range(assignment.shape[0]):
         if assignment[i] >= 0 or shown[i] > FULLY:
             nearest = max(nearest, sizes[i])
-    return nearest, farthest
+    return nearest
+
+
+@part
+def smaller_than(size, sizes, order):  # type: ignore[no-untyped-def]
+    """Numbers of the points that appear smaller than a size, the largest first, into ``order`` (n,); how many."""
+    count = 0
+    for i in range(sizes.shape[0]):
+        if sizes[i] < size:
+            order[count] = i
+            count += 1
+    gap = 1
+    while 9 * gap < count:  # Shell's steps; of equal ones the first comes first
+        gap = 3 * gap + 1
+    while gap > 0:
+        for t in range(gap, count):
+            point, s = order[t], t
+            while s >= gap:
+                before = order[s - gap]
+                if sizes[before] > sizes[point] or (sizes[before] == sizes[point] and before < point):
+                    break
+                order[s] = before
+                s -= gap
+            order[s] = point
+        gap //= 3
+    return count
 
 
 @part
@@ -90,34 +116,36 @@ def _reached(nearest, size):  # type: ignore[no-untyped-def]
 
 
 @part
-def log_of_limits(missing, far, matches, sizes, nearest, smallest, rates, log_weights, steps):  # type: ignore[no-untyped-def]
+def log_of_limits(missing, far, matches, sizes, order, nearest, smallest, rates, log_weights, steps, products):  # type: ignore[no-untyped-def]
     """What `log_of_rates` is with a limit of distance, integrated over where that lies; ``owned`` apart.
 
     Between two successive points it hides the farther one and all beyond, with the probability S there less S here, see
-    `_reached`; no match is hidden. ``far``: `log_of_rates` if none is. ``sizes``, ``nearest`` and ``smallest``: as of
-    `sizes_of`; ``steps`` (2, n): scratch.
+    `_reached`; no match is hidden. ``far``: `log_of_rates` if none is. ``sizes``: as of `sizes_of`; ``nearest`` and
+    ``smallest``: those of the nearest point in view and of the farthest match; ``order``: of `smaller_than` that.
+    ``steps`` (2, n) and ``products`` (2, Q): scratch.
     """
-    n = missing.shape[0]
-    last, beyond = smallest, False
-    for i in range(n):
-        if missing[i] > BARELY and sizes[i] < smallest:
-            last, beyond = min(last, sizes[i]), True
+    end = order.shape[0]
+    while end > 0 and missing[order[end - 1]] <= BARELY:
+        end -= 1
+    last = sizes[order[end - 1]] if end > 0 else smallest
     out = far + math.log(_reached(nearest, last))
-    if not beyond:
+    if end == 0:
         return out
-    count, missed, upper, here = 0, 0.0, smallest, _reached(nearest, smallest)
-    while missed < MOST_MISSED and upper > last:
-        lower = 0.0
-        for i in range(n):
-            if missing[i] > BARELY and sizes[i] < upper and sizes[i] > lower:
-                lower = sizes[i]
+    count, missed, at, here = 0, 0.0, 0, _reached(nearest, smallest)
+    while missed < MOST_MISSED and at < end:
+        while missing[order[at]] <= BARELY:
+            at += 1
+        lower = sizes[order[at]]
         there = _reached(nearest, lower)
         weight = here - there
-        for i in range(n):
-            if missing[i] > BARELY and sizes[i] == lower:
-                steps[0, count], steps[1, count] = weight, missing[i]
-                count, weight, missed = count + 1, 0.0, missed + missing[i]
-        upper, here = lower, there
+        while at < end and sizes[order[at]] == lower:
+            point = order[at]
+            if missing[point] > BARELY:
+                steps[0, count], steps[1, count] = weight, missing[point]
+                count, weight, missed = count + 1, 0.0, missed + missing[point]
+            at += 1
+        here = there
+    products_of(missing, sizes, smallest, rates, products)
     for q in range(rates.shape[0]):
         rate, product, total = rates[q], 1.0, 0.0
         for step in range(count):
@@ -125,14 +153,7 @@ def log_of_limits(missing, far, matches, sizes, nearest, smallest, rates, log_we
             product *= 1.0 - rate * steps[1, step]
         if total == 0.0:
             continue
-        each, product = log_weights[q] + matches * math.log(rate) + math.log(total), 1.0
-        for i in range(n):
-            if sizes[i] >= smallest:
-                product *= 1.0 - rate * missing[i]
-                if product < SMALL:
-                    each += math.log(product)
-                    product = 1.0
-        each += math.log(product)
+        each = log_weights[q] + matches * math.log(rate) + math.log(total) + products[1, q] + math.log(products[0, q])
         out = max(out, each) + math.log1p(math.exp(-abs(out - each)))
     return out
 

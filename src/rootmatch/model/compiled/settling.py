@@ -94,7 +94,7 @@ def settle(assignments, at, scene, known, limits, out, after):  # type: ignore[n
     white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
     room = room_for_terms(known)
     terms = room[0]
-    scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0])
+    scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0], rates[0].shape[0])
     going, kept = np.ones(count, np.bool_), np.ones(count, np.bool_)
     for turn in range(0 if given == EVIDENCE else -1, most):  # −1: nothing is weighed, so no step is known
         if turn >= 0:

@@ -16,33 +16,40 @@ SURE = 1.0 - 1e-15
 
 
 @part
-def shown_by_normal(c, edge, limit, tilt):  # type: ignore[no-untyped-def]
-    """Visibility of a point whose normal has the cosine ``c``, for a view angle of cosine ``edge``.
+def facing_terms(cosine, view_cosine, tilt, pose, point):  # type: ignore[no-untyped-def]
+    """What the visibility of a point by its normal is made of at the first view angle, and how that leads to the next.
 
-    Beyond ``limit`` nothing is seen; ``tilt``: the pose's deviation in direction, rad.
+    With view angles whose cosines c_k are equally far apart, the odds that the point faces away are
+    exp(−s (c − c_k)), so from one to the next they grow by a constant factor.
+
+    ``cosine`` (K, n) and ``view_cosine`` (n,), empty where unknown; ``tilt``: the pose's deviation in direction, rad.
+
+    Returns
+    -------
+    float, float, float
+        Those odds, that factor, and the visibility that is left beyond the edge.
     """
+    if cosine.shape[0] == 0 or math.isnan(cosine[pose, point]):
+        return 0.0, 1.0, BARELY
+    c, edge, limit, between = cosine[pose, point], edge_of(0), -SLACK, edge_of(1) - edge_of(0)
+    if view_cosine.shape[0] > 0:
+        edge, limit, between = view_cosine[point], view_cosine[point] - SLACK, 0.0
     spread = math.sqrt(1.0 - min(c * c, 1.0)) * tilt
-    facing = 1.0 / (1.0 + math.exp(-LOGISTIC * (c - edge) / math.sqrt(EDGE * EDGE + spread * spread)))
+    slope = LOGISTIC / math.sqrt(EDGE * EDGE + spread * spread)
     beyond = min(LOGISTIC * (limit - c) / max(spread, LEAST_SPREAD), MOST_BEYOND)
-    return max(BARELY / (1.0 + math.exp(beyond)) + (1.0 - BARELY) * facing, UNSEEN)
+    return math.exp(-slope * (c - edge)), math.exp(slope * between), BARELY / (1.0 + math.exp(beyond))
 
 
 @part
-def shown_of(expected, cosine, view_cosine, tilt, edge, i, out):  # type: ignore[no-untyped-def]
-    """Visibility (n,) of the points in one pose, into ``out``; ``tilt``: its direction's deviation, rad.
+def shown_by_normal(away, barely):  # type: ignore[no-untyped-def]
+    """Visibility of a point by its normal, see `facing_terms`."""
+    return max(barely + (1.0 - BARELY) / (1.0 + away), UNSEEN)
 
-    ``expected`` (n,), ``cosine`` (K, n) and ``view_cosine`` (n,), the latter two empty where unknown; ``i``: the pose;
-    ``edge``: cosine of the view angle of all points if that is not given.
-    """
-    for point in range(expected.shape[0]):
-        value = 1.0
-        if cosine.shape[0] > 0 and not math.isnan(cosine[i, point]):
-            if view_cosine.shape[0] > 0:
-                own = view_cosine[point]
-                value = shown_by_normal(cosine[i, point], own, own - SLACK, tilt)
-            else:
-                value = shown_by_normal(cosine[i, point], edge, -SLACK, tilt)
-        out[point] = expected[point] * value
+
+@part
+def edges_of(cosine, view_cosine):  # type: ignore[no-untyped-def]
+    """Number of view angles over which a mean is taken: one where it is given, or no normals are."""
+    return 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
 
 
 @part
@@ -52,18 +59,19 @@ def edge_of(k):  # type: ignore[no-untyped-def]
 
 
 @part
-def see_one(k, expected, cosine, view_cosine, tilt, shown, visible):  # type: ignore[no-untyped-def]
+def see_one(k, expected, cosine, view_cosine, tilt, visible):  # type: ignore[no-untyped-def]
     """Visibility (n,) of the points in the k-th pose, into ``visible``: the mean over view angles if none is given.
 
-    Otherwise as `shown_of`; ``shown`` (n,): scratch.
+    ``expected`` (n,); otherwise as `facing_terms`.
     """
-    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
-    for i in range(shown.shape[0]):
-        visible[i] = 0.0
-    for edge in range(edges):
-        shown_of(expected, cosine, view_cosine, tilt, edge_of(edge), k, shown)
-        for i in range(shown.shape[0]):
-            visible[i] += shown[i] / edges
+    edges = edges_of(cosine, view_cosine)
+    for i in range(visible.shape[0]):
+        away, factor, barely = facing_terms(cosine, view_cosine, tilt, k, i)
+        total = 0.0
+        for _ in range(edges):
+            total += shown_by_normal(away, barely)
+            away *= factor
+        visible[i] = expected[i] * total / edges
 
 
 @part
