@@ -50,6 +50,13 @@ def test_options_of_the_wrong_kind_are_refused(option: str, value: Any, text: st
         rm.Matcher(SCENE.source, SCENE.problem, **{option: value})
 
 
+def test_what_is_missing_is_named() -> None:
+    with pytest.raises(InputError, match=r"^target: 0 points given, at least 4 needed by p3p"):
+        rm.match(SCENE.source, [], SCENE.problem)
+    with pytest.raises(InputError, match=r"^noise: None given; give the standard deviation"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, noise=None)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("problem", [5, "p3p", rm.P3P, None, CAMERA])
 def test_what_is_no_problem_is_refused(problem: Any) -> None:
     text = "the class P3P was given; pass an instance, such as" if problem is rm.P3P else "give a problem such as"

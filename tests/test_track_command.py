@@ -72,7 +72,9 @@ def test_why_frames_are_not_matched_is_said_once(folder: Path, tmp_path: Path) -
     frames = write(tmp_path / "frames.csv", "frame,x,y", noise)
     result = run("track", folder / "model.csv", frames, *OPTIONS)
     assert result.exit_code == 1
-    assert "2 of 3 that are not matched: no trustworthy match: 3 detections given, at least 4 needed" in result.stderr
+    assert (
+        "2 of the 3 that are not matched: no trustworthy match: 3 detections given, at least 4 needed" in result.stderr
+    )
     assert result.stderr.count("no trustworthy match") == 1
     lines = run("track", folder / "model.csv", frames, *OPTIONS, "--json").stdout.splitlines()
     assert "at least 4 needed" in json.loads(lines[2])["advice"]

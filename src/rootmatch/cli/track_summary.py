@@ -71,7 +71,7 @@ class TrackSummary:
             )
         if self._reasons:
             kind, count = self._reasons.most_common(1)[0]
-            of = f"{count} of {self._reasons.total()} that are not matched"
+            of = f"{count} of the {self._reasons.total()} that are not matched"
             yield f"{of}: {in_options(self._examples[kind])}"
         yield from self._slow_frames()
         yield f"{counted(self.statuses)}{f', {self.skipped} left out' if self.skipped else ''}"

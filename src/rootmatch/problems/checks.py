@@ -47,6 +47,8 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
         What needs so many, for the message.
     """
     array = as_points(points, dimension, name)
+    if array.shape == (0,):  # an empty list
+        array = array.reshape(0, dimension)
     if array.ndim != 2 or array.shape[1] != dimension:
         of_image = name == "source" and dimension == 3 and array.shape[1:] == (2,)
         hint = "; two images are matched by ThreePlusOne or PlanarMotion" if of_image else ""
@@ -158,6 +160,8 @@ def check_noise(noise: ArrayLike, count: int, pixel: float, name: str = "noise")
     least, most = LEAST_NOISE * pixel, MOST_NOISE * pixel
     if isinstance(noise, float) and 0.0 <= noise <= most:
         return np.full(count, max(noise, least))
+    if noise is None:
+        raise InputError(f"{name}: None given; give the standard deviation of a coordinate, or leave it out")
     sigma = as_floats(noise, name, "one number, or one for each target point, in its unit")
     if sigma.shape not in ((), (count,)):
         raise InputError(f"{name}: shape {sigma.shape} given; give one number or one for each of {count} target points")
