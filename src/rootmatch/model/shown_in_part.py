@@ -108,12 +108,30 @@ def few_of_each(chance: Floats, counts: Integers, most: int) -> tuple[Floats, Fl
     sums[0] = 1.0
     for point in range(odds.shape[1]):
         sums[1:] += odds[:, point] * sums[:-1]
-    ways = np.ones((most + 1, len(counts), 1))  # times the odds that the others are clutter
+    ways = ways_to_own(counts, most)
+    whole = (ways * sums).sum(axis=0)
+    return np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0), odds, sums, ways
+
+
+def ways_to_own(counts: Integers, most: int) -> Floats:
+    """Ways (most + 1, C, 1) to own 0, 1 … of the detections (C,) of images, times the odds that others are clutter."""
+    ways = np.ones((most + 1, len(counts), 1))
     for k in range(1, most + 1):
         left = np.maximum(counts - k + 1, 0)[:, None]
         ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
-    whole = (ways * sums).sum(axis=0)
-    return np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0), odds, sums, ways
+    return ways
+
+
+def few_probable(chance: Floats, most: int) -> Floats:
+    """Probability (most + 1, C, H) that 0, 1 … points are detected, of chances (C, n, H) of each."""
+    few = np.zeros((most + 1, len(chance), chance.shape[2]))
+    few[0] = 1.0
+    for point in np.flatnonzero(chance.any(axis=(0, 2))).tolist():
+        own = np.minimum(chance[:, point], HIGHEST_RATE)
+        more = few[:-1] * own
+        few *= 1.0 - own
+        few[1:] += more
+    return few
 
 
 def in_sight(visible: Floats, rates: Floats, images: int) -> tuple[Floats, Floats]:
