@@ -122,26 +122,22 @@ def ways_to_own(counts: Integers, most: int) -> Floats:
     return ways
 
 
-def few_probable(chance: Floats, most: int) -> Floats:
-    """Probability (most + 1, C, H) that 0, 1 … points are detected, of chances (C, n, H) of each."""
-    few = np.zeros((most + 1, len(chance), chance.shape[2]))
-    few[0] = 1.0
-    for point in np.flatnonzero(chance.any(axis=(0, 2))).tolist():
-        own = np.minimum(chance[:, point], HIGHEST_RATE)
-        more = few[:-1] * own
-        few *= 1.0 - own
-        few[1:] += more
-    return few
-
-
-def in_sight(visible: Floats, rates: Floats, images: int) -> tuple[Floats, Floats]:
-    """Chance (C, n, S Q H) of each point to be detected, in poses, at rates, and with what is hidden as a whole.
+def few_in_sight(visible: Floats, rates: Floats, images: int, most: int) -> tuple[Floats, Floats]:
+    """Probability (most + 1, C, S Q H) that 0, 1 … points of each image are detected, if something may hide the rest.
 
     ``visible`` (S, C n): visibility in each pose; ``rates`` (Q,). With the probabilities (H,) of what is hidden.
     """
-    each = (rates[:, None] * np.array((1.0, *IN_SIGHT))).reshape(-1)
-    chance = (visible.T[:, :, None] * each).reshape(images, -1, len(visible) * len(each))
-    return chance, np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
+    each = np.minimum((rates[:, None] * np.array((1.0, *IN_SIGHT))).reshape(-1), HIGHEST_RATE)
+    few = np.zeros((most + 1, images, len(visible), len(each)))
+    few[0] = 1.0
+    for sighting in np.flatnonzero(visible.any(axis=0)).tolist():  # those that are never visible take longer than all
+        own = few[:, sighting // (visible.shape[1] // images)]
+        chance = visible[:, sighting, None] * each
+        more = own[:-1] * chance
+        own *= 1.0 - chance
+        own[1:] += more
+    hidden = np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
+    return few.reshape(most + 1, images, -1), hidden
 
 
 def _visible(model: DetectionModel) -> Floats:

@@ -11,6 +11,7 @@ with the detections n' that the copy leaves, and the rate of which the copy tell
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.known_density import LEAST_TILT, Known
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Mixed
-from rootmatch.model.shown_in_part import ahead, few_probable, in_sight, ways_to_own
+from rootmatch.model.shown_in_part import ahead, few_in_sight, ways_to_own
 
 POSES = 32
 """Poses of a prediction over which a mean is taken. A round value."""
@@ -55,7 +56,7 @@ class Views:
     """What the images show of a body in its expected poses: worked out once, and a frame asks several times."""
 
     few: Floats
-    """(m + 1, C, S Q H) probability that 0, 1 … points of each image are detected, as of `in_sight`."""
+    """(m + 1, C, S Q H) probability that 0, 1 … points of each image are detected, see `few_in_sight`."""
     weights: Floats
     """(S,) of the poses."""
     sight: Floats
@@ -74,8 +75,8 @@ class Views:
         weights = np.repeat(shares, POSES)
         in_view = weights * at.seen.any(axis=1)  # as a vague prediction hardly says: the body is asked for
         weights = in_view if in_view.any() else weights
-        chance, sight = in_sight(visible, model.rates[0], max(len(model.images), 1))
-        views = prior.told["views"] = cls(few_probable(chance, prior.least - 1), weights / weights.sum(), sight)
+        few, sight = few_in_sight(visible, model.rates[0], max(len(model.images), 1), prior.least - 1)
+        views = prior.told["views"] = cls(few, weights / weights.sum(), sight)
         return views
 
     def odds(self, left: Integers) -> Floats:
@@ -88,7 +89,7 @@ class Views:
 
 def expected(model: DetectionModel, known: Mixed) -> tuple[Floats, Floats]:
     """Some poses (`POSES`, 3, 3) and (`POSES`, 3) of the body's centre by what is known; ahead where no place is."""
-    normal = np.random.default_rng(0).normal(size=(POSES, 6))  # always the same, as nothing here is to be noisy
+    normal = _normal()
     if isinstance(known, Gaussian):
         step = normal @ np.linalg.cholesky(known.bounded).T
         return rotation_from_vector(step[:, :3]) @ known.rotation, known.position + step[:, 3:]
@@ -106,6 +107,12 @@ def expected(model: DetectionModel, known: Mixed) -> tuple[Floats, Floats]:
     if place is None:
         return rotation, ahead(model, POSES)
     return rotation, place[0] + normal[:, 3:] @ _root(place[1]) + rotation @ model.centre
+
+
+@lru_cache(maxsize=1)
+def _normal() -> Floats:
+    """Normal deviates (`POSES`, 6), always the same, as nothing here is to be noisy."""
+    return np.random.default_rng(0).normal(size=(POSES, 6))
 
 
 def _root(covariance: Floats) -> Floats:
