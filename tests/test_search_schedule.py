@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.cameras.brown import Brown
-from rootmatch.explain import image_bodies
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.tracking.followed_body import MISSING, FollowedBody
-from rootmatch.tracking.search_schedule import LATELY, LONGEST_SEARCH, SearchLength, found_lately, luby, sought_first
+from rootmatch.tracking.followed_body import FollowedBody
+from rootmatch.tracking.search_schedule import LATELY, LONGEST_SEARCH, SearchLength, found_lately, luby
 from rootmatch.tracking.tracker import TRACKING
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -116,45 +112,3 @@ def test_more_noise_is_asked_for_only_of_what_was_found_lately() -> None:
     assert found_lately(bodies, bodies, 8, doubted=True) == [0, 1, 2]
     assert found_lately(bodies, [1], 8, doubted=True) == [1]
     assert not found_lately(bodies, bodies, 7, doubted=True)  # which is searched
-
-
-def test_a_frame_seeks_the_missed_body_whose_turn_it_is() -> None:
-    bodies: dict[Label | None, FollowedBody] = {0: followed(0), 1: followed(3, served=5), 2: followed(3, served=4)}
-    for body in bodies.values():
-        body.waiting = [None]
-    assert sought_first(bodies, 9) is bodies[2]
-    bodies[2].waiting = []
-    assert sought_first(bodies, 9) is bodies[1]
-    bodies[1].waiting = []
-    assert sought_first(bodies, 9) is None
-    late = followed(9, searched=20, failures=9)
-    due = [frame for frame in range(20, 30) if late.is_sought(frame)]
-    assert due == [20 + MISSING]  # unless it is searched for then, its prediction is looked about as well
-
-
-def test_a_frame_that_searches_for_a_missed_body_looks_about_its_prediction_as_it_is(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rng, calls, thorough, sought = np.random.default_rng(5), list[bool](), list[bool](), list[bool]()
-    points = rng.uniform(-0.2, 0.2, (2, 8, 3))
-    tracker = rm.Tracker(points.reshape(-1, 3), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 8))
-    work = image_bodies.proposals_by_prediction
-
-    def looked(model: Any, *, thorough: bool = True) -> Any:
-        calls.append(thorough)
-        return work(model, thorough)
-
-    monkeypatch.setattr(image_bodies, "proposals_by_prediction", looked)
-    for k in range(25):
-        R = Rotation.from_rotvec([0.1, 0.01 * k, 0.2]).as_matrix()
-        pixels = [CAMERA.project(one @ R.T + [x, 0.0, 1.5]) for one, x in zip(points, (0.0, 0.7), strict=True)]
-        if k > 5:
-            pixels[1] = rng.uniform((0.0, 0.0), (1280.0, 960.0), (9, 2))
-        calls.clear()
-        tracker.update(np.vstack(pixels) + rng.normal(0.0, 0.3, (len(np.vstack(pixels)), 2)), time=k / 60.0)
-        if k > 7 and len(calls) == 2:
-            assert calls[0]
-            (sought if tracker._bodies[1].served == tracker._frame else thorough).append(calls[1])
-    assert sought
-    assert np.mean(sought) < 0.3
-    assert all(thorough)

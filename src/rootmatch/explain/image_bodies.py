@@ -136,7 +136,7 @@ class _Body(SearchedBody):
     def predict(self) -> None:
         """Add what is assigned about the predicted pose, if there is one."""
         if self.task.prior_pose is not None:
-            self.predicted = proposals_by_prediction(self.candidate.model, thorough=not self.task.rivals.sought)
+            self.predicted = proposals_by_prediction(self.candidate.model)
         elif self.task.known is not None:
             self.predicted = proposals_by_knowledge(
                 self.task, self.candidate.model, pairs_by_angle(self.task, self.task.known)

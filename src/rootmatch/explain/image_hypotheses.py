@@ -232,12 +232,12 @@ def is_enough(model: DetectionModel, told: Posterior, minimal: int, *, of_severa
     return mass >= math.log(doubt) + elsewhere
 
 
-def proposals_by_prediction(model: DetectionModel, thorough: bool = True) -> Proposals | None:
-    """Assignments about each predicted pose, see `proposals_about`, with the poses they lead to; None without any."""
+def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
+    """Assignments about each predicted pose, with the poses that they lead to; None if there are none."""
     if not isinstance(model.prior, Doubted):
         return None
     predicted = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
-    found = [proposals_about(model, one, thorough) for one in predicted]
+    found = [proposals_about(model, one) for one in predicted]
     parts = [one.take(slice(MOST_PREDICTED)) for one in found if one is not None]
     others = [poses_of_few(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth

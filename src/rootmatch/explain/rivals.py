@@ -25,15 +25,12 @@ class Rivals(NamedTuple):
         Numbers of the places in which all of them are followed, the first one's before the others.
     lit : (n,) array, optional
         Probability that each sighting of a point is lit by the frames before; all are where not given.
-    sought : bool
-        Whether the frame searches for the body anyway, which was not where it was predicted before.
     """
 
     poses: tuple[tuple[Pose, float], ...] = ()
     doubt: float = DOUBT
     places: tuple[int, ...] = ()
     lit: Floats | None = None
-    sought: bool = False
 
     def given(self, known: PosePrior) -> Rivals:
         """The same poses with partial knowledge."""

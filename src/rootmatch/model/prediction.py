@@ -92,7 +92,7 @@ def proposals_of_settled(every: Sequence[Settled]) -> Proposals | None:
     return Proposals(np.array(assignments), np.array(rotations), np.array(positions))
 
 
-def proposals_about(model: DetectionModel, prediction: Gaussian, thorough: bool = True) -> Proposals | None:
+def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | None:
     """Assignments about a predicted pose with the poses they lead to, the most probable first.
 
     Parameters
@@ -101,8 +101,6 @@ def proposals_about(model: DetectionModel, prediction: Gaussian, thorough: bool 
         Whose prior has the prediction in it.
     prediction : Gaussian
         Of all six parameters.
-    thorough : bool
-        Whether single correspondences are tried where what all gates leave does not convince.
 
     Returns
     -------
@@ -132,7 +130,7 @@ def proposals_about(model: DetectionModel, prediction: Gaussian, thorough: bool 
         covariance = 0.25 * covariance
     if not torn:
         return None
-    if thorough and (start is None or not start.is_convincing):
+    if start is None or not start.is_convincing:
         with suppress(OutOfTime):  # what is known by then is handed on
             for looked, covariance in (torn[0], *torn[1:][-1:]):  # the widest and the narrowest
                 first = looked.at.one(0)

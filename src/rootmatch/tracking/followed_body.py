@@ -166,16 +166,8 @@ class FollowedBody:
 
         The interval doubles with every search that fails, up to `MISSING`.
         """
-        return frame - self.searched >= self._wait
-
-    @property
-    def _wait(self) -> int:
-        """Frames between searches for a body that is not followed."""
-        return min(1 << min(self.failures - 1, 30), MISSING) if self.failures else 0
-
-    def is_sought(self, frame: int) -> bool:
-        """Whether a frame searches for the body, which was missed: its search goes on, or the next one is due now."""
-        return self.missed > 0 and (bool(self.waiting) or frame - self.searched == self._wait)
+        wait = min(1 << min(self.failures - 1, 30), MISSING) if self.failures else 0
+        return frame - self.searched >= wait
 
     def wants_search(self, found: Finding, frame: int, free: int = 0) -> bool:
         """Whether to search for the body in a frame, judged by the finding about its predicted poses.

@@ -107,12 +107,6 @@ def next_part(
     return SearchPart(number, each[number].waiting.pop(0), each[number].rest)
 
 
-def sought_first(bodies: Mapping[Label | None, FollowedBody], frame: int) -> FollowedBody | None:
-    """The body that a frame will search for because it was missed, as far as the frames before tell."""
-    sought = [body for body in bodies.values() if body.is_sought(frame)]
-    return min(sought, key=lambda body: body.served) if sought else None
-
-
 def left_by(parts: Mapping[Label | None, Finding]) -> dict[Label | None, int]:
     """For each body, the number of detections that no body has for certain and that it has not itself."""
     free, left = np.ones(next(iter(parts.values())).task.shape[1], np.bool_), {}

@@ -37,7 +37,7 @@ from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.inexact_points import InexactPoints
 from rootmatch.tracking.noise_scale import NoiseScale
-from rootmatch.tracking.search_schedule import SearchLength, found_lately, is_of_a_row, left_by, next_part, sought_first
+from rootmatch.tracking.search_schedule import SearchLength, found_lately, is_of_a_row, left_by, next_part
 from rootmatch.tracking.turns import Turns
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
@@ -259,14 +259,13 @@ max_evaluations
         """The finding of a frame: about the predicted poses, and by a search if they do not hold."""
         poses: dict[Label | None, Prior] = {}
         rivals: dict[Label | None, Rivals] = {}
-        sought = None if self.labels is None else sought_first(self._bodies, self._frame)
         for label, body in self._bodies.items():
             told = given.get(label)
             if body.belief and not isinstance(told, Pose):
                 pose, others = body.predicted(when)
                 if told is not None:
                     pose, others = told.with_prediction(pose), others.given(told)
-                poses[label], rivals[label] = pose, others if body is not sought else others._replace(sought=True)
+                poses[label], rivals[label] = pose, others
             elif told is not None:
                 poses[label] = told
         of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
