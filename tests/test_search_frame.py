@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rig_scenes import NOISE, VIEW, controllers, frame, headset
 from rootmatch.explain import image_bodies, image_hypotheses, rig_search
+from rootmatch.model.modes import no_modes
+from rootmatch.model.proposals import no_proposals
 
 CAMERA = rm.Camera(500.0, 500.0, 640.0, 480.0)
 
@@ -72,3 +74,19 @@ def test_what_is_wrong_in_part_is_looked_at_only_for_places_that_are_left(monkey
     kept = rig_search.LIMITS[1]
     assert any(good for good, _ in looked)
     assert all(count <= max(kept - good, 0) for good, count in looked)
+
+
+def test_what_is_hopeless_beside_the_best_mode_has_no_twins(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, candidate = list[Any](), image_hypotheses.Candidate
+    empty = no_modes(4)
+    modes = type(empty)._make([np.zeros((3, *field.shape[1:]), field.dtype) for field in empty])
+    mass = np.array([50.0, 50.5 - image_hypotheses.HOPELESS, 49.5 - image_hypotheses.HOPELESS])
+    modes = modes._replace(log_odds=mass, log_mass=mass, rotation=Rotation.random(3, random_state=1).as_matrix())
+
+    def twins(_: Any, of: Any) -> Any:
+        asked.append(of.log_mass)
+        return no_proposals(4)
+
+    monkeypatch.setattr(candidate, "twins", twins)
+    candidate(None, None, modes)._with_twins(modes, few=True)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(asked, [mass[:2]])

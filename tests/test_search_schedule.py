@@ -7,8 +7,11 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.cameras.brown import Brown
+from rootmatch.explain.body_labels import Label
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.tracking.search_schedule import LONGEST_SEARCH, SearchLength, luby
+from rootmatch.tracking.followed_body import FollowedBody
+from rootmatch.tracking.search_schedule import LATELY, LONGEST_SEARCH, SearchLength, found_lately, luby
+from rootmatch.tracking.tracker import TRACKING
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
 
@@ -94,3 +97,18 @@ def test_the_rays_of_a_frame_are_worked_out_once(monkeypatch: pytest.MonkeyPatch
     first[:] = 0.0  # it is the caller's
     np.testing.assert_allclose(np.linalg.norm(camera.bearings(pixels), axis=1), 1.0)
     assert len(calls) == 1
+
+
+def followed(missed: int, *, served: int = 0, searched: int = 0, failures: int = 0) -> FollowedBody:
+    """A body that was missed in so many frames."""
+    body = FollowedBody(np.random.default_rng(0).normal(size=(6, 3)), TRACKING)
+    body.missed, body.served, body.searched, body.failures = missed, served, searched, failures
+    return body
+
+
+def test_more_noise_is_asked_for_only_of_what_was_found_lately() -> None:
+    bodies: dict[Label | None, FollowedBody] = {0: followed(0), 1: followed(LATELY - 1), 2: followed(LATELY, served=7)}
+    assert found_lately(bodies, bodies, 8, doubted=False) == [0, 1]
+    assert found_lately(bodies, bodies, 8, doubted=True) == [0, 1, 2]
+    assert found_lately(bodies, [1], 8, doubted=True) == [1]
+    assert not found_lately(bodies, bodies, 7, doubted=True)  # which is searched

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import combinations, permutations
 from math import lgamma
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +17,13 @@ from rootmatch.explain.finding import nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model import unrecognised
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.mode_search import modes_of
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.model.posterior import unknown
-from rootmatch.model.shown_in_part import FewShown, few_detected
+from rootmatch.model.proposals import Proposals
+from rootmatch.model.shown_in_part import IN_SIGHT, FewShown, few_detected, few_in_sight, few_of_each, ways_to_own
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior
 
@@ -51,6 +56,39 @@ def test_few_detected_points_by_enumeration() -> None:
     odds, share = few_detected(chance.transpose(1, 2, 0), weights, np.array(counts), most)
     assert odds == pytest.approx(whole)
     np.testing.assert_allclose(share, without.reshape(-1) / whole)
+
+
+def test_what_may_be_hidden_as_a_whole_is_summed_over_what_is_ever_visible() -> None:
+    rng = np.random.default_rng(1)
+    visible, rates, most = rng.uniform(0.0, 1.0, (3, 8)) * (rng.random(8) < 0.7), np.array([0.4, 0.95]), 2
+    few, hidden = few_in_sight(visible, rates, 2, most)
+    each = np.outer(rates, (1.0, *IN_SIGHT)).reshape(-1)
+    chance = (visible.T[:, :, None] * each).reshape(2, 4, -1)
+    assert hidden.sum() == pytest.approx(1.0)
+    for counts in (np.array([3, 1]), np.array([0, 2])):
+        odds = (ways_to_own(counts, most) * few).sum(axis=0).prod(axis=0)
+        np.testing.assert_allclose(np.log(odds), few_of_each(chance, counts, most)[0])
+
+
+def test_what_is_expected_of_a_body_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, rng = list[int](), np.random.default_rng(2)
+    points = rng.uniform(-0.1, 0.1, (6, 3))
+    guess = Gaussian(np.eye(3), np.array([0.0, 0.0, 1.0]), 1e-4 * np.eye(6))
+    prior = Doubted([guess], [np.log(0.99)], Broad(0.1), 0.01)
+    target = CAMERA.project(points + np.array([0.2, 0.0, 1.0]))
+    model = DetectionModel(CAMERA, points, target, np.ones(6), prior=prior)
+    place = Proposals(np.arange(6)[None], np.eye(3)[None], points.mean(axis=0)[None] + [0.2, 0.0, 1.0])
+    modes, work = modes_of(model, place), unrecognised.few_in_sight
+
+    def counted(visible: Floats, *rest: Any) -> Any:
+        asked.append(len(visible))
+        return work(visible, *rest)
+
+    monkeypatch.setattr(unrecognised, "few_in_sight", counted)
+    first = unrecognised.unrecognised(model, prior, modes)
+    again = unrecognised.unrecognised(replace(model), prior, modes)
+    np.testing.assert_array_equal(first, again)
+    assert asked == [unrecognised.POSES]
 
 
 def scene(seed: int, rate: float = 0.6, clutter: int = 2) -> tuple[Floats, Floats, NDArray[np.int64]]:

@@ -146,11 +146,12 @@ class Candidate:
     def _with_twins(self, modes: Modes, searched: bool = True, few: bool = False) -> Modes:
         """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off.
 
-        ``few``: of those that clutter explains worse, and in later rounds of the best one alone.
+        ``few``: of those that clutter explains worse and that are not `HOPELESS`, and later of the best one alone.
         """
         known = set[bytes]()  # of which twins were proposed
         while len(modes.log_odds) and modes.rotation[0].tobytes() not in known:
-            most = TWINS if not few else 1 if known else int((modes.log_mass[:TWINS] > 0.0).sum())
+            masses = modes.log_mass[:TWINS]
+            most = TWINS if not few else 1 if known else int((masses > max(masses[0] - HOPELESS, 0.0)).sum())
             poses = [one.tobytes() for one in modes.rotation[:most]]
             new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
             known.update(poses)

@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -228,6 +228,11 @@ class Doubted(Mixed):
     doubt: float
     places: Sequence[int] = ()
     lit: Floats | float = 1.0
+
+    @once
+    def told(self) -> dict[str, Any]:
+        """What was worked out of the predicted poses of a body, by its name: a frame asks several times."""
+        return {}
 
     @once
     def least(self) -> int:

@@ -107,22 +107,36 @@ def few_of_each(chance: Floats, counts: Integers, most: int) -> tuple[Floats, ..
     sums[0] = 1.0
     for point in range(odds.shape[1]):
         sums[1:] += odds[:, point] * sums[:-1]
-    ways = np.ones((most + 1, len(counts), 1))  # times the odds that the others are clutter
-    for k in range(1, most + 1):
-        left = np.maximum(counts - k + 1, 0)[:, None]
-        ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
+    ways = ways_to_own(counts, most)
     whole = (ways * sums).sum(axis=0)
     return np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0), odds, sums, ways, whole
 
 
-def in_sight(visible: Floats, rates: Floats, images: int) -> tuple[Floats, Floats]:
-    """Chance (C, n, S Q H) of each point to be detected, in poses, at rates, and with what is hidden as a whole.
+def ways_to_own(counts: Integers, most: int) -> Floats:
+    """Ways (most + 1, C, 1) to own 0, 1 … of the detections (C,) of images, times the odds that others are clutter."""
+    ways = np.ones((most + 1, len(counts), 1))
+    for k in range(1, most + 1):
+        left = np.maximum(counts - k + 1, 0)[:, None]
+        ways[k] = ways[k - 1] * left / (np.maximum(left, 1) - 0.5)
+    return ways
+
+
+def few_in_sight(visible: Floats, rates: Floats, images: int, most: int) -> tuple[Floats, Floats]:
+    """Probability (most + 1, C, S Q H) that 0, 1 … points of each image are detected, if something may hide the rest.
 
     ``visible`` (S, C n): visibility in each pose; ``rates`` (Q,). With the probabilities (H,) of what is hidden.
     """
-    each = (rates[:, None] * np.array((1.0, *IN_SIGHT))).reshape(-1)
-    chance = (visible.T[:, :, None] * each).reshape(images, -1, len(visible) * len(each))
-    return chance, np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
+    each = np.minimum((rates[:, None] * np.array((1.0, *IN_SIGHT))).reshape(-1), HIGHEST_RATE)
+    few = np.zeros((most + 1, images, len(visible), len(each)))
+    few[0] = 1.0
+    for sighting in np.flatnonzero(visible.any(axis=0)).tolist():  # those that are never visible take longer than all
+        own = few[:, sighting // (visible.shape[1] // images)]
+        chance = visible[:, sighting, None] * each
+        more = own[:-1] * chance
+        own *= 1.0 - chance
+        own[1:] += more
+    hidden = np.array([1.0 - OCCLUDED, *[OCCLUDED / len(IN_SIGHT)] * len(IN_SIGHT)])
+    return few.reshape(most + 1, images, -1), hidden
 
 
 def _visible(model: DetectionModel) -> Floats:

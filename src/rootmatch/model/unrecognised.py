@@ -10,15 +10,18 @@ with the detections n' that the copy leaves, and the rate of which the copy tell
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from functools import lru_cache
+
 import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector, rotation_onto_y, spread_rotations
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.known_density import LEAST_TILT, Known
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Mixed
-from rootmatch.model.shown_in_part import ahead, few_of_each, in_sight
+from rootmatch.model.shown_in_part import ahead, few_in_sight, ways_to_own
 
 POSES = 32
 """Poses of a prediction over which a mean is taken. A round value."""
@@ -35,35 +38,58 @@ def unrecognised(model: DetectionModel, prior: Doubted, copies: Modes) -> Floats
     copies : Modes
         What is seen of a copy.
     """
-    poses, shares = [expected(model, one) for one in prior.predictions], np.exp(prior.log_shares)
-    rotation, position = (np.concatenate(part) for part in zip(*poses, strict=True))
-    at = model.linearised(rotation, position)
-    visible = prior.lit * model.visibility(at, np.zeros(len(rotation)))
-    weights = np.repeat(shares, POSES)
-    in_view = weights * at.seen.any(axis=1)  # as a vague prediction hardly says: the body is asked for
-    weights = in_view if in_view.any() else weights
-    weights = weights / weights.sum()
-    rates, log_weights = model.rates
-    chance, sight = in_sight(visible, rates, max(len(model.images), 1))
+    views, (rates, log_weights) = Views.of(model, prior), model.rates
     matched = np.count_nonzero(copies.assignments >= 0, axis=1)
     missed = np.maximum(copies.visible.sum(axis=1) - matched, 0.0)
     told = log_weights + np.outer(matched, np.log(rates)) + np.outer(missed, np.log1p(-rates))
     told = np.exp(told - told.max(axis=1)[:, None])
     told /= told.sum(axis=1)[:, None]
     out = np.empty(len(matched))
-    tables = dict[bytes, Floats]()
     for k, used in enumerate(copies.uses(model.shape[1])):
-        left = np.bincount(model.image_of[~used], minlength=len(chance))
-        if (key := left.tobytes()) not in tables:
-            each = np.exp(few_of_each(chance, left, prior.least - 1)[0])
-            tables[key] = weights @ (each.reshape(len(visible), len(rates), len(sight)) @ sight)
-        out[k] = tables[key] @ told[k]
+        left = np.bincount(model.image_of[~used], minlength=views.few.shape[1])
+        out[k] = views.odds(left) @ told[k]
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What the images show of a body in its expected poses: worked out once, and a frame asks several times."""
+
+    few: Floats
+    """(m + 1, C, S Q H) probability that 0, 1 … points of each image are detected, see `few_in_sight`."""
+    weights: Floats
+    """(S,) of the poses."""
+    sight: Floats
+    """(H,) probabilities of what is hidden as a whole."""
+    tables: dict[bytes, Floats] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, model: DetectionModel, prior: Doubted) -> Views:
+        """Those of what is known of the body."""
+        if "views" in prior.told:
+            return prior.told["views"]  # type: ignore[no-any-return]
+        poses, shares = [expected(model, one) for one in prior.predictions], np.exp(prior.log_shares)
+        rotation, position = (np.concatenate(part) for part in zip(*poses, strict=True))
+        at = model.linearised(rotation, position)
+        visible = prior.lit * model.visibility(at, np.zeros(len(rotation)))
+        weights = np.repeat(shares, POSES)
+        in_view = weights * at.seen.any(axis=1)  # as a vague prediction hardly says: the body is asked for
+        weights = in_view if in_view.any() else weights
+        few, sight = few_in_sight(visible, model.rates[0], max(len(model.images), 1), prior.least - 1)
+        views = prior.told["views"] = cls(few, weights / weights.sum(), sight)
+        return views
+
+    def odds(self, left: Integers) -> Floats:
+        """Odds (Q,) at each rate that no more are detected, with detections (C,) that each image has left."""
+        if (key := left.tobytes()) not in self.tables:
+            each = (ways_to_own(left, len(self.few) - 1) * self.few).sum(axis=0).prod(axis=0)
+            self.tables[key] = self.weights @ (each.reshape(len(self.weights), -1, len(self.sight)) @ self.sight)
+        return self.tables[key]
 
 
 def expected(model: DetectionModel, known: Mixed) -> tuple[Floats, Floats]:
     """Some poses (`POSES`, 3, 3) and (`POSES`, 3) of the body's centre by what is known; ahead where no place is."""
-    normal = np.random.default_rng(0).normal(size=(POSES, 6))  # always the same, as nothing here is to be noisy
+    normal = _normal()
     if isinstance(known, Gaussian):
         step = normal @ np.linalg.cholesky(known.bounded).T
         return rotation_from_vector(step[:, :3]) @ known.rotation, known.position + step[:, 3:]
@@ -81,6 +107,12 @@ def expected(model: DetectionModel, known: Mixed) -> tuple[Floats, Floats]:
     if place is None:
         return rotation, ahead(model, POSES)
     return rotation, place[0] + normal[:, 3:] @ _root(place[1]) + rotation @ model.centre
+
+
+@lru_cache(maxsize=1)
+def _normal() -> Floats:
+    """Normal deviates (`POSES`, 6), always the same, as nothing here is to be noisy."""
+    return np.random.default_rng(0).normal(size=(POSES, 6))
 
 
 def _root(covariance: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -19,6 +19,9 @@ LONGEST_SEARCH = 16
 """Length of the longest search relative to the shortest one. A round value."""
 INTERVAL = 1.0 / 60.0
 """Seconds between frames for which the budget of a search is stated."""
+LATELY = 10
+"""Frames without a body from which it is not looked for with more noise, unless the last residuals leave a doubt: the
+first few would have told, and what is predicted so vaguely takes as long as a search. A round value."""
 
 
 class SearchLength:
@@ -56,6 +59,18 @@ class SearchLength:
 def is_of_a_row(frame: int, every: int) -> bool:
     """Whether a frame does what takes long and compares a frame with the one before: the first half of ``every`` do."""
     return 2 * (frame % every) < every
+
+
+def found_lately(
+    bodies: Mapping[Label | None, FollowedBody], predicted: Iterable[Label | None], frame: int, *, doubted: bool
+) -> list[Label | None]:
+    """The predicted bodies to look for with more noise; none in a frame that was searched, which takes long enough.
+
+    ``doubted``: whether the last residuals suggest more.
+    """
+    if frame in [body.served for body in bodies.values()]:
+        return []
+    return [label for label in predicted if doubted or bodies[label].missed < LATELY]
 
 
 def luby(number: int) -> int:

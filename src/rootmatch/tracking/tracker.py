@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from time import perf_counter
 
 import numpy as np
@@ -37,7 +37,7 @@ from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.inexact_points import InexactPoints
 from rootmatch.tracking.noise_scale import NoiseScale
-from rootmatch.tracking.search_schedule import SearchLength, is_of_a_row, left_by, next_part
+from rootmatch.tracking.search_schedule import SearchLength, found_lately, is_of_a_row, left_by, next_part
 from rootmatch.tracking.turns import Turns
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
@@ -314,9 +314,7 @@ max_evaluations
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
             lost &= is_of_a_row(self._frame, self.tracking.search_every) or self._noise.is_doubted
-            asked: Container[Label | None] = (None,) if lost else poses
-            if any(body.served == self._frame for body in self._bodies.values()):
-                asked = ()  # a frame that was searched takes long enough
+            asked = [None] if lost else found_lately(self._bodies, poses, frame, doubted=self._noise.is_doubted)
             changed = self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
         know_others(self._alike, self._bodies)
         left = left_by(parts)
