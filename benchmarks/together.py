@@ -12,8 +12,9 @@ are no part of this repository, see `shared.scenes_of`; without them their rows 
 Then by tenths of what was told, for each geometry: the probability of trusted matches is right where no match is wrong,
 that of others where the assignment is the truth; the confidence of a match, and of a point without one, where that is
 true. A bin holds if the share that is right is within .03 of the mean told, or the mean within the interval. An
-interval counts scenes, as the points of one are right or wrong together. Scenes without one true answer, such as two of
-the same object of which one is asked for, count in the first table only.
+interval counts scenes, as the points of one are right or wrong together. So no two rows may show the same: families of
+constellations have the same poses of a seed, and each draws with seeds of its own. Scenes without one true answer, such
+as two of the same object of which one is asked for, count in the first table only.
 """
 
 from __future__ import annotations
@@ -228,26 +229,28 @@ def of_flight(xr: ModuleType, family: str, seed: int) -> list[Told]:
 def kinds_of(folder: str | None) -> Iterator[tuple[str, str, Scenes]]:
     """Name, geometry and scenes of each row; those whose module of scenes is absent are left out."""
 
-    def bound(make: Callable[..., list[Told]], *given: Any) -> Scenes:
-        return lambda seed: make(*given, seed)
+    def bound(make: Callable[..., list[Told]], *given: Any, number: int = 0, of: int = 1) -> Scenes:
+        """The scenes of one of so many rows that would show the same of a seed: each has seeds of its own."""
+        return lambda seed: make(*given, of * seed + number)
 
     scenes, xr, space = (scenes_of(name, folder) for name in ("constellations", "xr", "fiducials"))
     if scenes is not None:
-        for family in constellations.FAMILIES:
-            if family != "real" and not family.startswith("unrelated"):
-                yield f"constellations, {family}", IMAGE, bound(of_constellation, scenes, family)
+        families = [one for one in constellations.FAMILIES if one != "real" and not one.startswith("unrelated")]
+        for k, family in enumerate(families):
+            make = bound(of_constellation, scenes, family, number=k, of=len(families))
+            yield f"constellations, {family}", IMAGE, make
     if xr is not None:
-        for family in FEW_LEDS:
-            yield f"few LEDs, {family}", IMAGE, bound(of_few, xr, family)
+        for k, family in enumerate(FEW_LEDS):
+            yield f"few LEDs, {family}", IMAGE, bound(of_few, xr, family, number=k, of=len(FEW_LEDS))
     for kind in strange_scenes.KINDS:
         yield f"strange scenes, {kind}", IMAGE, bound(of_strange, kind)
     for kind in regular_models.KINDS:
         if not kind.startswith("runway"):
             yield f"regular models, {kind}", IMAGE, bound(of_regular, kind, "up2p 1°")
-    for number in range(10):
-        yield "scenes drawn to break it", IMAGE, bound(lambda k, seed: of_adversary(False, 10 * seed + k), number)
-    for number in range(3):
-        yield "the same with rigs", IMAGE, bound(lambda k, seed: of_adversary(True, 10 * seed + k), number)
+    for k in range(10):
+        yield "scenes drawn to break it", IMAGE, bound(of_adversary, False, number=k, of=10)
+    for k in range(3):
+        yield "the same with rigs", IMAGE, bound(of_adversary, True, number=k, of=10)
     for kind in drawn_scenes.KINDS:
         yield f"{MODEL}, {kind}", MODEL, bound(of_model, kind)
     for case in itertools.chain(accuracy_scenes.simulated(), accuracy_scenes.ambiguous()):

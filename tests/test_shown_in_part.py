@@ -154,6 +154,39 @@ def test_what_faces_away_is_not_in_view() -> None:
     assert all_sides.mean() < 0.78, "it never shows more than half of them"
 
 
+def test_a_body_that_a_search_has_not_met_by_enumeration() -> None:
+    """With the search's chance of missing what shows more than so few points, and the prior odds of that."""
+    rng, most, unmet, present = np.random.default_rng(3), 3, 0.3, 0.8 / 0.2
+    points, target = rng.uniform(-0.05, 0.05, (5, 3)), rng.uniform((0, 0), (640, 480), (7, 2))
+    model = DetectionModel(CAMERA, points, target, np.full(7, 0.3))
+    few, more = FewShown(model, most, np.array([7])), np.zeros(2)
+    rates = np.outer(model.rates[0], (1.0, *IN_SIGHT)).reshape(1, 1, -1).repeat(5, axis=1)
+    _, shares = few_in_sight(np.ones((1, 5)), model.rates[0], 1, most)
+    cases = np.outer(np.exp(model.rates[1]), shares).reshape(-1)
+    for chance, weight in zip(rates[0].T, cases, strict=True):
+        for k in range(most + 1, 6):
+            for some in combinations(range(5), k):
+                own = np.isin(np.arange(5), some)
+                each = weight * np.prod(np.where(own, chance, 1.0 - chance))
+                more += each, each * (0 not in some)
+    known = few.undetected()[0]
+    odds = few_detected(rates, cases, np.array([7]), most)[0] * present
+    expected = (known * (1.0 + odds) + present * unmet * more[1]) / (1.0 + odds + present * unmet * more[0])
+    assert replace(few, unmet=unmet).undetected()[0] == pytest.approx(expected, abs=0.01)
+    assert expected < known - 0.03
+
+
+def test_what_ends_a_search_early_says_little_of_a_body_in_view() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.1, 0.1, (24, 3))
+    pixels = CAMERA.project(points + np.array([0.0, 0.0, 1.0])) + rng.normal(0.0, 0.3, (24, 2))
+    target = np.concatenate([pixels, rng.uniform((0, 0), (640, 480), (24, 2))])
+    match = rm.match(points, target, rm.P3P(CAMERA), noise=0.3, sampler=rm.Guided(budget=500))
+    assert not match, "else it is no test"
+    assert (match.assignment < 0).all()
+    assert 0.2 < match.confidence.mean() < 0.7, "was .99: all of them are in view"
+
+
 def test_two_views_that_share_too_few_points() -> None:
     """Of six points with a rate of .5 most motions show three matches at most; of 1 none does."""
     rays = np.random.default_rng(0).normal(size=(6, 3)) * 0.2 + (0.0, 0.0, 1.0)

@@ -77,6 +77,8 @@ class Finding:
         Which mode of ``posterior`` it tells.
     point_error : float
         Standard deviation of the points' coordinates which it takes, though none was stated.
+    unmet : float
+        Probability that the search would have met no mode of a body that is in view, see `SampledTensor`.
     sequence_factor : float
         Factor on the stated σ that the frames before suggest, with which this one was matched; 1 for a single image.
     reason : str, optional
@@ -123,6 +125,7 @@ class Finding:
     mode: int = 0
     sequence_factor: float = 1.0
     point_error: float = 0.0
+    unmet: float = 0.0
     reason: str | None = None
     prior_holds: bool | None = None
     contradicted: bool = False
@@ -289,6 +292,7 @@ def unjudged(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
         soft=None if solution is None else solution.soft,
         converged=solution is None or solution.converged,
         evaluated=sampled.evaluated,
+        unmet=sampled.unmet,
     )
 
 

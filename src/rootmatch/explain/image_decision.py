@@ -120,7 +120,7 @@ def told_by(
         base = copied(base, reason=None)
     model, modes, prior = body.model, told.modes, body.model.prior
     if base.task.weighs_parts:
-        told = with_parts(told, model, base.task.minimal, taken)
+        told = with_parts(told, model, base, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability
     scoreless = base.evaluated == 0
@@ -206,17 +206,18 @@ def beside_of(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
     return log_odds_alike(model, told.modes, found.mode, of_others) is not None
 
 
-def with_parts(told: Posterior, model: DetectionModel, minimal: int, taken: NDArray[np.bool_] | None) -> Posterior:
-    """A posterior in which an image without a mode may also show too little of the body to recognise it.
+def with_parts(told: Posterior, model: DetectionModel, base: Finding, taken: NDArray[np.bool_] | None) -> Posterior:
+    """A posterior in which an image without a mode may also show the body: too little of it, or unmet by the search.
 
     Not about predicted poses, of which one or two matches are a mode.
     """
     least = model.prior.least
     if told.clutter < BEYOND_DOUBT or least < LEAST:
         return told
-    most = least - 1 if isinstance(model.prior, Doubted) else max(minimal, least - 1)
+    most = least - 1 if isinstance(model.prior, Doubted) else max(base.task.minimal, least - 1)
     free = model.image_of if taken is None else model.image_of[~taken]
-    return copied(told, few=FewShown(model, most, np.bincount(free, minlength=max(len(model.images), 1))))
+    counts = np.bincount(free, minlength=max(len(model.images), 1))
+    return copied(told, few=FewShown(model, most, counts, base.unmet))
 
 
 def lead_by_odds(probability: float | None) -> float:

@@ -49,7 +49,7 @@ def sample(task: MatchingTask) -> SampledTensor:
             sampled, backend = _sampled(task)
     except OutOfTime:
         nothing = AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), task.shape)
-        sampled, backend = SampledTensor(nothing, 0, conclusive=False, partial=True, missed=1.0), cpu
+        sampled, backend = SampledTensor(nothing, 0, conclusive=False, partial=True, missed=1.0, unmet=1.0), cpu
     tensor = sampled.tensor
     if task.problem.small_baseline > 0.0:
         tensor = _with_baseline_prior(task, tensor)

@@ -28,6 +28,8 @@ TURNS = 64
 """Turns of a body with normals over which a mean is taken. A round value."""
 IN_SIGHT = (1.0 / 6.0, 0.5, 5.0 / 6.0)
 """Parts of a body that an edge or a window leaves in sight, equally probable: any point may be the first it hides."""
+ANY = 10**9
+"""Detections of which there are so many that their number tells nothing."""
 RADII = 10.0
 """Distance of a body in its radii at which its normals are looked at. A round value between 1 and 100."""
 
@@ -43,14 +45,20 @@ class FewShown:
         Detected points, in each image of a rig, that make no mode.
     counts : (C,) int array
         Detections that each image has for the body.
+    unmet : float
+        Probability that its search met no mode though it shows more, as that was cut short.
     """
 
     model: DetectionModel
     most: int
     counts: Integers
+    unmet: float = 0.0
 
     def undetected(self) -> Floats:
-        """Probability (n,) that each point has no detection, if there is no mode: the body is absent, or shows few."""
+        """Probability (n,) that each point has no detection, if there is no mode: the body is absent, or shows few.
+
+        Or it shows more, and was not met: with the prior odds of that, as nothing is known of its image.
+        """
         visible, (rates, log_weights) = _visible(self.model), self.model.rates
         some = 1.0 - np.prod(1.0 - visible, axis=1)  # what shows no point is not in view
         mean = float(rates @ np.exp(log_weights))
@@ -60,8 +68,13 @@ class FewShown:
         chance = (visible.T[:, :, None] * each).reshape(len(self.counts), -1, len(visible) * len(each))
         cases = np.outer(some / some.sum(), shares).reshape(-1)
         odds, few = few_detected(chance, cases, self.counts, self.most)
-        odds *= math.exp(PRESENT_ODDS)
-        return np.asarray((1.0 + odds * few) / (1.0 + odds))
+        present = math.exp(PRESENT_ODDS)
+        without, whole = 1.0 + present * odds * few, 1.0 + present * odds
+        if self.unmet and (self.counts > self.most).any():
+            part, own = few_detected(chance, cases, np.full_like(self.counts, ANY), self.most)
+            without += present * self.unmet * np.maximum(1.0 - (chance @ cases).reshape(-1) - part * own, 0.0)
+            whole += present * self.unmet * (1.0 - part)
+        return np.asarray(without / whole)
 
 
 def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -> tuple[float, Floats]:

@@ -97,6 +97,8 @@ class SampledTensor(NamedTuple):
     """(K, n) assignments of a search's hypotheses, the highest evidence first; −1 for unmatched, None without any."""
     missed: float = 0.0
     """Probability that a pose which explains as much as the best one was never met."""
+    unmet: float = 0.0
+    """The same of a body that is in view for certain and shows enough, as far as it was searched for."""
     repeated: bool = False
     """Whether a pose with other matches than the best one is beyond chance, by more than the odds of a copy."""
     consensus: Integers | None = None

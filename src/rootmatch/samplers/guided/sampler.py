@@ -102,6 +102,7 @@ class Guided(GuidedOptions):
             conclusive=search.conclusive,
             assignments=assignments,
             missed=missed_rival(search, search.missed),
+            unmet=search.missed,
         )  # fmt: skip
 
     def _searched(self, task: SamplingTask, searched: SamplingTask) -> Search:
