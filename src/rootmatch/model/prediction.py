@@ -18,7 +18,7 @@ from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
-from rootmatch.model.compiled.looking import look
+from rootmatch.model.compiled.looking import TORN, look
 from rootmatch.model.compiled.updates import choose_pairs, explained_by_each, update_with_each
 from rootmatch.model.detection_model import EXACT, USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, evidence, mixture_of, stepped, unweighed
@@ -207,7 +207,7 @@ class Gated(NamedTuple):
 
 
 class _Looked(NamedTuple):
-    """What is seen about a pose, and about those that it leads to where that is compiled."""
+    """What is seen about a pose, and about those that it leads to while each gate leaves one detection."""
 
     at: Linearised
     """Images about the pose itself, the first; with the visibility (n,) of the points and the candidates (n, n') there.
@@ -216,9 +216,10 @@ class _Looked(NamedTuple):
     candidates: Bools
     settled: list[Settled]
     last: Integers
-    """The last assignment (n,)."""
+    """The last assignment (n,) of single candidates."""
     torn: tuple[Linearised, Floats, Gated] | None
-    """Images about the pose, its covariance, and what is near, to be assigned; None where that is done."""
+    """Images about the pose where several detections are possible, its covariance, and what is near; None if none
+    is."""
 
 
 def _looked(
@@ -242,14 +243,15 @@ def _looked(
     at = unfilled(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
     found, rows = unweighed(rounds, n), np.empty((rounds, n), np.int64)
     covariance, candidates, visible = np.array(covariance), np.empty(shape, np.bool_), np.empty(n)
-    count = look(
+    count, why = look(
         covariance, model.scene_for_kernels, prior, (*limits, float(most), STEEP),
         (*at[:4], at.for_kernels[0], at.expected, at.rotation, at.position), (rows, tuple(found)),
         (candidates, visible, *gated),
     )  # fmt: skip
     after = at.rotation[1:], at.position[1:]
     settled = [Settled.of(rows[k], found, after, k) for k in range(count)]
-    return _Looked(at, visible, candidates, settled=settled, last=gated[2], torn=None)
+    torn = (at.one(count), covariance, Gated(*gated, False)) if why == TORN else None
+    return _Looked(at, visible, candidates, settled=settled, last=gated[2], torn=torn)
 
 
 def _images_of(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:

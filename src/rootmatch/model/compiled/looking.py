@@ -1,4 +1,4 @@
-"""Assignments about a predicted pose, compiled: what follows from a prediction in one call.
+"""Assignments about a predicted pose while each gate leaves one detection, compiled: a good prediction in one call.
 
 It is what `rootmatch.model.prediction` does step by step, for what `rootmatch.model.compiled.settling` is for.
 """
@@ -11,13 +11,15 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.best_pairs import pair_best
 from rootmatch.model.compiled.evidence import scratch_for, weigh_one
 from rootmatch.model.compiled.gating import gate_about
 from rootmatch.model.compiled.known_terms import components_about, room_for_terms
 from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.steps import step_of_one
 from rootmatch.model.compiled.visibility import see_one
+
+ENDED, TORN, BEYOND = range(3)
+"""Why it came to an end: nothing changes any more, several detections are possible, or nothing or too much is near."""
 
 
 @part
@@ -49,12 +51,12 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
         Assignments (T, n), and their evidence about these poses; filled.
     near : tuple
         Candidates (n, n') about the first pose and visibility (n,) there; candidates (n, n') about the last one, their
-        gains (n, n'), and the assignment (n,) there; filled.
+        gains (n, n'), and the assignment (n,) of single ones; filled.
 
     Returns
     -------
-    int
-        How many assignments were made: none where nothing or too much is near.
+    int, int
+        How many assignments were made, and why it ended. Where it is torn, the next pose is looked about.
     """
     covariance, scene, known, at, out, near = borrowed((covariance, scene, known, at, out, near))
     pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
@@ -92,18 +94,18 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
                     first[i, j] = candidates[i, j]
                     count += candidates[i, j]
             if not 0 < count <= most:
-                return 0
+                return 0, BEYOND
         if not unique:
-            pair_best(candidates, gains, row)
+            return turn, TORN
         matched = 0
         for i in range(n):
             assignments[turn, i] = row[i]
             matched += row[i] >= 0
         if matched == 0:
-            return turn
+            return turn, ENDED
         for before in range(turn):
             if is_same(assignments[before], row):
-                return turn
+                return turn, ENDED
         components_about(turn, poses, known, room)
         weigh_one(turn, turn, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
         total = 0.0
@@ -112,9 +114,9 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
         # from this pose into the place of the next one
         step_of_one(turn, weighed[1], rotation, position, longest, rotation[1:], position[1:])
         if matched >= total:  # nothing is left to assign
-            return turn + 1
+            return turn + 1, ENDED
         if turn + 1 < assignments.shape[0]:
             for p in range(6):
                 for q in range(6):
                     covariance[p, q] = weighed[2][turn, p, q]
-    return assignments.shape[0]
+    return assignments.shape[0], ENDED
