@@ -64,16 +64,16 @@ def test_what_is_wrong_in_part_is_looked_at_only_for_places_that_are_left(monkey
         fits.append(refitted(model, led))
         return fits[-1]
 
-    def looking(model: Any, sets: Any, led: Any) -> Any:
-        looked.append((int((fits[-1][1].log_odds > 0.0).sum()), len(led.rotation)))
-        return narrowed(model, sets, led)
+    def looking(model: Any, sets: Any, most: int) -> Any:
+        looked.append((int((fits[-1][1].log_odds > 0.0).sum()), most))
+        return narrowed(model, sets, most)
 
     monkeypatch.setattr(rig_search, "refitted", fitting)
     monkeypatch.setattr(rig_search, "_narrowed", looking)
     rm.match(points[:leds], scene.rows, rm.P3P(rig), noise=NOISE, normals=normals[:leds], view_angle=np.radians(VIEW))
     kept = rig_search.LIMITS[1]
     assert any(good for good, _ in looked)
-    assert all(count <= max(kept - good, 0) for good, count in looked)
+    assert all(count == kept - good for good, count in looked)
 
 
 def test_what_is_hopeless_beside_the_best_mode_has_no_twins(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -210,13 +210,11 @@ def is_enough(
 ) -> bool:
     """Whether a predicted pose explains more than any pose elsewhere could, so that no search is needed.
 
-    A pose elsewhere has at most as many matches as there are unexplained detections or visible points. Each is worth as
-    much as those found, or as one of an unexplained detection that fits; a minimal set of them determines the pose, and
-    which detections these are is one of many chances.
-
-    ``of_several``: each is worth only as much as those found. For several bodies, whose searches take turns: otherwise
-    more of them wait for one than it finds (benchmarks/flights.py, room, 3 flights from 1000: right 244 of 258 instead
-    of 251). ``unmet``: most matches of a pose that has not been met, if a search tells that.
+    A pose elsewhere has at most as many matches as there are unexplained detections or visible points, or as one that a
+    search has not met (``unmet``). Each is worth as much as those found, or as one of an unexplained detection that
+    fits; a minimal set determines the pose, and is one of many. ``of_several``: each is worth only as much as those
+    found, else more bodies wait than are found (benchmarks/flights.py, room, 3 flights from 1000: right 244 of 258
+    instead of 251).
     """
     modes = told.modes
     if not len(modes.log_mass):

@@ -17,7 +17,7 @@ from rootmatch.algebra.rotation import rotation_from_vector, rotation_vector
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
+from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.known_density import Known
 from rootmatch.model.prediction import Settled, explained, proposals_of_settled, settle
 from rootmatch.model.proposals import Proposals
@@ -214,12 +214,5 @@ def _score(
     covariance = np.linalg.inv(precision / unit + 1e-12 * np.eye(6)) / unit
     slope = of_prior.slope + (off[:, None] @ jacobian)[:, 0]
     step = (covariance @ slope[..., None])[..., 0]
-    tilt = np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
-    chance = model.visibility(at, tilt)
-    if model.rate:
-        chance *= model.rate
-    else:  # of many points that face the camera no more are seen than are detected
-        shown = np.maximum(chance.sum(axis=1, keepdims=True), 1.0)
-        chance *= np.minimum(USUAL_RATE, model.shape[1] / shown)
-    score = explained(model, at, chance, step, covariance)
+    score = explained(model, at, step, covariance)
     return score, rotation_from_vector(step[:, :3]) @ rotation, position + step[:, 3:], covariance

@@ -25,7 +25,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.gathering import gathered
 from rootmatch.model.pose_density import Gaussian
-from rootmatch.model.prediction import proposals_about
+from rootmatch.model.prediction import explained, proposals_about
 from rootmatch.model.proposals import Proposals, joined, poses_of_sets, refitted
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
@@ -66,7 +66,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     guided = task.options.sampler
     if not isinstance(guided, Guided):
         guided = _guided(task.budget or BUDGET, limits[0])
-    hypotheses, evaluated, whole, missed_by = list[list[Integers]](), 0, True, np.ones(len(task.rig.cameras))
+    hypotheses, evaluated, whole, missed_by = list[Integers](), 0, True, np.ones(len(task.rig.cameras))
     tensors = [empty_tensor(task)]
     searching = task.deadline.part(SEARCHED)
     views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
@@ -78,7 +78,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
         if task.search_camera is not None:
             by_triples = _by_triples(part, model, k, own, guided)
             if by_triples is not None:
-                hypotheses.append(by_triples[0])
+                hypotheses += by_triples[0]
                 continue  # triples tell all: a search for four there meets nothing else
         if len(own) < LEAST:
             continue
@@ -86,21 +86,20 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
         evaluated += sampled.evaluated
         whole, missed_by[k] = whole and sampled.evaluated < guided.budget, sampled.missed
         tensors.append(renumbered(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))
-        hypotheses.append([])
         for assignment in sampled.assignments if sampled.assignments is not None else []:
             if (assignment >= 0).sum() >= LEAST:
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
-                hypotheses[-1].append(one)
+                hypotheses.append(one)
     verified, all_triples = _verified(model, hypotheses, limits), False
     if task.search_camera is None and not _is_enough(task, model, verified, evaluated):
-        before = len(hypotheses)
+        met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
                 more, every = _by_triples(copied(part, deadline=searching), model, k, own, guided) or ([], False)
-                hypotheses.append(more)
+                hypotheses += more
                 all_triples |= every
-        if any(hypotheses[before:]):
+        if len(hypotheses) > met:
             verified = _verified(model, hypotheses, limits)
     tensor = joined_tensor(tensors, task.row_shape, task.row_weights)
     missed = 0.0 if all_triples else _missed(verified, missed_by)
@@ -167,41 +166,40 @@ def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, ev
     return is_enough(model, told, task.minimal, of_several=task.budget is not None, unmet=float(unmet))
 
 
-def _verified(model: DetectionModel, hypotheses: list[list[Integers]], limits: tuple[int, int]) -> Integers:
+def _verified(model: DetectionModel, hypotheses: list[Integers], limits: tuple[int, int]) -> Integers:
     """Assignments that the poses of hypotheses gather in all cameras, the most probable first.
 
-    Poses of minimal sets, so that a match among many that is wrong is not taken along. Where what they gather at once
-    does not fit, each match narrows the pose for the next, for the first hypotheses of each search.
+    Poses of minimal sets, so that a match among many that is wrong is not taken along.
     """
-    every = [one for found in hypotheses for one in found]
-    if not every:
+    if not hypotheses:
         return np.empty((0, model.shape[0]), np.int64)
     most, kept = limits
-    sets = poses_of_sets(model, np.array(every), model.shape[0])
-    led = gathered(model, sets.alone, least=LEAST, most=most)
-    fits, found, _ = refitted(model, led)
-    assignments, log_odds = fits.assignments, found.log_odds
-    fit = log_odds > 0.0
-    if (left := kept - int(np.count_nonzero(fit))) > 0:
-        number = {pose.tobytes(): k for k, pose in enumerate(sets.alone.rotation)}
-        of = np.array([number[pose.tobytes()] for pose in led.rotation], np.int64)
-        rank = np.concatenate([np.arange(len(one)) for one in hypotheses])[sets.of[of]]
-        spoilt = of[np.lexsort([rank, fit])[: min(left, len(of) - int(fit.sum()))]]
-        if (more := _narrowed(model, sets.alone.take(spoilt))) is not None:
-            fits, found, _ = refitted(model, more)
-            assignments = np.concatenate([assignments, fits.assignments])
+    sets = poses_of_sets(model, np.array(hypotheses), model.shape[0]).alone
+    led = gathered(model, sets, least=LEAST, most=most)
+    every, found, _ = refitted(model, led)
+    assignments, log_odds = every.assignments, found.log_odds
+    spoilt = ~(log_odds > 0.0)
+    if (left := kept - int(np.count_nonzero(~spoilt))) > 0 and spoilt.any():
+        number = {pose.tobytes(): k for k, pose in enumerate(sets.rotation)}
+        own = sets.take(np.array([number[pose.tobytes()] for pose in led.rotation[spoilt]], np.int64))
+        if (more := _narrowed(model, own, left)) is not None:
+            every, found, _ = refitted(model, more)
+            assignments = np.concatenate([assignments, every.assignments])
             log_odds = np.concatenate([log_odds, found.log_odds])
     return assignments[np.argsort(-log_odds, kind="stable")[:kept]]
 
 
-def _narrowed(model: DetectionModel, sets: Proposals) -> Proposals | None:
+def _narrowed(model: DetectionModel, sets: Proposals, most: int) -> Proposals | None:
     """What the poses of some minimal sets lead to where one match narrows the pose for the next; None for nothing.
 
     Three sightings of a small body in one camera leave several detections for a point in another one. Gathered all at
-    once, a single wrong one among them spoils the fit.
+    once, a single wrong one among them spoils the fit. So many sets as ``most`` are tried, those that explain most as
+    far as their poses are known.
     """
-    spread, _ = about(model, *sets)
-    every = zip(sets.rotation, sets.position, spread.covariance, strict=True)
-    found = [proposals_about(model, Gaussian(*one)) for one in every if np.isfinite(one[2]).all()]
-    there = [one for one in found if one is not None]
+    spread, at = about(model, *sets)
+    possible = np.flatnonzero(np.isfinite(spread.covariance).all(axis=(1, 2)))
+    scores = explained(model, at.take(possible), spread.step[possible], spread.covariance[possible])
+    first = possible[np.argsort(-scores, kind="stable")[:most]]
+    every = zip(sets.rotation[first], sets.position[first], spread.covariance[first], strict=True)
+    there = [one for one in (proposals_about(model, Gaussian(*each)) for each in every) if one is not None]
     return joined(there) if there else None

@@ -298,7 +298,7 @@ def _updates(
     return steps, covariances, scores
 
 
-def explained(model: DetectionModel, at: Linearised, chance: Floats, step: Floats, covariance: Floats) -> Floats:
+def explained(model: DetectionModel, at: Linearised, step: Floats, covariance: Floats) -> Floats:
     """Log-odds (K,) of what poses explain, to first order, each point with its likeliest detection.
 
     Parameters
@@ -306,12 +306,16 @@ def explained(model: DetectionModel, at: Linearised, chance: Floats, step: Float
     model : DetectionModel
     at : Linearised
         At K poses.
-    chance : (K, n) array
-        Probability that each point is detected.
     step, covariance : (K, 6) and (K, 6, 6) arrays
         Of the distributions of the poses, from there.
     """
-    of_points = model.of_points(at)
+    of_points, tilt = model.of_points(at), np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
+    chance = model.visibility(at, tilt)
+    if model.rate:
+        chance *= model.rate
+    else:  # of many points that face the camera no more are seen than are detected
+        shown = np.maximum(chance.sum(axis=1, keepdims=True), 1.0)
+        chance *= np.minimum(USUAL_RATE, model.shape[1] / shown)
     points = at.pixels, at.jacobian, EXACT[None] if of_points is None else np.array(of_points), chance
     scores = np.empty(len(step))
     explained_by_each(points, (step, covariance), image_for_gates(model), scores)
