@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from shared import parser, scenes_of
 
 import rootmatch as rm
-from rootmatch.explain.near_symmetries import symmetries_of
+from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.explain.task import MatchingTask
 
 Floats = NDArray[np.float64]

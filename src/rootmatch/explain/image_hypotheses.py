@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.detection_odds import candidate_log_odds
-from rootmatch.explain.likeness import likenesses, place_of
-from rootmatch.explain.near_symmetries import symmetries_of
+from rootmatch.explain.likeness import copies_of, likenesses, place_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.similar_subsets import twins_of_few
@@ -37,6 +36,7 @@ from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
+from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.model.parallel_poses import parallel
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
@@ -170,7 +170,7 @@ class Candidate:
 
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
-    every, models = [], []
+    every, models, copies = [], [], copies_of([(one.task.points.source, one.model) for one in bodies])
     for body in bodies:
         more, others = [], []
         for other in bodies:
@@ -186,12 +186,12 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
             modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
         every.append(modes)
         models.append(model)
-    told = joint_posterior(models, every)
+    told = joint_posterior(models, every, copies)
     for _ in range(SUMMED):
         known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
         if all(one is before for one, before in zip(known, every, strict=True)):
             break
-        every, told = known, joint_posterior(models, known)
+        every, told = known, joint_posterior(models, known, copies)
     return [marked(*each) for each in zip(models, told, strict=True)]
 
 
@@ -343,7 +343,7 @@ def few_twins(task: MatchingTask, model: DetectionModel, found: Proposals) -> li
 
 def symmetries(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
     """Row of an assignment at the place of each in the near symmetries of a body: motions, reflections, or both."""
-    points, normals = task.points.source, task.points.normals
-    found = [one for kind in mirrored for one in symmetries_of(points, normals, mirrored=kind)]
+    points, known = task.points, task.points.source_covariance
+    found = [one for kind in mirrored for one in symmetries_of(points.source, points.normals, kind, covariance=known)]
     images = {one.image.tobytes(): one.image for one in found}.values()
     return [task.sightings_of(image) for image in images]

@@ -1,0 +1,121 @@
+"""Bodies that may be exactly symmetric, or exact copies of each other, though their points were measured with errors.
+
+What is measured of such a body tells nothing of which way round it is. So its points are those that were measured, or
+those that are symmetric and the most probable by them: see `rootmatch.model.exact_symmetry`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.deadline import checkpoint
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import evidence
+from rootmatch.model.exact_symmetry import ExactShape, exact_shape
+from rootmatch.model.modes import Modes
+from rootmatch.model.near_symmetries import symmetries_of
+from rootmatch.model.refitted import refitted
+
+DRAWN = 0.01
+"""Mean square deviation, in units of the noise, below which points were drawn so rather than measured: labellings are
+equal as they are. A round value."""
+FAR_BEHIND = 60.0
+"""Log-odds behind the best mode beyond which none is weighed as one of an exact shape. A round value."""
+
+Copies = Sequence[tuple[DetectionModel, Integers]]
+"""Bodies, and the point (n,) of each for every point of another one that they are copies of."""
+
+
+def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Floats | None:
+    """By how much the log-odds (M,) of a body's modes change as it may be of an exact shape; None if it is of none.
+
+    What the body weighs against clutter stays what it is, as nobody says whether its points were measured or drawn.
+    """
+    if model.source_covariance is None or len(modes.log_odds) < 2:
+        return None
+    shape = _shape_of(model, copies)
+    if shape is None:
+        return None
+    counts = modes.log_mass > modes.log_mass.max() - FAR_BEHIND
+    (some,) = counts.nonzero()
+    own, exact = -np.logaddexp(0.0, shape.log_odds), -np.logaddexp(0.0, -shape.log_odds)
+    gains = np.full(len(counts), own)
+    gains[some] = np.logaddexp(own, exact + _gained(model, modes.take(some), shape))
+    before, after = (float(np.logaddexp.reduce(one)) for one in (modes.log_mass, modes.log_mass + gains))
+    return np.asarray(gains + before - after)
+
+
+def _gained(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
+    """Logarithm (M,) of the evidence of modes with points of an exact shape, over that with those measured."""
+    n, at = len(shape.moved), model.linearised(modes.rotation, modes.position)
+    found = evidence(model, modes.assignments, at)
+    by_point = at.by_position @ at.rotation[:, None]
+    own = model.own_covariances(at, np.maximum(modes.assignments, 0))
+    out = np.empty(len(by_point))
+    for k, assignment in enumerate(modes.assignments):
+        checkpoint()
+        used = np.flatnonzero(assignment >= 0)
+        m, size = np.arange(len(used)), 2 * len(used)
+        by_points = np.zeros((len(used), 2, n, 3))  # sightings of one point share its error
+        by_points[m, :, used % n] = by_point[k, used]
+        white = np.zeros((len(used), 2, len(used), 2))
+        white[m, :, m] = own[k, used]
+        rows = by_points.reshape(size, -1)
+        assert model.source_covariance is not None
+        of_points = np.einsum("kanb,nbc->kanc", by_points, model.source_covariance[:n])
+        alone = white.reshape(size, size) + of_points.reshape(size, -1) @ rows.T
+        spread = white.reshape(size, size) + rows @ shape.covariance @ rows.T
+        offset = (model.target[assignment[used]] - at.pixels[k, used]).ravel()
+        known = at.jacobian[k, used].reshape(size, 6), offset, alone, model.noise_freedom
+        one = found.take(slice(k, k + 1))
+        out[k] = refitted(one, known, spread, offset - rows @ shape.moved.ravel()).gained
+    return out
+
+
+def _shape_of(model: DetectionModel, copies: Copies) -> ExactShape | None:
+    """The exact shape of a body by its own near symmetries and its copies."""
+    assert model.source_covariance is not None
+    n = len(model.points) // max(len(model.images), 1)
+    points, covariance = [model.points[:n]], [model.source_covariance[:n]]
+    normals = None if model.normals is None else model.normals[:n]
+    images = [one.image for one in symmetries_of(points[0], normals, covariance=covariance[0])]
+    for copy, image in copies:
+        if copy.source_covariance is None:
+            continue
+        images.append(n * len(points) + image)
+        points.append(copy.points[:n])
+        covariance.append(copy.source_covariance[:n])
+    if not images:
+        return None
+    return _exact_shape(np.concatenate(points), np.concatenate(covariance), np.array(images))
+
+
+@kept_by_values(128)
+def _exact_shape(points: Floats, covariance: Floats, images: Integers) -> ExactShape | None:
+    """The shape of a body, the first n points, by motions that are exact with one half or more; None without any.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        Of the body and of its copies.
+    covariance : (N, 3, 3) array
+    images : (W, n) int64 array
+        The point at the place of each of the body after a motion; −1 for none.
+    """
+    n, motions = images.shape[1], []
+    for image in images:
+        checkpoint()
+        (first,) = np.nonzero(image >= 0)
+        every, place = np.unique(np.concatenate([first, image[first]]), return_inverse=True)
+        motion = place[: len(first)], place[len(first) :]
+        one = exact_shape(points[every], covariance[every], [motion])
+        if one is not None and one.log_odds >= 0.0:
+            motions.append((first, image[first]))
+    found = exact_shape(points, covariance, motions) if motions else None
+    if found is None or found.squared < DRAWN * found.freedom:
+        return None
+    covariance = found.covariance.reshape(len(points), 3, -1)[:n, :, : 3 * n].reshape(3 * n, -1)
+    return found._replace(moved=found.moved[:n], covariance=covariance)
