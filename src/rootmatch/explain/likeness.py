@@ -58,7 +58,7 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
 
 def copies_of(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies]:
     """For each body (points (n, 3), model) whose points have errors, those of the others that may be copies of it."""
-    found = []
+    found: list[Copies] = []
     for points, model in bodies:
         measured = [one for one in bodies if one[1] is not model and model.source_covariance is not None]
         pairs = [(other, twin_points(points, others)) for others, other in measured]

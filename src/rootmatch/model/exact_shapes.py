@@ -14,7 +14,7 @@ from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
-from rootmatch.model.exact_symmetry import ExactShape, exact_shape
+from rootmatch.model.exact_symmetry import ExactShape, exact_shape, without_some
 from rootmatch.model.modes import Modes
 from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.model.refitted import refitted
@@ -36,14 +36,16 @@ def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Float
     """
     if model.source_covariance is None or len(modes.log_odds) < 2:
         return None
-    shape = _shape_of(model, copies)
-    if shape is None:
+    shapes = _shapes_of(model, copies)
+    if not shapes:
         return None
     counts = modes.log_mass > modes.log_mass.max() - FAR_BEHIND
     (some,) = counts.nonzero()
-    own, exact = -np.logaddexp(0.0, shape.log_odds), -np.logaddexp(0.0, -shape.log_odds)
-    gains = np.full(len(counts), own)
-    gains[some] = np.logaddexp(own, exact + _gained(model, modes.take(some), shape))
+    odds = np.array([0.0, *(shape.log_odds for shape in shapes)])
+    own, *exact = odds - np.logaddexp.reduce(odds)
+    gains, kept = np.full(len(counts), own), modes.take(some)
+    for share, shape in zip(exact, shapes, strict=True):
+        gains[some] = np.logaddexp(gains[some], share + _gained(model, kept, shape))
     before, after = (float(np.logaddexp.reduce(one)) for one in (modes.log_mass, modes.log_mass + gains))
     return np.asarray(gains + before - after)
 
@@ -75,8 +77,8 @@ def _gained(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
     return out
 
 
-def _shape_of(model: DetectionModel, copies: Copies) -> ExactShape | None:
-    """The exact shape of a body by its own near symmetries and its copies."""
+def _shapes_of(model: DetectionModel, copies: Copies) -> tuple[ExactShape, ...]:
+    """The exact shapes of a body by its own near symmetries and its copies."""
     assert model.source_covariance is not None
     n = len(model.points) // max(len(model.images), 1)
     points, covariance = [model.points[:n]], [model.source_covariance[:n]]
@@ -89,13 +91,13 @@ def _shape_of(model: DetectionModel, copies: Copies) -> ExactShape | None:
         points.append(copy.points[:n])
         covariance.append(copy.source_covariance[:n])
     if not images:
-        return None
-    return _exact_shape(np.concatenate(points), np.concatenate(covariance), np.array(images))
+        return ()
+    return _exact_shapes(np.concatenate(points), np.concatenate(covariance), np.array(images))
 
 
 @kept_by_values(128)
-def _exact_shape(points: Floats, covariance: Floats, images: Integers) -> ExactShape | None:
-    """The shape of a body, the first n points, by motions that are exact with one half or more; None without any.
+def _exact_shapes(points: Floats, covariance: Floats, images: Integers) -> tuple[ExactShape, ...]:
+    """The shapes of a body, the first n points, by motions that are exact with one half or more; none without any.
 
     Parameters
     ----------
@@ -116,6 +118,6 @@ def _exact_shape(points: Floats, covariance: Floats, images: Integers) -> ExactS
             motions.append((first, image[first]))
     found = exact_shape(points, covariance, motions) if motions else None
     if found is None or found.squared < DRAWN * found.freedom:
-        return None
-    covariance = found.covariance.reshape(len(points), 3, -1)[:n, :, : 3 * n].reshape(3 * n, -1)
-    return found._replace(moved=found.moved[:n], covariance=covariance)
+        return ()
+    own = without_some(points, covariance, motions, found)
+    return tuple(one._replace(moved=one.moved[:n], covariance=one.covariance[: 3 * n, : 3 * n]) for one in own)

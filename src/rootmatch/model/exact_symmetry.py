@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,13 @@ DEPENDENT = 1e-2
 """Variance of a combination of deviations, over the largest, below which it follows from the others. A round value: two
 turns by half leave a point where it is, up to the square of noise over size."""
 
+ODD = 0.2
+"""Prior odds of a shape that is exact but for one point, over one that is exact, as of a landmark; their square for two
+points. A round value."""
+LIKELY, COUNTS = 4, 5.0
+"""Points that are displaced alone or in pairs, those that deviate most, and log-odds behind the best shape up to which
+another one counts. Round values."""
+
 
 class ExactShape(NamedTuple):
     """Points that some motions take exactly onto each other, given their measured positions.
@@ -47,13 +55,16 @@ class ExactShape(NamedTuple):
         χ² of the measured positions against exact motions.
     freedom : float
         Its degrees of freedom.
+    excess : (SIZES,) float64
+        Variances of the deviations, over those of the noise, for displacements of each size.
     """
 
     moved: Floats
     covariance: Floats
     log_odds: float
-    squared: float = 0.0
-    freedom: float = 0.0
+    squared: float
+    freedom: float
+    excess: Floats
 
 
 def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mirror: bool = False) -> float:
@@ -131,8 +142,7 @@ def exact_shape(
     rank = float(len(scales)) if gram.any() else 0.0
     along = axes.T @ slope
     chi2 = float(((along / scales) ** 2).sum()) if rank else 0.0
-    # a displacement of the size τ over the noise makes the deviations 1 + τ² times as large, squared
-    odds = 0.0
+    odds, excess = 0.0, np.full(SIZES, 1.0)
     if rank:
         largest = max(math.sqrt(spread * len(motions) / float(scales[-1])), math.e)
         excess = 1.0 + np.exp(np.linspace(0.0, 2.0 * math.log(largest), SIZES))
@@ -148,7 +158,41 @@ def exact_shape(
         log_odds=odds + math.log(EXACT / (1.0 - EXACT)),
         squared=chi2,
         freedom=rank,
+        excess=excess,
     )
+
+
+def without_some(
+    points: Floats, covariance: Floats, motions: Sequence[tuple[Integers, Integers]], whole: ExactShape
+) -> list[ExactShape]:
+    """An exact shape, and those with one or two points displaced from it by a distance of unknown size, if these count.
+
+    ``whole``: the first, of all points and motions, see `exact_shape`.
+    """
+    n, size = points.shape
+    # by how much χ² decreases, to first order, without each of the points
+    weight, off = np.linalg.pinv(covariance), whole.moved
+    pull = np.einsum("iab,ib->ia", weight, off)
+    left = covariance - whole.covariance.reshape(n, size, n, size)[np.arange(n), :, np.arange(n)]
+    less = np.einsum("ia,iab,ib->i", pull, np.linalg.pinv(weight @ left @ weight, rcond=1e-6), pull)
+    likely = np.argsort(-less, kind="stable")[:LIKELY].tolist()
+    found = [whole]
+    for count in (1, 2):
+        for some in combinations(likely, count):
+            kept = [~(np.isin(first, some) | np.isin(second, some)) for first, second in motions]
+            fewer = [
+                (one[0][which], one[1][which]) for one, which in zip(motions, kept, strict=True) if which.sum() > size
+            ]
+            one = exact_shape(points, covariance, fewer) if fewer else None
+            if one is None:
+                continue
+            decrease, rank = whole.squared - one.squared, whole.freedom - one.freedom
+            sizes = -0.5 * rank * np.log(whole.excess) - 0.5 * decrease / whole.excess
+            odds = float(np.logaddexp.reduce(sizes)) - math.log(SIZES) + 0.5 * decrease
+            odds += count * math.log(ODD) - math.log(math.comb(n, count))
+            found.append(one._replace(log_odds=whole.log_odds + odds))
+    best = max(one.log_odds for one in found)
+    return [one for one in found if one.log_odds > best - COUNTS]
 
 
 def _fixes_all(points: Floats, variance: float, rank: int) -> bool:

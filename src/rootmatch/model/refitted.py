@@ -59,4 +59,6 @@ def refitted(found: Evidence, known: tuple[Floats, Floats, Floats, float], sprea
     gained = float(np.log(np.diagonal(apart)).sum() - np.log(np.diagonal(root)).sum())
     gained += 0.5 * float(np.linalg.slogdet(whole)[1] - np.linalg.slogdet(precision)[1])
     gained += 0.5 * (given + freedom) * math.log((given + squared) / (given + now))
-    return Refitted(root, rows, residuals=offset - rows @ step, step=step, covariance=covariance, gained=gained)
+    return Refitted(
+        np.asarray(root), rows, residuals=offset - rows @ step, step=step, covariance=covariance, gained=gained
+    )
