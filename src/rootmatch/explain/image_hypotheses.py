@@ -28,6 +28,7 @@ from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import Evidence
+from rootmatch.model.exact_shapes import grown_in_place_of
 from rootmatch.model.exchanged import beside_others, marked
 from rootmatch.model.gathering import gathered
 from rootmatch.model.known_density import Known
@@ -55,15 +56,13 @@ from rootmatch.model.proposals import (
 from rootmatch.problems.pose_fit.reference_point import about_centre, about_point
 
 TWINS = 4
-"""Number of a body's first poses for which near-symmetric poses and look-alikes of another body are proposed. A round
-value."""
+"""Number of a body's first poses whose twins, and look-alikes as another body, are proposed. A round value."""
 HYPEREDGES, GATHERED = 4096, 8
 """Hyper-edges of a sweep whose poses gather detections, those of the largest weights, and how many of the assignments
 that these lead to are weighed. Of 217 scenes of one body, 56 are trusted and right, 48 without them, with the same four
 wrong (benchmarks/adversary.py, seeds from 1000). Round values."""
 SUMMED, LIKELY = 4, 0.5
-"""Rounds in which changes are summed of modes that competition has made the first ones, and the probability from which
-they are. Round values."""
+"""Rounds that sum the changes of modes that competition made the first, and their least probability. Round values."""
 PREDICTION = 0.05
 """Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
 hundreds of detections are near it."""
@@ -170,8 +169,9 @@ class Candidate:
 
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
-    every, models, copies = [], [], copies_of([(one.task.points.source, one.model) for one in bodies])
-    for body in bodies:
+    every, models = list[Modes](), list[DetectionModel]()
+    copies = copies_of([(one.task.points.source, one.model) for one in bodies])
+    for body, own_copies in zip(bodies, copies, strict=True):
         more, others = [], []
         for other in bodies:
             if other is body or not len(other.modes.log_odds):
@@ -181,7 +181,8 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
                 more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
                 if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
                     others.append((place, other.model.prior))
-        modes, model = body.modes, beside_others(body.model, others)
+        model = beside_others(body.model, others)
+        modes = grown_in_place_of(own_copies, model, body.modes)
         if more:
             modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
         every.append(modes)

@@ -15,6 +15,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.exact_symmetry import ExactShape, exact_shape, without_some
+from rootmatch.model.mode_search import GROWN, with_sums
 from rootmatch.model.modes import Modes
 from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.model.refitted import refitted
@@ -23,7 +24,8 @@ DRAWN = 0.01
 """Mean square deviation, in units of the noise, below which points were drawn so rather than measured: labellings are
 equal as they are. A round value."""
 FAR_BEHIND = 60.0
-"""Log-odds behind the best mode beyond which none is weighed as one of an exact shape. A round value."""
+"""Log-odds behind the best mode beyond which none that is worse than clutter is weighed as one of an exact shape. A
+round value."""
 
 Copies = Sequence[tuple[DetectionModel, Integers]]
 """Bodies, and the point (n,) of each for every point of another one that they are copies of."""
@@ -39,7 +41,7 @@ def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Float
     shapes = _shapes_of(model, copies)
     if not shapes:
         return None
-    counts = modes.log_mass > modes.log_mass.max() - FAR_BEHIND
+    counts = modes.log_mass > min(modes.log_mass.max() - FAR_BEHIND, 0.0)
     (some,) = counts.nonzero()
     odds = np.array([0.0, *(shape.log_odds for shape in shapes)])
     own, *exact = odds - np.logaddexp.reduce(odds)
@@ -50,16 +52,61 @@ def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Float
     return np.asarray(gains + before - after)
 
 
+def grown_in_place_of(copies: Copies, model: DetectionModel, modes: Modes) -> Modes:
+    """Modes of a body that may be an exact copy of others, with the sums of those that are far behind the best.
+
+    What the body shows in the place of a copy is as much its own.
+    """
+    if model.source_covariance is None or not copies or not _shapes_of(model, copies):
+        return modes
+    for _ in range(GROWN):
+        (left,) = np.nonzero(~modes.summed & (modes.log_odds > 0.0))
+        if not len(left):
+            break
+        modes = with_sums(model, modes, int(left[0]))
+    return modes
+
+
 def _gained(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
-    """Logarithm (M,) of the evidence of modes with points of an exact shape, over that with those measured."""
-    n, at = len(shape.moved), model.linearised(modes.rotation, modes.position)
-    found = evidence(model, modes.assignments, at)
+    """Logarithm (M,) of the evidence of modes with points of an exact shape, over that with those measured.
+
+    With matches that fit that shape alone.
+    """
+    of, every = np.arange(len(modes.log_odds)), modes.assignments
+    adding = [_adding(one, near[0]) for one, near in zip(every, modes.near, strict=True)]
+    of = np.concatenate([of, np.repeat(of, [len(one) for one in adding])])
+    values = _log_odds(model, modes, (of, np.concatenate([every, *adding])), shape)
+    out = values[: len(every)].copy()
+    np.maximum.at(out, of, values)
+    more, together = np.concatenate([every[:0], *adding]), every.copy()
+    for k, one, value in zip(of[len(every) :], more, values[len(every) :], strict=True):
+        new = np.setdiff1d(one, together[k])
+        if value > values[k] and len(new) == 1:
+            together[k] = np.where(one == new[0], new[0], together[k])
+    (several,) = np.nonzero((together >= 0).sum(axis=1) > (every >= 0).sum(axis=1) + 1)
+    if len(several):
+        at_once = _log_odds(model, modes, (several, together[several]), shape)
+        out[several] = np.maximum(out[several], at_once)
+    return np.asarray(out - modes.log_odds)
+
+
+def _adding(assignment: Integers, changed: Integers) -> Integers:
+    """Those of some changes (C, n) of an assignment (n,) that add a match and leave the others."""
+    left = (changed == assignment) | (assignment < 0)
+    return np.asarray(changed[left.all(axis=1) & ((changed >= 0).sum(axis=1) > (assignment >= 0).sum())])
+
+
+def _log_odds(model: DetectionModel, modes: Modes, hypotheses: tuple[Integers, Integers], shape: ExactShape) -> Floats:
+    """Log-odds (K,) of assignments (K, n) about the poses of some modes (K,), with points of an exact shape."""
+    of, assignments = hypotheses
+    n, at = len(shape.moved), model.linearised(modes.rotation[of], modes.position[of])
+    found = evidence(model, assignments, at)
     by_point = at.by_position @ at.rotation[:, None]
-    own = model.own_covariances(at, np.maximum(modes.assignments, 0))
-    out = np.empty(len(by_point))
-    for k, assignment in enumerate(modes.assignments):
+    own = model.own_covariances(at, np.maximum(assignments, 0))
+    out = found.log_odds.copy()
+    for k in np.flatnonzero(np.isfinite(out)).tolist():
         checkpoint()
-        used = np.flatnonzero(assignment >= 0)
+        used = np.flatnonzero(assignments[k] >= 0)
         m, size = np.arange(len(used)), 2 * len(used)
         by_points = np.zeros((len(used), 2, n, 3))  # sightings of one point share its error
         by_points[m, :, used % n] = by_point[k, used]
@@ -70,10 +117,9 @@ def _gained(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
         of_points = np.einsum("kanb,nbc->kanc", by_points, model.source_covariance[:n])
         alone = white.reshape(size, size) + of_points.reshape(size, -1) @ rows.T
         spread = white.reshape(size, size) + rows @ shape.covariance @ rows.T
-        offset = (model.target[assignment[used]] - at.pixels[k, used]).ravel()
+        offset = (model.target[assignments[k, used]] - at.pixels[k, used]).ravel()
         known = at.jacobian[k, used].reshape(size, 6), offset, alone, model.noise_freedom
-        one = found.take(slice(k, k + 1))
-        out[k] = refitted(one, known, spread, offset - rows @ shape.moved.ravel()).gained
+        out[k] += refitted(found.take(slice(k, k + 1)), known, spread, offset - rows @ shape.moved.ravel()).gained
     return out
 
 

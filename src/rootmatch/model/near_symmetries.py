@@ -97,6 +97,12 @@ def same_up_to(source: Floats) -> float:
     return max(min(TOLERANCE * body_radius(source), DISTINCT * neighbour), least)
 
 
+def _reach(source: Floats, near: float) -> Floats:
+    """Distance (n,) up to which points are the same as each, for those that are the same up to ``near`` otherwise."""
+    distance = np.linalg.norm(source[:, None] - source, axis=2)
+    return np.asarray(np.minimum(near, DISTINCT * np.partition(distance, 1, axis=1)[:, 1]))
+
+
 def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
     """Motions (R, t), x' = R x + t, that map a quarter of a body's points onto others, those that map most first.
 
@@ -133,15 +139,17 @@ def symmetries_of(
     """
     if not LEAST <= len(source) <= MOST_POINTS:
         return ()
-    return _known(source, normals, mirrored, max(least, math.ceil(SHARE * len(source))), covariance)
+    noise = None if covariance is None else ERRORS * mean_deviation(covariance)
+    if noise is not None and (noise <= _reach(source, same_up_to(source))).all():
+        noise = None  # as for points that are exact, which are asked for as well
+    return _known(source, normals, mirrored, max(least, math.ceil(SHARE * len(source))), noise)
 
 
 @kept_by_values(128)
 def _known(
-    source: Floats, normals: Floats | None, mirrored: bool, least: int, covariance: Floats | None
+    source: Floats, normals: Floats | None, mirrored: bool, least: int, noise: Floats | None
 ) -> tuple[NearSymmetry, ...]:
     """See `symmetries_of`."""
-    noise = np.zeros(len(source)) if covariance is None else mean_deviation(covariance)
     found = _found(_Body.of(source, normals, -1.0 if mirrored else 1.0, noise), least)
     for one in found:
         for array in one:
@@ -166,18 +174,17 @@ class _Body(NamedTuple):
     """(n,) the same of each point, less where it has near neighbours."""
 
     @classmethod
-    def of(cls, source: Floats, normals: Floats | None, sign: float, noise: Floats) -> _Body:
-        """A body of points (n, 3) with a noise (n,) and outward normals (n, 3) of any length."""
+    def of(cls, source: Floats, normals: Floats | None, sign: float, noise: Floats | None) -> _Body:
+        """A body of points (n, 3) with outward normals (n, 3) of any length, the same up to a noise (n,) at least."""
         unit = None
         if normals is not None:
             length = np.linalg.norm(normals, axis=1, keepdims=True)
             unit = normals / np.where(length > 0.0, length, 1.0)
         distance = np.linalg.norm(source[:, None] - source, axis=2)
-        neighbour, near = (
-            np.partition(distance, 1, axis=1)[:, 1],
-            max(same_up_to(source), ERRORS * float(np.median(noise))),
-        )
-        reach = np.maximum(np.minimum(near, DISTINCT * neighbour), ERRORS * noise)
+        near = same_up_to(source)
+        reach = _reach(source, near)
+        if noise is not None:
+            near, reach = max(near, float(np.median(noise))), np.maximum(reach, noise)
         return cls(source, unit, sign, distance=distance, near=near, reach=reach)
 
     def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
