@@ -14,11 +14,12 @@ from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
-from rootmatch.model.exact_symmetry import ExactShape, exact_shape, without_some
+from rootmatch.model.exact_symmetry import ExactShape, exact_shape, log_odds_of_others, without_some
 from rootmatch.model.mode_search import GROWN, with_sums
 from rootmatch.model.modes import Modes
-from rootmatch.model.near_symmetries import symmetries_of
+from rootmatch.model.near_symmetries import DISTINCT, symmetries_of
 from rootmatch.model.refitted import refitted
+from rootmatch.samplers.point_sets.motions import fitted_motions
 
 DRAWN = 0.01
 """Mean square deviation, in units of the noise, below which points were drawn so rather than measured: labellings are
@@ -70,7 +71,7 @@ def grown_in_place_of(copies: Copies, model: DetectionModel, modes: Modes) -> Mo
 def _gained(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
     """Logarithm (M,) of the evidence of modes with points of an exact shape, over that with those measured.
 
-    With matches that fit that shape alone.
+    With matches that fit that shape alone, and with what other turns of all points onto themselves match: any turn may.
     """
     of, every = np.arange(len(modes.log_odds)), modes.assignments
     adding = [_adding(one, near[0]) for one, near in zip(every, modes.near, strict=True)]
@@ -87,7 +88,31 @@ def _gained(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
     if len(several):
         at_once = _log_odds(model, modes, (several, together[several]), shape)
         out[several] = np.maximum(out[several], at_once)
-    return np.asarray(out - modes.log_odds)
+    of_turns = _turns_of(model, modes, shape)
+    best = np.full(len(out), -np.inf)
+    np.maximum.at(best, of_turns, out)
+    return np.asarray(best[of_turns] - modes.log_odds)
+
+
+def _turns_of(model: DetectionModel, modes: Modes, shape: ExactShape) -> Integers:
+    """The first (M,) of the modes that puts all points of an exact shape where each mode puts others of them."""
+    points = model.about_centre[0][: len(shape.moved)] + shape.moved
+    placed = points @ modes.rotation.swapaxes(1, 2) + modes.position[:, None]
+    reach = DISTINCT * np.partition(np.linalg.norm(points[:, None] - points, axis=2), 1, axis=1)[:, 1]
+    assert model.source_covariance is not None
+    variance, out = np.trace(model.source_covariance, axis1=1, axis2=2).min(), np.arange(len(placed))
+    for k in range(1, len(placed)):
+        for first in np.unique(out[:k]).tolist():
+            off = np.linalg.norm(placed[k][:, None] - placed[first], axis=2)
+            to = off.argmin(axis=1)
+            if (off.min(axis=1) >= reach).any() or len(np.unique(to)) < len(points):
+                continue
+            turn = fitted_motions(points[None], points[None, to], scaled=False, mirror=False)
+            left = points @ turn.linear[0].T + turn.shift[0] - points[to]
+            if (left**2).sum(axis=1).max() < DRAWN * variance:  # rather than displaced, as a landmark
+                out[k] = first
+                break
+    return out
 
 
 def _adding(assignment: Integers, changed: Integers) -> Integers:
@@ -153,17 +178,19 @@ def _exact_shapes(points: Floats, covariance: Floats, images: Integers) -> tuple
     images : (W, n) int64 array
         The point at the place of each of the body after a motion; −1 for none.
     """
-    n, motions = images.shape[1], []
+    n, motions, fewest = images.shape[1], [], images.shape[1]
     for image in images:
         checkpoint()
         (first,) = np.nonzero(image >= 0)
         every, place = np.unique(np.concatenate([first, image[first]]), return_inverse=True)
         motion = place[: len(first)], place[len(first) :]
         one = exact_shape(points[every], covariance[every], [motion])
-        if one is not None and one.log_odds >= 0.0:
+        if one is not None and one.log_odds + log_odds_of_others(n - len(first), n) >= 0.0:
             motions.append((first, image[first]))
+            fewest = min(fewest, n - len(first))
     found = exact_shape(points, covariance, motions) if motions else None
     if found is None or found.squared < DRAWN * found.freedom:
         return ()
+    found = found._replace(log_odds=found.log_odds + log_odds_of_others(fewest, n))
     own = without_some(points, covariance, motions, found)
     return tuple(one._replace(moved=one.moved[:n], covariance=one.covariance[: 3 * n, : 3 * n]) for one in own)

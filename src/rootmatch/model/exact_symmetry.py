@@ -33,8 +33,8 @@ DEPENDENT = 1e-2
 turns by half leave a point where it is, up to the square of noise over size."""
 
 ODD = 0.2
-"""Prior odds of a shape that is exact but for one point, over one that is exact, as of a landmark; their square for two
-points. A round value."""
+"""Prior odds of a shape that is exact but for one point, as a landmark, over one that is exact; their square for two,
+and so on: a few of many points are nearly symmetric by chance. A round value."""
 LIKELY, COUNTS = 4, 5.0
 """Points that are displaced alone or in pairs, those that deviate most, and log-odds behind the best shape up to which
 another one counts. Round values."""
@@ -142,7 +142,7 @@ def exact_shape(
     rank = float(len(scales)) if gram.any() else 0.0
     along = axes.T @ slope
     chi2 = float(((along / scales) ** 2).sum()) if rank else 0.0
-    odds, excess = 0.0, np.full(SIZES, 1.0)
+    odds, excess = 0.0, np.ones(SIZES)
     if rank:
         largest = max(math.sqrt(spread * len(motions) / float(scales[-1])), math.e)
         excess = 1.0 + np.exp(np.linspace(0.0, 2.0 * math.log(largest), SIZES))
@@ -162,6 +162,11 @@ def exact_shape(
     )
 
 
+def log_odds_of_others(count: int, n: int) -> float:
+    """Prior log-odds of a shape of n points that is exact but for so many of them, over one that is exact."""
+    return count * math.log(ODD) - math.lgamma(n + 1) + math.lgamma(count + 1) + math.lgamma(n - count + 1)
+
+
 def without_some(
     points: Floats, covariance: Floats, motions: Sequence[tuple[Integers, Integers]], whole: ExactShape
 ) -> list[ExactShape]:
@@ -173,24 +178,23 @@ def without_some(
     # by how much χ² decreases, to first order, without each of the points
     weight, off = np.linalg.pinv(covariance), whole.moved
     pull = np.einsum("iab,ib->ia", weight, off)
-    left = covariance - whole.covariance.reshape(n, size, n, size)[np.arange(n), :, np.arange(n)]
-    less = np.einsum("ia,iab,ib->i", pull, np.linalg.pinv(weight @ left @ weight, rcond=1e-6), pull)
-    likely = np.argsort(-less, kind="stable")[:LIKELY].tolist()
+    lost = covariance - whole.covariance.reshape(n, size, n, size)[np.arange(n), :, np.arange(n)]
+    gains = np.einsum("ia,iab,ib->i", pull, np.linalg.pinv(weight @ lost @ weight, rcond=1e-6), pull)
+    likely = np.argsort(-gains, kind="stable")[:LIKELY].tolist()
     found = [whole]
     for count in (1, 2):
         for some in combinations(likely, count):
             kept = [~(np.isin(first, some) | np.isin(second, some)) for first, second in motions]
-            fewer = [
-                (one[0][which], one[1][which]) for one, which in zip(motions, kept, strict=True) if which.sum() > size
-            ]
-            one = exact_shape(points, covariance, fewer) if fewer else None
+            pairs = zip(motions, kept, strict=True)
+            left = [(first[which], second[which]) for (first, second), which in pairs if which.sum() > size]
+            one = exact_shape(points, covariance, left) if left else None
             if one is None:
                 continue
-            decrease, rank = whole.squared - one.squared, whole.freedom - one.freedom
-            sizes = -0.5 * rank * np.log(whole.excess) - 0.5 * decrease / whole.excess
-            odds = float(np.logaddexp.reduce(sizes)) - math.log(SIZES) + 0.5 * decrease
-            odds += count * math.log(ODD) - math.log(math.comb(n, count))
-            found.append(one._replace(log_odds=whole.log_odds + odds))
+            less, fewer = whole.squared - one.squared, whole.freedom - one.freedom
+            squared = np.append(one.squared + less / whole.excess, whole.squared)
+            *of_sizes, exact = student(squared, np.full(SIZES + 1, whole.freedom), NOISE_FREEDOM)
+            odds = np.logaddexp.reduce(of_sizes - 0.5 * fewer * np.log(whole.excess)) - math.log(SIZES) - exact
+            found.append(one._replace(log_odds=whole.log_odds + float(odds) + log_odds_of_others(count, n)))
     best = max(one.log_odds for one in found)
     return [one for one in found if one.log_odds > best - COUNTS]
 
