@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from shared import parser, scenes_of
 
 import rootmatch as rm
-from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.near_symmetries import symmetries_of
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import rootmatch as rm
-from rootmatch.explain.near_symmetries import body_radius
+from rootmatch.model.near_symmetries import body_radius
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionFilter
 from rootmatch.tracking.tracker import TrackingOptions

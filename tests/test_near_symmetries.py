@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from rootmatch.explain.near_symmetries import (
+from rootmatch.model.near_symmetries import (
     ANGLE,
     APART,
     DISTINCT,

@@ -9,11 +9,11 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.explain.image_hypotheses import TWINS, Candidate, model_of, proposals_of, twins_of
-from rootmatch.explain.near_symmetries import body_radius
 from rootmatch.explain.similar_subsets import MOST, MOST_POINTS, TOLERANCE, twins_of_few
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes
+from rootmatch.model.near_symmetries import body_radius
 from rootmatch.model.proposals import Proposals
 
 CAMERA = rm.Camera(500.0, 500.0, 320.0, 240.0)

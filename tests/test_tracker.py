@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 import oracles
 import rootmatch as rm
 from rootmatch.explain.image_decision import pose_of_mode
-from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import none_near
+from rootmatch.model.near_symmetries import near_symmetries
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
 from rootmatch.tracking.averaged_pose import averaged_pose

@@ -20,10 +20,10 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, kept_by_values
 from rootmatch.explain.more_places import Beside, Places
-from rootmatch.explain.near_symmetries import LEAST, SHARE, TOLERANCE, same_up_to, symmetries_of
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.modes import Modes
+from rootmatch.model.near_symmetries import LEAST, SHARE, TOLERANCE, same_up_to, symmetries_of
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE, Settled, settle
 from rootmatch.model.priors import PRESENT_ODDS

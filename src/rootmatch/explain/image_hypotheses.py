@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.detection_odds import candidate_log_odds
-from rootmatch.explain.likeness import likenesses, place_of
-from rootmatch.explain.near_symmetries import symmetries_of
+from rootmatch.explain.likeness import copies_of, likenesses, place_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.similar_subsets import twins_of_few
@@ -29,6 +28,7 @@ from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import Evidence
+from rootmatch.model.exact_shapes import grown_in_place_of
 from rootmatch.model.exchanged import beside_others, marked
 from rootmatch.model.gathering import gathered
 from rootmatch.model.known_density import Known
@@ -37,6 +37,7 @@ from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
+from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.model.parallel_poses import parallel
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
@@ -55,15 +56,13 @@ from rootmatch.model.proposals import (
 from rootmatch.problems.pose_fit.reference_point import about_centre, about_point
 
 TWINS = 4
-"""Number of a body's first poses for which near-symmetric poses and look-alikes of another body are proposed. A round
-value."""
+"""Number of a body's first poses whose twins, and look-alikes as another body, are proposed. A round value."""
 HYPEREDGES, GATHERED = 4096, 8
 """Hyper-edges of a sweep whose poses gather detections, those of the largest weights, and how many of the assignments
 that these lead to are weighed. Of 217 scenes of one body, 56 are trusted and right, 48 without them, with the same four
 wrong (benchmarks/adversary.py, seeds from 1000). Round values."""
 SUMMED, LIKELY = 4, 0.5
-"""Rounds in which changes are summed of modes that competition has made the first ones, and the probability from which
-they are. Round values."""
+"""Rounds that sum the changes of modes that competition made the first, and their least probability. Round values."""
 PREDICTION = 0.05
 """Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
 hundreds of detections are near it."""
@@ -171,8 +170,9 @@ class Candidate:
 
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
-    every, models = [], []
-    for body in bodies:
+    every, models = list[Modes](), list[DetectionModel]()
+    copies = copies_of([(one.task.points.source, one.model) for one in bodies])
+    for body, own_copies in zip(bodies, copies, strict=True):
         more, others = [], []
         for other in bodies:
             if other is body or not len(other.modes.log_odds):
@@ -182,17 +182,18 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
                 more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
                 if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
                     others.append((place, other.model.prior))
-        modes, model = body.modes, beside_others(body.model, others)
+        model = beside_others(body.model, others)
+        modes = grown_in_place_of(own_copies, model, body.modes)
         if more:
             modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
         every.append(modes)
         models.append(model)
-    told = joint_posterior(models, every)
+    told = joint_posterior(models, every, copies)
     for _ in range(SUMMED):
         known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
         if all(one is before for one, before in zip(known, every, strict=True)):
             break
-        every, told = known, joint_posterior(models, known)
+        every, told = known, joint_posterior(models, known, copies)
     return [marked(*each) for each in zip(models, told, strict=True)]
 
 
@@ -213,8 +214,7 @@ def is_enough(
     A pose elsewhere has at most as many matches as there are unexplained detections or visible points, or as one that a
     search has not met (``unmet``). Each is worth as much as those found, or as one of an unexplained detection that
     fits; a minimal set determines the pose, and is one of many. ``of_several``: each is worth only as much as those
-    found, else more bodies wait than are found (benchmarks/flights.py, room, 3 flights from 1000: right 244 of 258
-    instead of 251).
+    found, else more bodies wait than are found (benchmarks/flights.py, room, 3 flights from 1000: 244 right, not 251).
     """
     modes = told.modes
     if not len(modes.log_mass):
@@ -344,7 +344,7 @@ def few_twins(task: MatchingTask, model: DetectionModel, found: Proposals) -> li
 
 def symmetries(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
     """Row of an assignment at the place of each in the near symmetries of a body: motions, reflections, or both."""
-    points, normals = task.points.source, task.points.normals
-    found = [one for kind in mirrored for one in symmetries_of(points, normals, mirrored=kind)]
+    points, known = task.points, task.points.source_covariance
+    found = [one for kind in mirrored for one in symmetries_of(points.source, points.normals, kind, covariance=known)]
     images = {one.image.tobytes(): one.image for one in found}.values()
     return [task.sightings_of(image) for image in images]

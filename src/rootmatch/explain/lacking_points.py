@@ -19,10 +19,10 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
 from rootmatch.explain.continued_bodies import LIKELY, places_beside
 from rootmatch.explain.more_places import Beside, Places
-from rootmatch.explain.near_symmetries import TOLERANCE, NearSymmetry, same_up_to, symmetries_of
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.modes import Modes
+from rootmatch.model.near_symmetries import TOLERANCE, NearSymmetry, same_up_to, symmetries_of
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE
 

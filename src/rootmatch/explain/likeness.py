@@ -6,10 +6,14 @@ need have met that.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers, kept_by_values
 from rootmatch.explain.body_labels import SAME_SHAPE, twin_points
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.exact_shapes import Copies
 from rootmatch.model.exchanged import Places
 from rootmatch.problems.points import PointClouds, distances
 from rootmatch.problems.pose_fit.reference_point import body_radius
@@ -50,6 +54,16 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
         for known, every in (proper, found.proper), (mirrored, found.mirrored):
             known += [one for one in every[:1] if not known and np.count_nonzero(one >= 0) >= least]
     return (*proper, *mirrored)
+
+
+def copies_of(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies]:
+    """For each body (points (n, 3), model) whose points have errors, those of the others that may be copies of it."""
+    found: list[Copies] = []
+    for points, model in bodies:
+        measured = [one for one in bodies if one[1] is not model and model.source_covariance is not None]
+        pairs = [(other, twin_points(points, others)) for others, other in measured]
+        found.append([(other, image) for other, image in pairs if image is not None])
+    return found
 
 
 @kept_by_values(256)

@@ -18,7 +18,6 @@ from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import BY_ITS_LAW, lead_by_odds
-from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
@@ -26,6 +25,7 @@ from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.displaced_motions import with_displaced
 from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances, with_errors_of_source
+from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, mixed, posterior
 from rootmatch.model.priors import PRESENT

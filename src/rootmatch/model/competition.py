@@ -16,6 +16,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
+from rootmatch.model.exact_shapes import Copies, log_gains
 from rootmatch.model.exchanged import of_itself
 from rootmatch.model.joint import marginals
 from rootmatch.model.modes import Modes, none_near, same_place
@@ -28,7 +29,9 @@ KEPT = 16
 """Modes of each body that are weighed together. A round value."""
 
 
-def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) -> list[Posterior]:
+def joint_posterior(
+    models: Sequence[DetectionModel], every: Sequence[Modes], copies: Sequence[Copies] | None = None
+) -> list[Posterior]:
     """The marginal posteriors of several bodies in one image.
 
     Parameters
@@ -37,21 +40,26 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
         Of the bodies, with the same detections.
     every : sequence of Modes
         The modes of each body, proposed without regard to the others.
+    copies : sequence of sequence, optional
+        For each body, the others that may be copies of it, and which of their points are its own.
 
     Returns
     -------
     list of Posterior
         The modes of each, those among them that leave detections to others, and the marginal of each.
     """
-    count = models[0].shape[1]
+    count, copies = models[0].shape[1], copies or [()] * len(models)
+    every = [_by_gains(*each) for each in zip(models, every, copies, strict=True)]
     uses = [modes.uses(count)[:KEPT] for modes in every]
     parts = [_with_parts(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))]
     pairs = zip(uses, parts, strict=True)
     uses = [known if len(known) == len(modes.log_odds) else modes.uses(count) for known, modes in pairs]
-    masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
+    gains = [log_gains(*each) for each in zip(models, parts, copies, strict=True)]
+    more = [np.zeros(len(modes.log_mass)) if gain is None else gain for modes, gain in zip(parts, gains, strict=True)]
+    masses = [modes.log_mass + gain + PRESENT_ODDS for modes, gain in zip(parts, more, strict=True)]
     origins = [_origins(*each) for each in zip(models, parts, strict=True)]
-    copies = [(k, _as_copy(*each)) for k, each in enumerate(zip(models, parts, uses, origins, strict=True))]
-    named = [(k, mass) for k, mass in copies if mass is not None]
+    as_copies = [(k, _as_copy(*each)) for k, each in enumerate(zip(models, parts, uses, origins, strict=True))]
+    named = [(k, mass + more[k]) for k, mass in as_copies if mass is not None]
     each_of = marginals(
         [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_left,
         given=[*(-1 for _ in parts), *(k for k, _ in named)],
@@ -68,6 +76,12 @@ def joint_posterior(models: Sequence[DetectionModel], every: Sequence[Modes]) ->
             of = None if of is None else of[order]
             found.append(Posterior(modes.take(order), each[:-1][order], float(each[-1]), origins=of, copy=copy))
     return found
+
+
+def _by_gains(model: DetectionModel, modes: Modes, copies: Copies) -> Modes:
+    """Modes, the most probable first if the body may be of an exact shape."""
+    gains = log_gains(model, modes, copies) if len(modes.log_mass) > KEPT else None
+    return modes if gains is None else modes.take(np.argsort(-(modes.log_mass + gains), kind="stable"))
 
 
 def _origins(model: DetectionModel, modes: Modes) -> Integers | None:

@@ -21,6 +21,7 @@ from rootmatch.model.evidence import Evidence, evidence
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import GATE, HIDDEN, Gated, assigned, image_for_gates
+from rootmatch.model.refitted import Refitted, refitted
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 
@@ -49,23 +50,6 @@ def log_odds_if_smooth(model: DetectionModel, modes: Modes, k: int, errors: Floa
     return np.array(out)
 
 
-class _Fit(NamedTuple):
-    """An assignment's best pose, to first order, in units of the covariance of its m detections."""
-
-    root: Floats
-    """Lower triangular root (2 m, 2 m) of that covariance, px."""
-    rows: Floats
-    """Jacobian (2 m, 6)."""
-    residuals: Floats
-    """(2 m,), after the step to the best pose."""
-    step: Floats
-    """To that, (6,)."""
-    covariance: Floats
-    """Of that pose, (6, 6)."""
-    gained: float
-    """Logarithm of its evidence, over that with independent errors."""
-
-
 class _Off(NamedTuple):
     """A body with points that are off, about one pose."""
 
@@ -88,7 +72,7 @@ class _Off(NamedTuple):
                 return best
             assignment = more
 
-    def _fitted(self, assignment: Integers, found: Evidence) -> _Fit:
+    def _fitted(self, assignment: Integers, found: Evidence) -> Refitted:
         """The best pose of an assignment; ``found``: its evidence with independent errors."""
         used = assignment >= 0
         image = assignment[used]
@@ -96,27 +80,11 @@ class _Off(NamedTuple):
         own = np.einsum("iab,ij->iajb", own, np.eye(len(image)))
         offset = (self.model.target[image] - self.at.pixels[0, used]).ravel()
         rows, shared = self.at.jacobian[0, used].reshape(-1, 6), self.shared[used][:, :, used]
-        size, freedom, given = len(offset), float(found.freedom[0]), self.model.noise_freedom
-        alone = own + shared * np.eye(len(image))[:, None, :, None]
-        root, apart = (np.linalg.cholesky(one.reshape(size, size)) for one in (own + shared, alone))
-        (rows, offset), (other_rows, other_offset) = (
-            (np.linalg.solve(one, rows), np.linalg.solve(one, offset)) for one in (root, apart)
-        )
-        # what is not of the detections is of the prior
-        whole = np.linalg.inv(found.covariance[0])
-        precision = rows.T @ rows + whole - other_rows.T @ other_rows
-        slope = rows.T @ offset + whole @ found.step[0] - other_rows.T @ other_offset
-        covariance = np.linalg.inv(precision)
-        step = covariance @ slope
-        squared = float(found.squared[0] + found.decrement[0] + offset @ offset - other_offset @ other_offset)
-        squared = max(squared - float(slope @ step), 0.0)
-        gained = float(np.log(np.diagonal(apart)).sum() - np.log(np.diagonal(root)).sum())
-        gained += 0.5 * float(np.linalg.slogdet(whole)[1] - np.linalg.slogdet(precision)[1])
-        gained += 0.5 * (given + freedom) * math.log((given + float(found.squared[0])) / (given + squared))
-        left = offset - rows @ step
-        return _Fit(root, rows, residuals=left, step=step, covariance=covariance, gained=gained)
+        alone, size = own + shared * np.eye(len(image))[:, None, :, None], len(offset)
+        known = rows, offset, alone.reshape(size, size), self.model.noise_freedom
+        return refitted(found, known, (own + shared).reshape(size, size), offset)
 
-    def _about(self, assignment: Integers, fit: _Fit, visible: Floats) -> Integers:
+    def _about(self, assignment: Integers, fit: Refitted, visible: Floats) -> Integers:
         """An assignment with the surer half of the further matches that it leads to."""
         used = assignment >= 0
         n = len(used)

@@ -18,13 +18,13 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.match_options import SamplerName
-from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.explain.predicted_poses import compared
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
 from rootmatch.frozen import copied
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
+from rootmatch.model.near_symmetries import near_symmetries
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.shared_errors import whole

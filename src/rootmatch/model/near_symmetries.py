@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import frames_of_triangles
 from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
@@ -25,6 +26,9 @@ value: the radius of a headset is 10 cm, and the halves of the one in benchmarks
 DISTINCT = 0.25
 """The same over the distance of neighbours, if that is less: of what is long they are near, and some of its points
 nearer than most. A round value."""
+ERRORS = 6.0
+"""The same in standard deviations of a coordinate of points that were measured, if that is more: of two such points one
+in a thousand is farther from the other. A round value."""
 LEAST, SHARE = 6, 0.25
 """Number of points that have to be mapped, and share of all: with fewer, hardly any side shows only mapped points.
 Round values."""
@@ -93,6 +97,12 @@ def same_up_to(source: Floats) -> float:
     return max(min(TOLERANCE * body_radius(source), DISTINCT * neighbour), least)
 
 
+def _reach(source: Floats, near: float) -> Floats:
+    """Distance (n,) up to which points are the same as each, for those that are the same up to ``near`` otherwise."""
+    distance = np.linalg.norm(source[:, None] - source, axis=2)
+    return np.asarray(np.minimum(near, DISTINCT * np.partition(distance, 1, axis=1)[:, 1]))
+
+
 def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
     """Motions (R, t), x' = R x + t, that map a quarter of a body's points onto others, those that map most first.
 
@@ -102,7 +112,12 @@ def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[t
 
 
 def symmetries_of(
-    source: Floats, normals: Floats | None, mirrored: bool = False, *, least: int = LEAST
+    source: Floats,
+    normals: Floats | None,
+    mirrored: bool = False,
+    *,
+    least: int = LEAST,
+    covariance: Floats | None = None,
 ) -> tuple[NearSymmetry, ...]:
     """The near symmetries of a body, those that map most points first; computed once for each body.
 
@@ -119,16 +134,23 @@ def symmetries_of(
         Reflections, with or without a rotation, instead of motions.
     least : int
         Least number of points that are mapped.
+    covariance : (n, 3, 3) array, optional
+        Of the points, if they were measured.
     """
     if not LEAST <= len(source) <= MOST_POINTS:
         return ()
-    return _known(source, normals, mirrored, max(least, math.ceil(SHARE * len(source))))
+    noise = None if covariance is None else ERRORS * mean_deviation(covariance)
+    if noise is not None and (noise <= _reach(source, same_up_to(source))).all():
+        noise = None  # as for points that are exact, which are asked for as well
+    return _known(source, normals, mirrored, max(least, math.ceil(SHARE * len(source))), noise)
 
 
 @kept_by_values(128)
-def _known(source: Floats, normals: Floats | None, mirrored: bool, least: int) -> tuple[NearSymmetry, ...]:
+def _known(
+    source: Floats, normals: Floats | None, mirrored: bool, least: int, noise: Floats | None
+) -> tuple[NearSymmetry, ...]:
     """See `symmetries_of`."""
-    found = _found(_Body.of(source, normals, -1.0 if mirrored else 1.0), least)
+    found = _found(_Body.of(source, normals, -1.0 if mirrored else 1.0, noise), least)
     for one in found:
         for array in one:
             array.setflags(write=False)
@@ -152,15 +174,18 @@ class _Body(NamedTuple):
     """(n,) the same of each point, less where it has near neighbours."""
 
     @classmethod
-    def of(cls, source: Floats, normals: Floats | None, sign: float) -> _Body:
-        """A body of points (n, 3) with outward normals (n, 3) of any length."""
+    def of(cls, source: Floats, normals: Floats | None, sign: float, noise: Floats | None) -> _Body:
+        """A body of points (n, 3) with outward normals (n, 3) of any length, the same up to a noise (n,) at least."""
         unit = None
         if normals is not None:
             length = np.linalg.norm(normals, axis=1, keepdims=True)
             unit = normals / np.where(length > 0.0, length, 1.0)
         distance = np.linalg.norm(source[:, None] - source, axis=2)
-        neighbour, near = np.partition(distance, 1, axis=1)[:, 1], same_up_to(source)
-        return cls(source, unit, sign, distance=distance, near=near, reach=np.minimum(near, DISTINCT * neighbour))
+        near = same_up_to(source)
+        reach = _reach(source, near)
+        if noise is not None:
+            near, reach = max(near, float(np.median(noise))), np.maximum(reach, noise)
+        return cls(source, unit, sign, distance=distance, near=near, reach=reach)
 
     def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
         """Whether a motion is nearly the same as one of those found."""

@@ -1,0 +1,196 @@
+"""Bodies that may be exactly symmetric, or exact copies of each other, though their points were measured with errors.
+
+What is measured of such a body tells nothing of which way round it is. So its points are those that were measured, or
+those that are symmetric and the most probable by them: see `rootmatch.model.exact_symmetry`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.deadline import checkpoint
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import evidence
+from rootmatch.model.exact_symmetry import ExactShape, exact_shape, log_odds_of_others, without_some
+from rootmatch.model.mode_search import GROWN, with_sums
+from rootmatch.model.modes import Modes
+from rootmatch.model.near_symmetries import DISTINCT, symmetries_of
+from rootmatch.model.refitted import refitted
+from rootmatch.samplers.point_sets.motions import fitted_motions
+
+DRAWN = 0.01
+"""Mean square deviation, in units of the noise, below which points were drawn so rather than measured: labellings are
+equal as they are. A round value."""
+FAR_BEHIND = 60.0
+"""Log-odds behind the best mode beyond which none that is worse than clutter is weighed as one of an exact shape. A
+round value."""
+
+Copies = Sequence[tuple[DetectionModel, Integers]]
+"""Bodies, and the point (n,) of each for every point of another one that they are copies of."""
+
+
+def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Floats | None:
+    """By how much the log-odds (M,) of a body's modes change as it may be of an exact shape; None if it is of none.
+
+    What the body weighs against clutter stays what it is, as nobody says whether its points were measured or drawn.
+    """
+    if model.source_covariance is None or len(modes.log_odds) < 2:
+        return None
+    shapes = _shapes_of(model, copies)
+    if not shapes:
+        return None
+    counts = modes.log_mass > min(modes.log_mass.max() - FAR_BEHIND, 0.0)
+    (some,) = counts.nonzero()
+    odds = np.array([0.0, *(shape.log_odds for shape in shapes)])
+    own, *exact = odds - np.logaddexp.reduce(odds)
+    gains, kept = np.full(len(counts), own), modes.take(some)
+    for share, shape in zip(exact, shapes, strict=True):
+        gains[some] = np.logaddexp(gains[some], share + _gained(model, kept, shape))
+    before, after = (float(np.logaddexp.reduce(one)) for one in (modes.log_mass, modes.log_mass + gains))
+    return np.asarray(gains + before - after)
+
+
+def grown_in_place_of(copies: Copies, model: DetectionModel, modes: Modes) -> Modes:
+    """Modes of a body that may be an exact copy of others, with the sums of those that are far behind the best.
+
+    What the body shows in the place of a copy is as much its own.
+    """
+    if model.source_covariance is None or not copies or not _shapes_of(model, copies):
+        return modes
+    for _ in range(GROWN):
+        (left,) = np.nonzero(~modes.summed & (modes.log_odds > 0.0))
+        if not len(left):
+            break
+        modes = with_sums(model, modes, int(left[0]))
+    return modes
+
+
+def _gained(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
+    """Logarithm (M,) of the evidence of modes with points of an exact shape, over that with those measured.
+
+    With matches that fit that shape alone, and with what other turns of all points onto themselves match: any turn may.
+    """
+    of, every = np.arange(len(modes.log_odds)), modes.assignments
+    adding = [_adding(one, near[0]) for one, near in zip(every, modes.near, strict=True)]
+    of = np.concatenate([of, np.repeat(of, [len(one) for one in adding])])
+    values = _log_odds(model, modes, (of, np.concatenate([every, *adding])), shape)
+    out = values[: len(every)].copy()
+    np.maximum.at(out, of, values)
+    more, together = np.concatenate([every[:0], *adding]), every.copy()
+    for k, one, value in zip(of[len(every) :], more, values[len(every) :], strict=True):
+        new = np.setdiff1d(one, together[k])
+        if value > values[k] and len(new) == 1:
+            together[k] = np.where(one == new[0], new[0], together[k])
+    (several,) = np.nonzero((together >= 0).sum(axis=1) > (every >= 0).sum(axis=1) + 1)
+    if len(several):
+        at_once = _log_odds(model, modes, (several, together[several]), shape)
+        out[several] = np.maximum(out[several], at_once)
+    of_turns = _turns_of(model, modes, shape)
+    best = np.full(len(out), -np.inf)
+    np.maximum.at(best, of_turns, out)
+    return np.asarray(best[of_turns] - modes.log_odds)
+
+
+def _turns_of(model: DetectionModel, modes: Modes, shape: ExactShape) -> Integers:
+    """The first (M,) of the modes that puts all points of an exact shape where each mode puts others of them."""
+    points = model.about_centre[0][: len(shape.moved)] + shape.moved
+    placed = points @ modes.rotation.swapaxes(1, 2) + modes.position[:, None]
+    reach = DISTINCT * np.partition(np.linalg.norm(points[:, None] - points, axis=2), 1, axis=1)[:, 1]
+    assert model.source_covariance is not None
+    variance, out = np.trace(model.source_covariance, axis1=1, axis2=2).min(), np.arange(len(placed))
+    for k in range(1, len(placed)):
+        for first in np.unique(out[:k]).tolist():
+            off = np.linalg.norm(placed[k][:, None] - placed[first], axis=2)
+            to = off.argmin(axis=1)
+            if (off.min(axis=1) >= reach).any() or len(np.unique(to)) < len(points):
+                continue
+            turn = fitted_motions(points[None], points[None, to], scaled=False, mirror=False)
+            left = points @ turn.linear[0].T + turn.shift[0] - points[to]
+            if (left**2).sum(axis=1).max() < DRAWN * variance:  # rather than displaced, as a landmark
+                out[k] = first
+                break
+    return out
+
+
+def _adding(assignment: Integers, changed: Integers) -> Integers:
+    """Those of some changes (C, n) of an assignment (n,) that add a match and leave the others."""
+    left = (changed == assignment) | (assignment < 0)
+    return np.asarray(changed[left.all(axis=1) & ((changed >= 0).sum(axis=1) > (assignment >= 0).sum())])
+
+
+def _log_odds(model: DetectionModel, modes: Modes, hypotheses: tuple[Integers, Integers], shape: ExactShape) -> Floats:
+    """Log-odds (K,) of assignments (K, n) about the poses of some modes (K,), with points of an exact shape."""
+    of, assignments = hypotheses
+    n, at = len(shape.moved), model.linearised(modes.rotation[of], modes.position[of])
+    found = evidence(model, assignments, at)
+    by_point = at.by_position @ at.rotation[:, None]
+    own = model.own_covariances(at, np.maximum(assignments, 0))
+    out = found.log_odds.copy()
+    for k in np.flatnonzero(np.isfinite(out)).tolist():
+        checkpoint()
+        used = np.flatnonzero(assignments[k] >= 0)
+        m, size = np.arange(len(used)), 2 * len(used)
+        by_points = np.zeros((len(used), 2, n, 3))  # sightings of one point share its error
+        by_points[m, :, used % n] = by_point[k, used]
+        white = np.zeros((len(used), 2, len(used), 2))
+        white[m, :, m] = own[k, used]
+        rows = by_points.reshape(size, -1)
+        assert model.source_covariance is not None
+        of_points = np.einsum("kanb,nbc->kanc", by_points, model.source_covariance[:n])
+        alone = white.reshape(size, size) + of_points.reshape(size, -1) @ rows.T
+        spread = white.reshape(size, size) + rows @ shape.covariance @ rows.T
+        offset = (model.target[assignments[k, used]] - at.pixels[k, used]).ravel()
+        known = at.jacobian[k, used].reshape(size, 6), offset, alone, model.noise_freedom
+        out[k] += refitted(found.take(slice(k, k + 1)), known, spread, offset - rows @ shape.moved.ravel()).gained
+    return out
+
+
+def _shapes_of(model: DetectionModel, copies: Copies) -> tuple[ExactShape, ...]:
+    """The exact shapes of a body by its own near symmetries and its copies."""
+    assert model.source_covariance is not None
+    n = len(model.points) // max(len(model.images), 1)
+    points, covariance = [model.points[:n]], [model.source_covariance[:n]]
+    normals = None if model.normals is None else model.normals[:n]
+    images = [one.image for one in symmetries_of(points[0], normals, covariance=covariance[0])]
+    for copy, image in copies:
+        if copy.source_covariance is None:
+            continue
+        images.append(n * len(points) + image)
+        points.append(copy.points[:n])
+        covariance.append(copy.source_covariance[:n])
+    if not images:
+        return ()
+    return _exact_shapes(np.concatenate(points), np.concatenate(covariance), np.array(images))
+
+
+@kept_by_values(128)
+def _exact_shapes(points: Floats, covariance: Floats, images: Integers) -> tuple[ExactShape, ...]:
+    """The shapes of a body, the first n points, by motions that are exact with one half or more; none without any.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        Of the body and of its copies.
+    covariance : (N, 3, 3) array
+    images : (W, n) int64 array
+        The point at the place of each of the body after a motion; −1 for none.
+    """
+    n, motions, fewest = images.shape[1], [], images.shape[1]
+    for image in images:
+        checkpoint()
+        (first,) = np.nonzero(image >= 0)
+        every, place = np.unique(np.concatenate([first, image[first]]), return_inverse=True)
+        motion = place[: len(first)], place[len(first) :]
+        one = exact_shape(points[every], covariance[every], [motion])
+        if one is not None and one.log_odds + log_odds_of_others(n - len(first), n) >= 0.0:
+            motions.append((first, image[first]))
+            fewest = min(fewest, n - len(first))
+    found = exact_shape(points, covariance, motions) if motions else None
+    if found is None or found.squared < DRAWN * found.freedom:
+        return ()
+    found = found._replace(log_odds=found.log_odds + log_odds_of_others(fewest, n))
+    own = without_some(points, covariance, motions, found)
+    return tuple(one._replace(moved=one.moved[:n], covariance=one.covariance[: 3 * n, : 3 * n]) for one in own)
