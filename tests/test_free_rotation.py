@@ -15,7 +15,7 @@ from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior
-from rootmatch.problems.pose_fit.reference_point import with_curvature
+from rootmatch.problems.pose_fit.reference_point import about_point, with_curvature
 from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.motion_filter import MotionFilter
 
@@ -80,6 +80,29 @@ def test_an_average_leaves_a_rotation_that_no_detection_tells() -> None:
     axis = modes.rotation[0] @ line[:3] / sigma
     assert pose.covariance is not None
     assert 0.9 < axis @ pose.covariance[:3, :3] @ axis / sigma**2 < 1.3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_average_leaves_what_first_order_tells_well(seed: int) -> None:
+    """Four points of a bar, whose tilt and distance are as uncertain as its turn about itself: as its fit says."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([np.linspace(-0.2, 0.2, 4), rng.normal(0.0, 0.015, (4, 2))])
+    R, position = Rotation.from_euler("y", 0.45).as_matrix(), np.array([0.2, -0.1, 3.5])
+    camera = Camera(1000.0, 1000.0, 640.0, 512.0)
+    target = camera.project((points - points.mean(axis=0)) @ R.T + position) + rng.normal(0.0, 0.3, (4, 2))
+    prior = Gaussian(R, position, np.diag([0.06] * 3 + [0.2] * 3) ** 2)
+    model = DetectionModel(camera, points, target, np.full(4, 0.3), rate=0.9, prior=prior)
+    modes = modes_of(model, Proposals(np.arange(4)[None], R[None], position[None]))
+    pose = averaged_pose(model, modes._replace(near=none_near(len(modes.near), 4)), 0)
+    assert pose.covariance is not None
+    _, averaged = about_point(pose.R, pose.t, pose.covariance, model.centre)
+    fitted = modes.covariance[0]
+    values, vectors = np.linalg.eigh(fitted / np.outer([1.0] * 3 + [3.5] * 3, [1.0] * 3 + [3.5] * 3))
+    assert values[-2] > 0.02**2, "two directions are averaged over"
+    weak = np.array([1.0] * 3 + [1.0 / 3.5] * 3)[:, None] * vectors[:, -2:]
+    ratio = np.diag(weak.T @ averaged @ weak) / values[-2:]
+    assert (ratio > 0.9).all()
+    assert (ratio < 1.8).all()
 
 
 def test_a_frame_that_tells_nothing_of_a_rotation_narrows_no_motion() -> None:

@@ -92,16 +92,17 @@ def test_poses_averaged_along_weak_directions(name: str) -> None:
 
 @pytest.mark.parametrize("weak", range(1, 7))
 def test_a_step_without_its_part_along_lines(weak: int) -> None:
-    """What is left is orthogonal to each line in the metric of the precision."""
+    """It has no part along the lines, and of such steps none leads to a better pose."""
     rng = np.random.default_rng(weak)
     rows = rng.normal(size=(8, 6))
     precision: Floats = rows.T @ rows
-    lines, step = rng.normal(size=(6, weak)), rng.normal(size=6)
+    duals, step = rng.normal(size=(6, weak)), rng.normal(size=6)
     across = step.copy()
-    leave_out.py_func(lines, precision, across, (np.empty((6, 6)), np.empty((6, 6))))  # type: ignore[attr-defined]
-    np.testing.assert_allclose(lines.T @ precision @ across, 0.0, atol=1e-8)
-    taken = np.linalg.lstsq(lines, step - across, rcond=None)[0]
-    np.testing.assert_allclose(lines @ taken, step - across, atol=1e-8)
+    work = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    leave_out.py_func(duals, np.linalg.inv(precision), across, work)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(duals.T @ across, 0.0, atol=1e-8)
+    free = np.linalg.svd(duals.T)[2][weak:]
+    np.testing.assert_allclose(free @ precision @ (step - across), 0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("seed", [1031, 1036, 1040])

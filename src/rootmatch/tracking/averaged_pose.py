@@ -165,11 +165,13 @@ def _along(
     moved = on_arc(off[:, :3], off[:, 3:])
     rotation, places = rotation_from_vector(off[:, :3]) @ known.rotation, known.position + moved
     assignments = np.repeat(assignment[None], len(off), axis=0)
-    found, lines = evidence(model, assignments, model.linearised(rotation, places)), _referred(moved) @ lines
+    found = evidence(model, assignments, model.linearised(rotation, places))
     # to the valley, but along none of its weak directions
-    precise = np.linalg.inv(found.covariance) @ lines
-    along = np.linalg.solve(lines.swapaxes(1, 2) @ precise, (found.step[:, None] @ precise).swapaxes(1, 2))
-    across = found.step - (lines @ along)[..., 0]
+    unit = np.repeat([1.0, known.position @ known.position], 3)
+    duals = _referred(-moved).swapaxes(1, 2) @ (lines / unit[:, None])
+    push = found.covariance @ duals
+    along = np.linalg.solve(duals.swapaxes(1, 2) @ push, (found.step[:, None] @ duals).swapaxes(1, 2))
+    across = found.step - (push @ along)[..., 0]
     rotation, places = rotation_from_vector(across[:, :3]) @ rotation, places + across[:, 3:]
     off = off + (_referred(-moved) @ across[..., None])[..., 0]
     at = model.linearised(rotation, places)

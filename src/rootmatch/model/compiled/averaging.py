@@ -19,37 +19,53 @@ from rootmatch.model.compiled.visibility import see_one
 
 
 @part
-def leave_out(lines, precision, step, work):  # type: ignore[no-untyped-def]
-    """A step (6,) without its part along lines (6, w), in place; ``precision`` (6, 6), ``work`` (2, 6, 6): scratch."""
-    precise, square = work
-    w = lines.shape[1]
+def leave_out(duals, covariance, step, work):  # type: ignore[no-untyped-def]
+    """A step (6,) to the best pose that has no part along lines, in place.
+
+    ``duals`` (6, w): see `dual_to`; ``covariance`` (6, 6): of the fit; ``work`` (6, 6), (6, 6) and (6,): scratch.
+    """
+    push, square, along = work
+    w = duals.shape[1]
     for p in range(6):
         for b in range(w):
-            precise[p, b] = 0.0
+            push[p, b] = 0.0
             for q in range(6):
-                precise[p, b] += precision[p, q] * lines[q, b]
+                push[p, b] += covariance[p, q] * duals[q, b]
     # least squares by Gauss and Jordan: the normal matrix of directions that are independent is positive definite
     for a in range(w):
+        along[a] = 0.0
+        for p in range(6):
+            along[a] += duals[p, a] * step[p]
         for b in range(w):
             square[a, b] = 0.0
             for p in range(6):
-                square[a, b] += lines[p, a] * precise[p, b]
-    for b in range(w):
-        total = 0.0
-        for p in range(6):
-            total += step[p] * precise[p, b]
-        precise[0, b] = total
+                square[a, b] += duals[p, a] * push[p, b]
     for a in range(w):
         for b in range(w):
             if b != a:
                 ratio = square[b, a] / square[a, a]
-                precise[0, b] -= ratio * precise[0, a]
+                along[b] -= ratio * along[a]
                 for c in range(a, w):
                     square[b, c] -= ratio * square[a, c]
     for b in range(w):
-        along = precise[0, b] / square[b, b]
         for p in range(6):
-            step[p] -= along * lines[p, b]
+            step[p] -= along[b] / square[b, b] * push[p, b]
+
+
+@part
+def dual_to(lines, squared, arm, out):  # type: ignore[no-untyped-def]
+    """Directions (6, w) whose product with a motion is how far it is along each of some lines, but for a factor.
+
+    ``squared``: of the distance, by which turns and moves are compared; ``arm`` (3,): from the place of the centre that
+    the motion is of to that of the lines.
+    """
+    x, y, z = arm
+    for b in range(lines.shape[1]):
+        u, v, w = lines[3, b] / squared, lines[4, b] / squared, lines[5, b] / squared
+        out[0, b] = lines[0, b] + y * w - z * v
+        out[1, b] = lines[1, b] + z * u - x * w
+        out[2, b] = lines[2, b] + x * v - y * u
+        out[3, b], out[4, b], out[5, b] = u, v, w
 
 
 @part
@@ -145,7 +161,8 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     step = np.empty((1, 6))
     one = np.empty(1)  # of what is not read
     weighed = one, step, np.empty((1, 6, 6)), one, one, np.empty((1, n)), one, one
-    work, moved = (np.empty((6, 6)), np.empty((6, 6))), np.empty(lines.shape)
+    work, duals = (np.empty((6, 6)), np.empty((6, 6)), np.empty(6)), np.empty(lines.shape)
+    squared = position[0, 0] ** 2 + position[0, 1] ** 2 + position[0, 2] ** 2
     values, off, mean, visible = np.empty(count), np.empty((count, 6)), np.zeros(6), np.empty(n)
     # what is known beside the detections, as it is about the fit
     components_about(0, (rotation, position), known, room)
@@ -166,8 +183,8 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
             known_at(off[k], about, arm, terms)
             weigh_one(0, 0, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
             # to the valley, but along none of its weak directions
-            refer_rows(lines, -arm[0], -arm[1], -arm[2], moved)
-            leave_out(moved, scratch[0][0], step[0], work)
+            dual_to(lines, squared, arm, duals)
+            leave_out(duals, weighed[2][0], step[0], work)
             step_of_one(0, step, poses[0], poses[1], math.inf, poses[0], poses[1])
             linearise_one(0, body, poses, views, images)
             refer_rows(step.T, arm[0], arm[1], arm[2], step.T)
