@@ -180,4 +180,4 @@ def test_nothing_changes_for_points_that_are_exact_or_drawn() -> None:
         )
         modes = modes_of(model, proposals)
         assert len(modes.log_odds) == 2
-        assert log_gains(model, modes) is None
+        assert log_gains(model, modes) == 0.0

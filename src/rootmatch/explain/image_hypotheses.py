@@ -170,9 +170,9 @@ class Candidate:
 
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
-    every, models = list[Modes](), list[DetectionModel]()
+    every, models = [], []
     copies = copies_of([(one.task.points.source, one.model) for one in bodies])
-    for body, own_copies in zip(bodies, copies, strict=True):
+    for k, body in enumerate(bodies):
         more, others = [], []
         for other in bodies:
             if other is body or not len(other.modes.log_odds):
@@ -183,7 +183,7 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
                 if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
                     others.append((place, other.model.prior))
         model = beside_others(body.model, others)
-        modes = grown_in_place_of(own_copies, model, body.modes)
+        modes = body.modes if copies is None else grown_in_place_of(copies[k], model, body.modes)
         if more:
             modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
         every.append(modes)

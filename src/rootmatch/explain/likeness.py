@@ -56,12 +56,18 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
     return (*proper, *mirrored)
 
 
-def copies_of(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies]:
-    """For each body (points (n, 3), model) whose points have errors, those of the others that may be copies of it."""
+def copies_of(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies] | None:
+    """For each body (points (n, 3), model) whose points have errors, those of the others that may be copies of it.
+
+    None if the points of none have errors.
+    """
+    measured = [one for one in bodies if one[1].source_covariance is not None]
+    if not measured:
+        return None
     found: list[Copies] = []
     for points, model in bodies:
-        measured = [one for one in bodies if one[1] is not model and model.source_covariance is not None]
-        pairs = [(other, twin_points(points, others)) for others, other in measured]
+        others = [one for one in measured if one[1] is not model and model.source_covariance is not None]
+        pairs = [(other, twin_points(points, own)) for own, other in others]
         found.append([(other, image) for other, image in pairs if image is not None])
     return found
 

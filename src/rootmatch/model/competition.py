@@ -41,25 +41,29 @@ def joint_posterior(
     every : sequence of Modes
         The modes of each body, proposed without regard to the others.
     copies : sequence of sequence, optional
-        For each body, the others that may be copies of it, and which of their points are its own.
+        For each body, the others that may be copies of it, and which of their points are its own. None if no body's
+        points have errors: then none is of an exact shape that they hide.
 
     Returns
     -------
     list of Posterior
         The modes of each, those among them that leave detections to others, and the marginal of each.
     """
-    count, copies = models[0].shape[1], copies or [()] * len(models)
-    every = [_by_gains(*each) for each in zip(models, every, copies, strict=True)]
+    count = models[0].shape[1]
+    if copies is not None:
+        every = [_by_gains(*each) for each in zip(models, every, copies, strict=True)]
     uses = [modes.uses(count)[:KEPT] for modes in every]
     parts = [_with_parts(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))]
     pairs = zip(uses, parts, strict=True)
     uses = [known if len(known) == len(modes.log_odds) else modes.uses(count) for known, modes in pairs]
-    gains = [log_gains(*each) for each in zip(models, parts, copies, strict=True)]
-    more = [np.zeros(len(modes.log_mass)) if gain is None else gain for modes, gain in zip(parts, gains, strict=True)]
-    masses = [modes.log_mass + gain + PRESENT_ODDS for modes, gain in zip(parts, more, strict=True)]
+    masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
     origins = [_origins(*each) for each in zip(models, parts, strict=True)]
     as_copies = [(k, _as_copy(*each)) for k, each in enumerate(zip(models, parts, uses, origins, strict=True))]
-    named = [(k, mass + more[k]) for k, mass in as_copies if mass is not None]
+    named = [(k, mass) for k, mass in as_copies if mass is not None]
+    if copies is not None:
+        gains = [log_gains(*each) for each in zip(models, parts, copies, strict=True)]
+        masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
+        named = [(k, mass + gains[k]) for k, mass in named]
     each_of = marginals(
         [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_left,
         given=[*(-1 for _ in parts), *(k for k, _ in named)],
@@ -80,8 +84,9 @@ def joint_posterior(
 
 def _by_gains(model: DetectionModel, modes: Modes, copies: Copies) -> Modes:
     """Modes, the most probable first if the body may be of an exact shape."""
-    gains = log_gains(model, modes, copies) if len(modes.log_mass) > KEPT else None
-    return modes if gains is None else modes.take(np.argsort(-(modes.log_mass + gains), kind="stable"))
+    if len(modes.log_mass) <= KEPT:
+        return modes
+    return modes.take(np.argsort(-(modes.log_mass + log_gains(model, modes, copies)), kind="stable"))
 
 
 def _origins(model: DetectionModel, modes: Modes) -> Integers | None:

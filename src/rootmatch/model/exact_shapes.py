@@ -32,16 +32,16 @@ Copies = Sequence[tuple[DetectionModel, Integers]]
 """Bodies, and the point (n,) of each for every point of another one that they are copies of."""
 
 
-def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Floats | None:
-    """By how much the log-odds (M,) of a body's modes change as it may be of an exact shape; None if it is of none.
+def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Floats | float:
+    """By how much the log-odds (M,) of a body's modes change as it may be of an exact shape; 0 if it is of none.
 
     What the body weighs against clutter stays what it is, as nobody says whether its points were measured or drawn.
     """
     if model.source_covariance is None or len(modes.log_odds) < 2:
-        return None
+        return 0.0
     shapes = _shapes_of(model, copies)
     if not shapes:
-        return None
+        return 0.0
     counts = modes.log_mass > min(modes.log_mass.max() - FAR_BEHIND, 0.0)
     (some,) = counts.nonzero()
     odds = np.array([0.0, *(shape.log_odds for shape in shapes)])

@@ -275,7 +275,7 @@ def met_beside(model: DetectionModel, modes: Modes, each: Floats, alone: Floats,
     ``each`` (M,): logarithms of the probabilities of the modes in the frame; ``alone`` (M,): as of `in_places`.
     """
     own = np.array([log_weight(one) for one in alone.tolist()])
-    (told,) = joint_posterior([model], [modes])  # as if there was no other body
+    (told,) = joint_posterior([model], [modes], [()])  # as if there was no other body
     same = (told.modes.assignments == modes.assignments[:, None]).all(axis=2)
     same &= (told.modes.position == modes.position[:, None]).all(axis=2)
     without = np.log(np.maximum((same * told.probabilities).max(axis=1), 1e-300))
