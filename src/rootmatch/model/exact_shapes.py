@@ -18,7 +18,7 @@ from rootmatch.model.exact_symmetry import ExactShape, exact_shape, log_odds_of_
 from rootmatch.model.mode_search import GROWN, with_sums
 from rootmatch.model.modes import Modes
 from rootmatch.model.near_symmetries import DISTINCT, symmetries_of
-from rootmatch.model.refitted import refitted
+from rootmatch.model.reweighed import reweighed
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
 DRAWN = 0.01
@@ -144,7 +144,7 @@ def _log_odds(model: DetectionModel, modes: Modes, hypotheses: tuple[Integers, I
         spread = white.reshape(size, size) + rows @ shape.covariance @ rows.T
         offset = (model.target[assignments[k, used]] - at.pixels[k, used]).ravel()
         known = at.jacobian[k, used].reshape(size, 6), offset, alone, model.noise_freedom
-        out[k] += refitted(found.take(slice(k, k + 1)), known, spread, offset - rows @ shape.moved.ravel()).gained
+        out[k] += reweighed(found.take(slice(k, k + 1)), known, spread, offset - rows @ shape.moved.ravel()).gained
     return out
 
 

@@ -21,7 +21,7 @@ from rootmatch.model.evidence import Evidence, evidence
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import GATE, HIDDEN, Gated, assigned, image_for_gates
-from rootmatch.model.refitted import Refitted, refitted
+from rootmatch.model.reweighed import Reweighed, reweighed
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 
@@ -72,7 +72,7 @@ class _Off(NamedTuple):
                 return best
             assignment = more
 
-    def _fitted(self, assignment: Integers, found: Evidence) -> Refitted:
+    def _fitted(self, assignment: Integers, found: Evidence) -> Reweighed:
         """The best pose of an assignment; ``found``: its evidence with independent errors."""
         used = assignment >= 0
         image = assignment[used]
@@ -82,9 +82,9 @@ class _Off(NamedTuple):
         rows, shared = self.at.jacobian[0, used].reshape(-1, 6), self.shared[used][:, :, used]
         alone, size = own + shared * np.eye(len(image))[:, None, :, None], len(offset)
         known = rows, offset, alone.reshape(size, size), self.model.noise_freedom
-        return refitted(found, known, (own + shared).reshape(size, size), offset)
+        return reweighed(found, known, (own + shared).reshape(size, size), offset)
 
-    def _about(self, assignment: Integers, fit: Refitted, visible: Floats) -> Integers:
+    def _about(self, assignment: Integers, fit: Reweighed, visible: Floats) -> Integers:
         """An assignment with the surer half of the further matches that it leads to."""
         used = assignment >= 0
         n = len(used)

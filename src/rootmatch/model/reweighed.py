@@ -11,7 +11,7 @@ from rootmatch.arrays import Floats
 from rootmatch.model.evidence import Evidence
 
 
-class Refitted(NamedTuple):
+class Reweighed(NamedTuple):
     """An assignment's best pose, to first order, in units of the covariance of its m detections."""
 
     root: Floats
@@ -28,7 +28,9 @@ class Refitted(NamedTuple):
     """Logarithm of its evidence, over that with the covariance before."""
 
 
-def refitted(found: Evidence, known: tuple[Floats, Floats, Floats, float], spread: Floats, offset: Floats) -> Refitted:
+def reweighed(
+    found: Evidence, known: tuple[Floats, Floats, Floats, float], spread: Floats, offset: Floats
+) -> Reweighed:
     """The first of some hypotheses with another covariance and other offsets of its detections.
 
     Parameters
@@ -59,6 +61,6 @@ def refitted(found: Evidence, known: tuple[Floats, Floats, Floats, float], sprea
     gained = float(np.log(np.diagonal(apart)).sum() - np.log(np.diagonal(root)).sum())
     gained += 0.5 * float(np.linalg.slogdet(whole)[1] - np.linalg.slogdet(precision)[1])
     gained += 0.5 * (given + freedom) * math.log((given + squared) / (given + now))
-    return Refitted(
+    return Reweighed(
         np.asarray(root), rows, residuals=offset - rows @ step, step=step, covariance=covariance, gained=gained
     )
