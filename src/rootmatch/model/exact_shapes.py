@@ -17,7 +17,7 @@ from rootmatch.model.evidence import evidence
 from rootmatch.model.exact_symmetry import ExactShape, exact_shape, log_odds_of_others, without_some
 from rootmatch.model.mode_search import GROWN, with_sums
 from rootmatch.model.modes import Modes
-from rootmatch.model.near_symmetries import DISTINCT, symmetries_of
+from rootmatch.model.near_symmetries import distinct_within, symmetries_of
 from rootmatch.model.reweighed import reweighed
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
@@ -29,7 +29,7 @@ FAR_BEHIND = 60.0
 round value."""
 
 Copies = Sequence[tuple[DetectionModel, Integers]]
-"""Bodies, and the point (n,) of each for every point of another one that they are copies of."""
+"""Bodies that were measured, and the point (n,) of each for every point of another one that they are copies of."""
 
 
 def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Floats | float:
@@ -98,7 +98,7 @@ def _turns_of(model: DetectionModel, modes: Modes, shape: ExactShape) -> Integer
     """The first (M,) of the modes that puts all points of an exact shape where each mode puts others of them."""
     points = model.about_centre[0][: len(shape.moved)] + shape.moved
     placed = points @ modes.rotation.swapaxes(1, 2) + modes.position[:, None]
-    reach = DISTINCT * np.partition(np.linalg.norm(points[:, None] - points, axis=2), 1, axis=1)[:, 1]
+    reach = distinct_within(points)
     assert model.source_covariance is not None
     variance, out = np.trace(model.source_covariance, axis1=1, axis2=2).min(), np.arange(len(placed))
     for k in range(1, len(placed)):
@@ -156,8 +156,7 @@ def _shapes_of(model: DetectionModel, copies: Copies) -> tuple[ExactShape, ...]:
     normals = None if model.normals is None else model.normals[:n]
     images = [one.image for one in symmetries_of(points[0], normals, covariance=covariance[0])]
     for copy, image in copies:
-        if copy.source_covariance is None:
-            continue
+        assert copy.source_covariance is not None
         images.append(n * len(points) + image)
         points.append(copy.points[:n])
         covariance.append(copy.source_covariance[:n])

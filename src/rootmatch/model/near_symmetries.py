@@ -91,16 +91,14 @@ def same_up_to(source: Floats) -> float:
 
     Where they are near each other, they are told apart, as far as the words of `STEPS` can.
     """
-    distance = np.linalg.norm(source[:, None] - source, axis=2)
-    neighbour = float(np.median(np.partition(distance, 1, axis=1)[:, 1]))
     least = LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))
-    return max(min(TOLERANCE * body_radius(source), DISTINCT * neighbour), least)
+    return max(min(TOLERANCE * body_radius(source), float(np.median(distinct_within(source)))), least)
 
 
-def _reach(source: Floats, near: float) -> Floats:
-    """Distance (n,) up to which points are the same as each, for those that are the same up to ``near`` otherwise."""
-    distance = np.linalg.norm(source[:, None] - source, axis=2)
-    return np.asarray(np.minimum(near, DISTINCT * np.partition(distance, 1, axis=1)[:, 1]))
+def distinct_within(points: Floats) -> Floats:
+    """Distance (n,) from each of some points (n, 3) within which what lies there is that point and no neighbour."""
+    distance = np.linalg.norm(points[:, None] - points, axis=2)
+    return np.asarray(DISTINCT * np.partition(distance, 1, axis=1)[:, 1])
 
 
 def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
@@ -139,10 +137,18 @@ def symmetries_of(
     """
     if not LEAST <= len(source) <= MOST_POINTS:
         return ()
-    noise = None if covariance is None else ERRORS * mean_deviation(covariance)
-    if noise is not None and (noise <= _reach(source, same_up_to(source))).all():
-        noise = None  # as for points that are exact, which are asked for as well
+    noise = None if covariance is None else _noise_of(source, covariance)
     return _known(source, normals, mirrored, max(least, math.ceil(SHARE * len(source))), noise)
+
+
+@kept_by_values(128)
+def _noise_of(source: Floats, covariance: Floats) -> Floats | None:
+    """Distance (n,) up to which points are the same by their errors; None if that is no more than without these.
+
+    Then a body has the symmetries of one with exact points, which are asked for as well.
+    """
+    noise = ERRORS * mean_deviation(covariance)
+    return None if (noise <= np.minimum(same_up_to(source), distinct_within(source))).all() else noise
 
 
 @kept_by_values(128)
@@ -182,7 +188,7 @@ class _Body(NamedTuple):
             unit = normals / np.where(length > 0.0, length, 1.0)
         distance = np.linalg.norm(source[:, None] - source, axis=2)
         near = same_up_to(source)
-        reach = _reach(source, near)
+        reach = np.minimum(near, distinct_within(source))
         if noise is not None:
             near, reach = max(near, float(np.median(noise))), np.maximum(reach, noise)
         return cls(source, unit, sign, distance=distance, near=near, reach=reach)
