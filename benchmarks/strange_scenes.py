@@ -216,10 +216,10 @@ def family(rng: np.random.Generator) -> Scene:
     every = [first, second, np.concatenate([first, rng.uniform(-0.12, 0.12, (1, 3))])]
     order, count = rng.permutation(3), int(rng.integers(1, 3))
     placed, shown = [], []
-    for k in order:
+    for place, k in enumerate(order):  # any of them may be in view
         R, t = pose(rng, 0.8, 2.5)
         placed.append(every[k] @ R.T + t)
-        shown.append(rng.random(len(every[k])) < (0.95 if k < count else 0.0))
+        shown.append(rng.random(len(every[k])) < (0.95 if place < count else 0.0))
     target, truth = detected(rng, np.concatenate(placed), np.concatenate(shown), 4)
     labels = np.repeat(order, [len(every[k]) for k in order])
     told = {"source": np.concatenate([every[k] for k in order]), "target": target, "problem": rm.P3P(CAMERA)}

@@ -13,8 +13,9 @@ Then by tenths of what was told, for each geometry: the probability of trusted m
 that of others where the assignment is the truth; the confidence of a match, and of a point without one, where that is
 true. A bin holds if the share that is right is within .03 of the mean told, or the mean within the interval. An
 interval counts scenes, as the points of one are right or wrong together. So no two rows may show the same: families of
-constellations have the same poses of a seed, and each draws with seeds of its own. Scenes without one true answer, such
-as two of the same object of which one is asked for, count in the first table only.
+constellations have the same poses of a seed, motions the same scene with their number given or not, and each draws with
+seeds of its own. Scenes without one true answer, such as two of the same object of which one is asked for, count in the
+first table only.
 """
 
 from __future__ import annotations
@@ -253,11 +254,12 @@ def kinds_of(folder: str | None) -> Iterator[tuple[str, str, Scenes]]:
         yield "the same with rigs", IMAGE, bound(of_adversary, True, number=k, of=10)
     for kind in drawn_scenes.KINDS:
         yield f"{MODEL}, {kind}", MODEL, bound(of_model, kind)
-    for case in itertools.chain(accuracy_scenes.simulated(), accuracy_scenes.ambiguous()):
+    cases = [*accuracy_scenes.simulated(), *accuracy_scenes.ambiguous()]
+    for k, case in enumerate(cases):
         if "b 5" in case.name and "prior" in case.name:
             continue  # it says what is not true
         geometry = VIEWS if case.table == "two views" else IMAGE
-        yield f"{case.table}, {case.name}", geometry, bound(of_case, case, geometry)
+        yield f"{case.table}, {case.name}", geometry, bound(of_case, case, geometry, number=k, of=len(cases))
     if space is not None:
         for name, arguments in (fiducials.ROWS | fiducials.OTHERS).items():
             if "unrelated" not in arguments:

@@ -53,23 +53,22 @@ from rootmatch.model.proposals import (
     poses_of_sets,
     rough_fits,
 )
+from rootmatch.model.successive_symmetries import in_succession, moved_along
 from rootmatch.problems.pose_fit.reference_point import about_centre, about_point
 
 TWINS = 4
-"""Number of a body's first poses whose twins, and look-alikes as another body, are proposed. A round value."""
+"""A body's first poses whose twins, and look-alikes as another body, are proposed. A round value."""
 HYPEREDGES, GATHERED = 4096, 8
-"""Hyper-edges of a sweep whose poses gather detections, those of the largest weights, and how many of the assignments
-that these lead to are weighed. Of 217 scenes of one body, 56 are trusted and right, 48 without them, with the same four
-wrong (benchmarks/adversary.py, seeds from 1000). Round values."""
+"""Strongest hyper-edges of a sweep, whose poses gather detections, and how many assignments that these lead to are
+weighed. Of 217 scenes, 56 are trusted and right, 48 without them (benchmarks/adversary.py, from 1000). Round values."""
 SUMMED, LIKELY = 4, 0.5
 """Rounds that sum the changes of modes that competition made the first, and their least probability. Round values."""
 PREDICTION = 0.05
 """Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
 hundreds of detections are near it."""
 NAMED = 16
-"""Assignments that a tracker's search named and that are weighed, the strongest ones: what is in view is among the
-first few, and where nothing is, up to 64 take 13 ms. The same bodies are right with all of them (benchmarks/flights.py,
-room and drone, 3 flights from 1100 and 1300)."""
+"""Strongest assignments that a tracker's search named, which are weighed: if nothing is in view, up to 64 take 13 ms.
+The same bodies are right with all of them (benchmarks/flights.py, room and drone, 3 flights from 1100 and 1300)."""
 MOST_PREDICTED = 8
 """Assignments about a predicted pose that are weighed. A round value."""
 
@@ -305,14 +304,15 @@ def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposa
     parts = [reversed_in_depth(model, first), *few_twins(task, model, first)]
     parts += [line_readings(model, first.assignments), without_each(model, modes.first(TWINS))]
     parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(task)]
+    further = in_succession(task.points.source, task.points.normals)
+    parts.append(moved_along(first, further, task.sightings_of(further.image), model.points.mean(axis=0)))
     return joined(parts)
 
 
 def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
     """Poses about one prediction in which the body looks as in its best modes, which may lie about another.
 
-    A prediction that is off by many degrees may not find what a better one of the same body has found, and would lose
-    to it for that reason alone.
+    A prediction that is off by many degrees may not find what a better one has found, and would lose by that alone.
     """
     first, prior, parts = best_of(modes), model.prior, [no_proposals(task.rows)]
     if isinstance(prior, Doubted) and len(prior.predictions) > 1:

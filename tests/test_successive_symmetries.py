@@ -1,0 +1,100 @@
+"""Near symmetries one after another, and the poses of a lattice that they lead to."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import rootmatch as rm
+from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.near_symmetries import LEAST, same_up_to
+from rootmatch.model.proposals import Proposals
+from rootmatch.model.successive_symmetries import MOST_MOTIONS, in_succession, moved_along
+
+CAMERA = rm.Camera(250.0, 250.0, 640.0, 480.0)
+ROWS, COLUMNS, SPACING = 9, 12, (1.2, 1.8)
+
+
+def lamps(seed: int) -> Floats:
+    """Lamps of a ceiling, a fifth of its places being empty."""
+    rng = np.random.default_rng(seed)
+    places = np.array(list(itertools.product(range(COLUMNS), range(ROWS))))
+    return np.column_stack([places * SPACING, np.zeros(len(places))])[rng.random(len(places)) < 0.8]
+
+
+def lamp_at(points: Floats, places: Floats) -> Integers:
+    """The lamp (m,) at each of some places (m, 3), −1 for none."""
+    off = np.linalg.norm(places[:, None] - points, axis=2)
+    return np.where(off.min(axis=1) < 0.01, off.argmin(axis=1), -1)
+
+
+def shown_with_another(points: Floats, across: float) -> tuple[Integers, Integers, Floats]:
+    """A dozen lamps, others that lie to each other as these do, six steps away or more, and where the camera is."""
+    for place in itertools.product(np.arange(1.5, COLUMNS - 2), np.arange(1.5, ROWS - 2)):
+        middle = np.array([*place, 0.0]) * (*SPACING, 0.0)
+        own = np.flatnonzero((np.abs(points - middle)[:, :2] < across * np.array(SPACING)).all(axis=1))
+        for step in itertools.product(range(-COLUMNS, COLUMNS), range(-ROWS, ROWS)):
+            other = lamp_at(points, points[own] + np.array([*step, 0.0]) * (*SPACING, 0.0))
+            if np.abs(step).sum() >= 6 and (other >= 0).all():
+                return own, other, middle
+    raise AssertionError
+
+
+def test_all_shifts_of_a_lattice_are_among_them() -> None:
+    points = lamps(0)
+    motions = in_succession(points, None)
+    straight = np.einsum("mii->m", motions.rotation) > 2.99
+    images = {one.tobytes() for one in motions.image[straight]}
+    assert len(motions.image) == len({one.tobytes() for one in motions.image}) < 2 * MOST_MOTIONS
+    for step in itertools.product(range(-6, 7), range(-4, 5)):
+        image = lamp_at(points, points + np.array([*step, 0.0]) * (*SPACING, 0.0))
+        if max(map(abs, step)) > 3 and (image >= 0).sum() >= LEAST:
+            assert image.tobytes() in images
+    moved = points @ motions.rotation.swapaxes(1, 2) + motions.shift[:, None]
+    which, own = np.nonzero(motions.image >= 0)
+    assert len(which) >= LEAST * len(motions.image)
+    assert np.linalg.norm(moved[which, own] - points[motions.image[which, own]], axis=1).max() < same_up_to(points)
+
+
+def test_a_body_with_one_half_turn_has_no_others() -> None:
+    half = np.random.default_rng(3).uniform(-1.0, 1.0, (6, 3))
+    assert not len(in_succession(np.concatenate([half, half * (-1.0, -1.0, 1.0)]), None).image)
+    assert not len(in_succession(half, None).image)
+
+
+def test_moved_poses_have_the_same_image() -> None:
+    points = lamps(1)
+    own, other, middle = shown_with_another(points, 1.6)
+    centre = points.mean(axis=0)
+    rotation = np.diag([1.0, -1.0, -1.0])
+    camera = middle + np.array([0.3, 0.2, 1.6])
+    assignment = np.full((1, len(points)), -1)
+    assignment[0, own] = np.arange(len(own))
+    found = Proposals(assignment, rotation[None], (rotation @ (centre - camera))[None])
+    motions = in_succession(points, None)
+    moved = moved_along(found, motions, motions.image, centre)
+    image = CAMERA.project((points[own] - centre) @ rotation.T + found.position[0])
+    for row, turned, place in zip(*moved, strict=True):
+        (at,) = np.nonzero(row >= 0)
+        assert 2 * len(at) > len(own)
+        assert CAMERA.project((points[at] - centre) @ turned.T + place) == pytest.approx(image[row[at]], abs=1e-6)
+    assert any((row[other] == np.arange(len(own))).all() for row in moved.assignments)
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_the_true_pose_of_a_ceiling_is_proposed_from_one_far_along_it(seed: int) -> None:
+    """The lamps in view lie to each other as others do, with other gaps beside them."""
+    points = lamps(seed)
+    own, other, middle = shown_with_another(points, 1.6)
+    rotation = np.diag([1.0, -1.0, -1.0])
+    target = CAMERA.project((points[own] - middle - (0.3, 0.2, 1.6)) @ rotation.T)
+    target = target + np.random.default_rng(seed).normal(0.0, 0.3, target.shape)
+    task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.3)
+    right, wrong = np.full((2, len(points)), -1)
+    right[own] = wrong[other] = np.arange(len(own))
+    modes = Candidate.of(task, [wrong]).modes
+    assert (modes.assignments == right).all(axis=1).any()
