@@ -1,16 +1,25 @@
-"""Searches of a tracker that go on over frames, and become longer where they find nothing."""
+"""Searches of a tracker that go on over frames, so that few take much longer than the others."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.arrays import Integers
 from rootmatch.cameras.brown import Brown
+from rootmatch.explain import explain
 from rootmatch.explain.body_labels import Label
+from rootmatch.explain.image_hypotheses import NAMED, Candidate
 from rootmatch.explain.match_options import MatchOptions
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.proposals import Proposals
+from rootmatch.samplers.base import SampledTensor
 from rootmatch.tracking.followed_body import FollowedBody
-from rootmatch.tracking.search_schedule import LATELY, LONGEST_SEARCH, SearchLength, found_lately, luby
+from rootmatch.tracking.search_schedule import LATELY, RepeatedSearch, found_lately
 from rootmatch.tracking.tracker import TRACKING
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -23,32 +32,59 @@ def lamps(rng: np.random.Generator) -> np.ndarray:
     return every[rng.random(len(every)) < 0.85]
 
 
-def test_the_sequence_of_luby() -> None:
-    every = [1]
-    while len(every) < 1000:
-        every = [*every, *every, 2 * every[-1]]
-    assert [luby(k + 1) for k in range(1000)] == every[:1000]
-
-
-def test_searches_become_longer_until_something_is_found() -> None:
-    length, factors = SearchLength(), []
-    for _ in range(63):
-        factors.append(length.factor)
-        length.take(found=False, cut=True)
-    assert factors[:7] == [1, 1, 2, 1, 1, 2, 4]
-    assert max(factors) == LONGEST_SEARCH
-    length.take(found=False, cut=False)  # nothing was left to search
-    assert length.failures == 63
-    length.take(found=True, cut=True)
-    assert length.factor == 1
-
-
-def test_a_tracker_searches_longer_for_what_is_in_no_frame() -> None:
+def test_no_frame_searches_much_longer_than_another_for_what_is_in_none() -> None:
     rng = np.random.default_rng(5)
     tracker = rm.Tracker(lamps(rng), rm.P3P(CAMERA), noise=0.4)
     tracker.update(np.empty((0, 2)))
-    evaluated = [tracker.update(rng.uniform((0.0, 0.0), (1280.0, 960.0), (9, 2))).evaluated for _ in range(7)]
-    assert evaluated[6] > 1.8 * evaluated[0]
+    evaluated = [tracker.update(rng.uniform((0.0, 0.0), (1280.0, 960.0), (9, 2))).evaluated for _ in range(8)]
+    assert max(evaluated) < 1.5 * TRACKING.search_budget
+
+
+def seen(points: np.ndarray, k: int, rng: np.random.Generator, x: float = 0.0) -> np.ndarray:
+    """Detections of all points of a body that turns slowly 1 m before the camera."""
+    R = Rotation.from_rotvec([0.3, 0.01 * k, 0.1]).as_matrix()
+    return CAMERA.project(points @ R.T + [x, 0.0, 1.0]) + rng.normal(0.0, 0.3, (len(points), 2))
+
+
+def test_copies_are_looked_for_within_the_budget_of_a_frame() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-0.08, 0.08, (12, 3))
+    tracker = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3)
+    evaluated = []
+    for k in range(30):
+        match = tracker.update(np.vstack([seen(points, k, rng, -0.2), seen(points, k, rng, 0.2)]))
+        evaluated.append(match.evaluated)
+        assert match.status is not rm.Status.MATCHED
+    searches = [one for one in evaluated[1:] if one]
+    assert searches
+    assert max(searches) < 2.5 * TRACKING.search_budget
+
+
+def test_a_frame_is_searched_once_and_the_next_one_with_more_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, searches, weighed = np.random.default_rng(2), list[int](), list[int]()
+    points = rng.uniform(-0.08, 0.08, (10, 3))
+    tracker = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3)
+    tracker.update(np.empty((0, 2)))
+    work, propose = explain.sample, Candidate.proposals
+
+    def counted(task: MatchingTask) -> SampledTensor:
+        searches[-1] += 1
+        return work(task)
+
+    def proposed(body: Candidate, assignments: Sequence[Integers]) -> Proposals:
+        weighed.append(len(assignments))
+        return propose(body, assignments)
+
+    monkeypatch.setattr(explain, "sample", counted)
+    monkeypatch.setattr(Candidate, "proposals", proposed)
+    louder = 0
+    for k in range(30):
+        searches.append(0)
+        tracker.update(np.vstack([seen(points * (1.0, 1.0, -1.0), k, rng), rng.uniform(0.0, 900.0, (2, 2))]))
+        louder += bool(tracker._noise.waiting)
+    assert louder
+    assert max(searches) == 1
+    assert max(weighed) <= NAMED
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -70,13 +106,15 @@ def test_a_map_is_followed_from_the_second_frame_on(seed: int) -> None:
 
 
 def test_a_search_that_was_cut_short_is_not_repeated_as_it_was() -> None:
-    length, options = SearchLength(), MatchOptions(seed=3)
-    assert length.reordered(options) is options
+    search, options = RepeatedSearch(), MatchOptions(seed=3)
+    assert search.reordered(options) is options
     for k in range(1, 4):
-        length.take(found=False, cut=True)
-        assert length.reordered(options).seed == 3 + k
-    length.take(found=True, cut=True)
-    assert length.reordered(options) is options
+        search.take(found=False, cut=True)
+        assert search.reordered(options).seed == 3 + k
+    search.take(found=False, cut=False)  # nothing was left to search
+    assert search.failures == 3
+    search.take(found=True, cut=True)
+    assert search.reordered(options) is options
 
 
 def test_a_search_that_max_seconds_ends_counts_as_cut_short() -> None:
@@ -85,7 +123,7 @@ def test_a_search_that_max_seconds_ends_counts_as_cut_short() -> None:
     tracker = rm.Tracker(every, rm.P3P(CAMERA), noise=0.3)
     for k in range(3):
         tracker.update(rng.uniform(0.0, 900.0, (20, 2)), time=0.1 * k, max_seconds=1e-4)
-    assert tracker._length.failures == 3
+    assert tracker._search.failures == 3
 
 
 def test_the_rays_of_a_frame_are_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:

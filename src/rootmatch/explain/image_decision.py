@@ -18,7 +18,7 @@ from rootmatch.explain.continued_bodies import LIKELY, beside_continuations, pla
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
-from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.image_hypotheses import NAMED, Candidate
 from rootmatch.explain.lacking_points import beside_lacking, lacking_points
 from rootmatch.explain.predicted_poses import about_prediction, polished_pose
 from rootmatch.explain.rig_triples import search_meets
@@ -72,7 +72,8 @@ def assessed(
                 named[1:1] = candidate_of(task, []).gathered(sampled.tensor)
         return copied(base, named=named)
     try:
-        body = candidate_of(task, named, sampled.tensor if sampled.assignments is None else None)
+        few = named if task.budget is None else named[:NAMED]
+        body = candidate_of(task, few, sampled.tensor if sampled.assignments is None else None)
         told = body.alone()
     except OutOfTime:
         return base

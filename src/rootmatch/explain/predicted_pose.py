@@ -20,6 +20,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 
 UNCONFIRMED = "the predicted pose is not confirmed"
+UNSEARCHED = "no pose is predicted, and nothing was searched for in this frame"
 
 
 def match_predicted(
@@ -40,7 +41,7 @@ def match_predicted(
     """
     searchable = solve is not None and task.shape[1] >= task.problem.order
     body = Candidate.of(task, [])
-    predicted, found = None, nothing_found(task, UNCONFIRMED)
+    predicted, found = None, nothing_found(task, UNSEARCHED if task.prior_pose is None else UNCONFIRMED)
     with task.deadline.at_least(PREDICTION).within():
         predicted = proposals_by_prediction(body.model)
         body = body.proposed([], predicted)

@@ -138,6 +138,8 @@ class NoiseScale:
     log_new: float = LOG_CHANGED
     """Log-odds that it has (a test of Page, 1954)."""
     last: dict[Hashable, Residuals | None] = field(default_factory=dict)
+    waiting: list[Hashable] = field(default_factory=list)
+    """Labels of the bodies that the next frame looks for with more noise, instead of a search."""
     stays: float | None = None
     """Log-odds that residuals, which are those of points that are off, stay; of the last frame."""
 
@@ -174,6 +176,8 @@ class NoiseScale:
         asked: Container[Hashable],
         factor: float,
         with_more: Callable[[float], Findings],
+        *,
+        later: bool,
     ) -> bool:
         """Compare the residuals of each body with those of the frame before; whether the noise has become another one.
 
@@ -186,13 +190,17 @@ class NoiseScale:
         factor : float
         with_more : callable
             From another factor to the findings with it.
+        later : bool
+            Whether the next frame looks for them: this one was searched, which takes long enough.
         """
-        doubtful = {label for label, part in parts.items() if _fits_badly(part, factor)}
-        louder, before = with_more(MOST_OF_CHANGES) if any(label in asked for label in doubtful) else {}, self.changes
+        doubtful = {label for label, part in parts.items() if label in self.waiting or _fits_badly(part, factor)}
+        each: list[Hashable] = [label for label in doubtful if label in asked]
+        louder, before = with_more(MOST_OF_CHANGES) if each and not later else {}, self.changes
+        self.waiting = each if later else []
         for label, part in parts.items():
             if label not in doubtful:
                 self.take_changes(label, part, factor)
-            elif label in asked:
+            elif louder and label in asked:
                 self.take_changes(label, louder[label], MOST_OF_CHANGES)
         return self.changes is not before
 

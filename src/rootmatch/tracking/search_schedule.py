@@ -15,8 +15,8 @@ from rootmatch.explain.match_options import MatchOptions
 from rootmatch.frozen import copied
 from rootmatch.tracking.followed_body import FollowedBody
 
-LONGEST_SEARCH = 16
-"""Length of the longest search relative to the shortest one. A round value."""
+LONGEST_INTERVAL = 16
+"""Interval between frames, relative to `INTERVAL`, beyond which a search takes no longer. A round value."""
 INTERVAL = 1.0 / 60.0
 """Seconds between frames for which the budget of a search is stated."""
 LATELY = 10
@@ -24,28 +24,15 @@ LATELY = 10
 first few would have told, and what is predicted so vaguely takes as long as a search. A round value."""
 
 
-class SearchLength:
-    """Lengths of searches that found nothing in time, relative to the shortest one.
+class RepeatedSearch:
+    """A search that was cut short, and begins anew in the next frame with other minimal sets.
 
-    How long a search has to be depends on how much is in view. In the order 1, 1, 2, 1, 1, 2, 4, 1, …, each length has
-    the same share of the time, which is within a small factor of the best that can be done without knowing it (Luby,
-    Sinclair and Zuckerman 1993).
+    These are drawn at random, so that two short searches find as much as one of twice the length, and the second one
+    finds where the body is now.
     """
 
     def __init__(self) -> None:
         self.failures = 0
-
-    @property
-    def factor(self) -> int:
-        """Length of the next search."""
-        return min(luby(self.failures + 1), LONGEST_SEARCH)
-
-    def of(self, evaluations: int, gap: float) -> int:
-        """Evaluations of the next search, by those of the shortest one at `INTERVAL`; ``gap``: seconds between frames.
-
-        Where frames come at longer intervals, there is more time for each.
-        """
-        return round(evaluations * self.factor * min(max(gap / INTERVAL, 1.0), LONGEST_SEARCH))
 
     def reordered(self, options: MatchOptions) -> MatchOptions:
         """The options of the next search: after one that was cut short it draws others first, not the same again."""
@@ -54,6 +41,11 @@ class SearchLength:
     def take(self, found: bool, cut: bool) -> None:
         """Count a frame: whether everything was found in it, and whether its search was cut short."""
         self.failures = 0 if found else self.failures + cut
+
+
+def budget_of(evaluations: int, gap: float) -> int:
+    """Evaluations of a search by those at `INTERVAL`; if seconds between frames (``gap``) are more, there is time."""
+    return round(evaluations * min(max(gap / INTERVAL, 1.0), LONGEST_INTERVAL))
 
 
 def is_of_a_row(frame: int, every: int) -> bool:
@@ -71,13 +63,6 @@ def found_lately(
     if frame in [body.served for body in bodies.values()]:
         return []
     return [label for label in predicted if doubted or bodies[label].missed < LATELY]
-
-
-def luby(number: int) -> int:
-    """The element of Luby's sequence with this number, 1 or more."""
-    while (number + 1) & number:  # not the last of a block, which begins as the block before it
-        number -= (1 << (number.bit_length() - 1)) - 1
-    return (number + 1) // 2
 
 
 def next_part(

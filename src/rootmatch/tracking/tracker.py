@@ -37,7 +37,7 @@ from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.inexact_points import InexactPoints
 from rootmatch.tracking.noise_scale import NoiseScale
-from rootmatch.tracking.search_schedule import SearchLength, found_lately, is_of_a_row, left_by, next_part
+from rootmatch.tracking.search_schedule import RepeatedSearch, budget_of, found_lately, is_of_a_row, left_by, next_part
 from rootmatch.tracking.turns import Turns
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
@@ -177,7 +177,7 @@ max_evaluations
         """Forget all poses: the next frame is searched."""
         with self._turns:
             self.time: float | None = None
-            self._frame, self._noise, self._inexact, self._length = 0, NoiseScale(), InexactPoints(), SearchLength()
+            self._frame, self._noise, self._inexact, self._search = 0, NoiseScale(), InexactPoints(), RepeatedSearch()
             for body in self._bodies.values():
                 body.forget()
 
@@ -221,8 +221,7 @@ max_evaluations
         Raises
         ------
         InputError
-            If the frame is not later than the previous one, or as `rootmatch.Matcher.match`. The tracker is then as it
-            was before, and goes on with the next frame.
+            If the frame is not later than the last one, or as `rootmatch.Matcher.match`; the tracker stays as it was.
         """
         started = perf_counter()
         limit = self.matcher.options.max_seconds if max_seconds is None else max_seconds
@@ -274,14 +273,14 @@ max_evaluations
         stated = self.matcher.noise if noise is None else noise
         gap = 0.0 if self.time is None else when - self.time
         # the first frame is limited only as `rootmatch.match` is
-        budget = None if self.time is None else self._length.of(self.tracking.search_budget, gap)
+        budget = None if self.time is None else budget_of(self.tracking.search_budget, gap)
 
         def explained(searching: bool | Choice, factor: float = factor) -> Finding:
             noise = stated if factor == 1.0 else np.asarray(stated) * factor ** (1 if np.ndim(stated) < 3 else 2)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
-                present=present, searching=searching, options=self._length.reordered(self.matcher.options),
+                present=present, searching=searching, options=self._search.reordered(self.matcher.options),
                 rivals=rivals, more_images=True, source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
             )  # fmt: skip
 
@@ -291,13 +290,13 @@ max_evaluations
         elif self.labels is not None:
             found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame))
             searched = {label for label, body in self._bodies.items() if body.ends_search(self._frame)}
-        elif not poses:
+        elif not poses and not self._noise.waiting:
             found = explained(True)
         else:
             searched = set()
 
             def choice(near: Finding) -> SearchPart | None:
-                if not self._bodies[None].wants_search(near, self._frame):
+                if self._noise.waiting or not self._bodies[None].wants_search(near, self._frame):
                     return None
                 searched.add(None)
                 return SearchPart(0, rest=self._bodies[None].appeared(near))
@@ -309,13 +308,16 @@ max_evaluations
         each, frame = self._parts(found).items(), self._frame
         parts = {label: self._bodies[label].checked(part, when, frame, label in searched) for label, part in each}
         matched = all(part.status is Status.MATCHED for part in parts.values())
-        self._length.take(matched, cut=found.is_cut or deadline.stopped_early)
+        self._search.take(matched, cut=found.is_cut or deadline.stopped_early)
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
             lost &= is_of_a_row(self._frame, self.tracking.search_every) or self._noise.is_doubted
             asked = [None] if lost else found_lately(self._bodies, poses, frame, doubted=self._noise.is_doubted)
-            changed = self._noise.compare(self._parts(found), asked, factor, lambda f: self._parts(explained(lost, f)))
+            changed = self._noise.compare(
+                self._parts(found), self._noise.waiting or asked, factor,
+                lambda f: self._parts(explained(not poses, f)), later=self.labels is None and bool(searched),
+            )  # fmt: skip
         know_others(self._alike, self._bodies)
         left = left_by(parts)
         for label, part in parts.items():

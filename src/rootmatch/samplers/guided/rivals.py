@@ -121,8 +121,7 @@ def missed_among(search: Search, images: Integers, shown: Sequence[int], known: 
     for points in _wanted(search, tried, least) if wanted else search._waves():
         sets, met = search._prepared(points, len(arrangements)), 0
         first, tasks = 0, len(points) * len(arrangements)
-        most = max(batches.LARGEST // len(images), batches.CHUNKS)
-        while first < tasks and (block := pace.block(min(tasks - first, most))):
+        while first < tasks and (block := pace.block(min(tasks - first, _affordable(search, images, known)))):
             last = first + block
             met += search._try(sets, test, arrangements, first=first, last=last, images=images, known=known)
             first = last
@@ -138,6 +137,14 @@ def missed_among(search: Search, images: Integers, shown: Sequence[int], known: 
         if enough or search._spent() or (wanted and tried.lost > VAIN):
             return missed
     return tried.missed(shown[0]) if wanted else 0.0
+
+
+def _affordable(search: Search, images: Integers, known: Integers | None) -> int:
+    """Tasks until the next look at what was spent: elsewhere no more than the budget has left, as sets cost so far."""
+    left = batches.LARGEST
+    if known is None:
+        left = min(left, int((search.budget - search.evaluated) * search.solved / search.evaluated))
+    return max(left // len(images), batches.CHUNKS)
 
 
 def verify_rivals(search: Search, found: Survivors, known: Integers | None) -> int:
