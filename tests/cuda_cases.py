@@ -92,10 +92,10 @@ CASES |= {f"planar {kind.__name__}": Case("planar", kind) for kind in (QR, Joint
 CASES |= {
     "candidates": Case("p3p", Joint, share=0.8, slabs=60),
     "gate": Case("up2p", Joint, gate=6.0, slabs=250),
-    "strongest": Case("up2p", Normalised, limit=40, slabs=100),
+    "strongest": Case("up2p", Normalised, limit=40, slabs=50),
 }
 SINGLE = {
-    f"{problem} {kind.__name__} {pairs}": Case(problem, kind, pairs, shape=(6, 7), gate=40.0, slabs=200)
+    f"{problem} {kind.__name__} {pairs}": Case(problem, kind, pairs, shape=(6, 7), gate=40.0, slabs=80)
     for problem in ("p3p", "up2p")
     for kind in (Normalised, Joint)
     for pairs in (1, 0b110)

@@ -7,6 +7,8 @@ import importlib.util
 import itertools
 import re
 import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -19,15 +21,19 @@ WRITTEN = {"ransac.py"}
 """Files that are not of this repository."""
 
 
-@pytest.fixture
-def drawing(monkeypatch) -> ModuleType:
+@pytest.fixture(scope="module")
+def drawing() -> Iterator[ModuleType]:
+    """The script, which reads the imports of all files once."""
     spec = importlib.util.spec_from_file_location("make_architecture", SCRIPT)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, spec.name, module)
-    spec.loader.exec_module(module)
-    return module
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, spec.name, module)
+        spec.loader.exec_module(module)
+        imports = cache(module.imports)
+        patch.setattr(module, "imports", lambda packages: imports(frozenset(packages)))
+        yield module
 
 
 def test_the_committed_picture_is_what_the_script_draws(drawing):

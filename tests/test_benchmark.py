@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
+from typing import NamedTuple
 
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from rootmatch.cli.app import app
 from rootmatch.research import speed as benchmark
@@ -42,15 +44,34 @@ def test_operations_of_a_hyperedge() -> None:
     assert large < small / 2
 
 
+class Measured(NamedTuple):
+    """All measurements of the least sizes as the command makes them, how far they said to be, and what it printed."""
+
+    plan: Plan
+    results: Results
+    seen: list[tuple[int, int]]
+    printed: Result
+
+
 @pytest.fixture(scope="module")
-def measured() -> tuple[Plan, Results, list[tuple[int, int]]]:
-    """All measurements of the least sizes, and how far they said to be."""
-    plan, seen = Plan.tiny(), []
-    return plan, run(plan, lambda done, total: seen.append((done, total))), seen
+def measured() -> Measured:
+    made: list[tuple[Plan, Results]] = []
+    seen: list[tuple[int, int]] = []
+
+    def noted(plan: Plan, progress: Callable[[int, int], object]) -> Results:
+        made.append((plan, run(plan, lambda *far: (seen.append(far), progress(*far)))))
+        return made[-1][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(benchmark, "run", noted)
+        printed = CliRunner().invoke(app, ["benchmark", "--tiny", "--json"])
+    assert printed.exit_code == 0, printed.output
+    return Measured(*made[-1], seen, printed)
 
 
-def test_run_of_the_least_sizes(measured: tuple[Plan, Results, list[tuple[int, int]]]) -> None:
-    plan, results, seen = measured
+def test_run_of_the_least_sizes(measured: Measured) -> None:
+    plan, results, seen, _ = measured
+    assert plan == Plan.tiny()
     assert seen == [(k + 1, plan.steps) for k in range(plan.steps)]
     assert [(row["problem"], row["kind"]) for row in results.kernels] == [("p3p", "joint"), ("up2p", "joint")]
     # C(5, 4) · 6·5·4·3 and C(5, 3) · 6·5·4
@@ -64,16 +85,12 @@ def test_run_of_the_least_sizes(measured: tuple[Plan, Results, list[tuple[int, i
     assert {row["case"] for row in results.matches} == {"p3p 5 + 3, tracked", "up2p 6 + 2"}
 
 
-def test_the_command_prints_one_json_object_or_tables(
-    measured: tuple[Plan, Results, list[tuple[int, int]]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    done = CliRunner().invoke(app, ["benchmark", "--tiny", "--json"])
-    assert done.exit_code == 0, done.output
-    found = json.loads(done.stdout)
+def test_the_command_prints_one_json_object_or_tables(measured: Measured, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = json.loads(measured.printed.stdout)
     assert "ratios" in found["note"].lower()
     assert len(found["kernels"]) == 2
-    assert "100 %" in done.stderr
-    monkeypatch.setattr(benchmark, "run", lambda plan, progress: measured[1])
+    assert "100 %" in measured.printed.stderr
+    monkeypatch.setattr(benchmark, "run", lambda plan, progress: measured.results)
     done = CliRunner().invoke(app, ["benchmark", "--tiny", "--quiet"])
     assert "numpy.linalg.qr" in done.stdout
     assert "peak memory" in done.stdout

@@ -3,6 +3,7 @@
 import json
 import shlex
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,7 @@ def test_a_program_that_fails_counts_as_failed(data: Path, tmp_path: Path, body:
     from rootmatch.research.real.program import Program
 
     scene = next(iter(all_scenes(data)))
-    with Program(answering(tmp_path, body), start_up=2.0) as program:
+    with closing(Program(answering(tmp_path, body), start_up=2.0)) as program:
         found = judged(scene, program.ask(scene.request, 2.0))
     assert says in found["error"]
     assert (found["right"], found["claimed"]) == (0, False)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ast
-from pathlib import Path
+from collections.abc import Iterable
 
-SOURCES = Path(__file__).resolve().parents[1] / "src" / "rootmatch"
+from source_files import SOURCES, every_file, nodes_of, tree_of
+
 MOST = 5
 KERNELS = {"launch", "frame"}
 """Plain functions that hand their arguments on to a kernel."""
@@ -22,16 +23,15 @@ def decorators(node: ast.FunctionDef) -> set[str]:
     return found
 
 
-def compiled_names(trees: list[ast.Module]) -> set[str]:
+def compiled_names(nodes: Iterable[ast.AST]) -> set[str]:
     """Names of all functions that are compiled, and of those for which compiled code is chosen by type."""
     names = set()
-    for tree in trees:
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef) and decorators(node) & JITTED:
-                names.add(node.name)
-                for decorator in node.decorator_list:
-                    if isinstance(decorator, ast.Call):
-                        names |= {argument.id for argument in decorator.args if isinstance(argument, ast.Name)}
+    for node in nodes:
+        if isinstance(node, ast.FunctionDef) and decorators(node) & JITTED:
+            names.add(node.name)
+            for decorator in node.decorator_list:
+                if isinstance(decorator, ast.Call):
+                    names |= {argument.id for argument in decorator.args if isinstance(argument, ast.Name)}
     return names
 
 
@@ -51,13 +51,12 @@ def long_calls(tree: ast.AST, compiled: set[str]) -> list[tuple[int, str]]:
 
 
 def test_no_call_passes_more_than_five_positional_arguments() -> None:
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(SOURCES.rglob("*.py"))}
-    compiled = compiled_names(list(trees.values()))
+    compiled = compiled_names(node for path in every_file() for node in nodes_of(path))
     assert compiled  # the search found the compiled functions
     found = [
         f"{path.relative_to(SOURCES)}:{line} {name}"
-        for path, tree in trees.items()
-        for line, name in long_calls(tree, compiled)
+        for path in every_file()
+        for line, name in long_calls(tree_of(path), compiled)
     ]
     assert not found, "\n".join(found)
 

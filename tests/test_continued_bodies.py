@@ -50,20 +50,20 @@ def test_what_repeats_nothing_or_turns_into_itself_has_no_places() -> None:
 
 
 def test_another_board_on_the_same_squares_is_not_trusted() -> None:
-    """Before, 7 of these were: the border of the board told its place, though rows go on beyond it."""
+    """Before, 7 of 8 were: the border of the board told its place, though rows go on beyond it."""
     told = []
-    for seed in range(8):
+    for seed in range(4):
         rng = np.random.default_rng(seed)
         source = board(rng, 8, 6, 6)
         target, _ = image(rng, board(rng, *((10, 8), (9, 6))[seed % 2], 6))
         match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE)
         assert not match
         told.append("same squares" in match.advice)
-    assert sum(told) >= 6
+    assert sum(told) >= 3
 
 
 def test_the_board_is_trusted_and_so_is_a_part_of_a_larger_one() -> None:
-    for seed in range(3):
+    for seed in range(2):
         rng = np.random.default_rng(seed)
         whole = board(rng, 11, 9, 18)
         own = (whole[:, 0] < 7.5 * SQUARE) & (whole[:, 1] < 5.5 * SQUARE)

@@ -40,15 +40,14 @@ def test_another_lattice_is_not_trusted(seed: int) -> None:
 
 def test_the_lattice_is_trusted_and_so_is_a_part_of_a_larger_one() -> None:
     """Of the parts none was: what continues them matches as well a period away."""
-    for seed in (1, 2):
-        rng = np.random.default_rng(seed)
-        whole = lattice(rng, 11, 9, 1, holes=10)
-        own = (whole[:, 0] < 7.5 * SPACING) & (whole[:, 1] < 5.5 * SPACING)
-        for points in (np.concatenate([whole[own], whole[~own]]), whole[own]):
-            target, truth = measured(rng, points)
-            match = rm.match(whole[own], target, rm.Rigid(), noise=(0.0, NOISE))
-            assert match
-            assert (match.assignment == truth[: own.sum()]).all()
+    rng = np.random.default_rng(1)
+    whole = lattice(rng, 11, 9, 1, holes=10)
+    own = (whole[:, 0] < 7.5 * SPACING) & (whole[:, 1] < 5.5 * SPACING)
+    for points in (np.concatenate([whole[own], whole[~own]]), whole[own]):
+        target, truth = measured(rng, points)
+        match = rm.match(whole[own], target, rm.Rigid(), noise=(0.0, NOISE))
+        assert match
+        assert (match.assignment == truth[: own.sum()]).all()
 
 
 def test_another_lattice_is_not_trusted_beside_another_body() -> None:

@@ -258,5 +258,7 @@ def test_strongest_do_not_depend_on_the_order_they_come_in(limit: int, parts: in
 def test_the_benchmark_runs_on_a_simulated_card(tmp_path: Path) -> None:
     sizes = ("--quick", "--no-tests", "--kinds", "joint", "--output", str(tmp_path))
     script = FOLDER.parent / "benchmarks" / "gpu.py"
-    run("-W", "ignore", str(script), *sizes, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
+    code = "import runpy, sys, cuda_results; cuda_results.wait_for_threads(); sys.argv = sys.argv[1:]\n"
+    code += "runpy.run_path(sys.argv[0], run_name='__main__')"
+    run("-W", "ignore", "-c", code, str(script), *sizes, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
     assert "| p3p | `joint` | float64 | 5 × 6 |" in (tmp_path / "cuda.md").read_text(encoding="utf-8")

@@ -187,6 +187,7 @@ def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worke
     reproduced, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("rootmatch.research.paper.reproduce.draw", draw_none)
+    monkeypatch.setattr("rootmatch.research.paper.reproduce.claims_markdown", lambda *_: "judged elsewhere")
     folder, everything = reproduced
     shutil.copy(folder / "results.sqlite", tmp_path)
     before = {path.name: path.read_bytes() for path in everything.files if path.suffix == ".csv"}

@@ -43,7 +43,7 @@ def test_mean_weight_of_a_true_hyperedge_is_that_of_its_law() -> None:
 )
 def test_unrelated_points_are_trusted_once_in_a_hundred_at_most(problem: rm.Problem, n: int) -> None:
     """What `TrustOptions.false_alarms` promises of few points: chance is as good in one scene of a hundred."""
-    scenes, trusted = 200, []
+    scenes, trusted = 100, []
     for seed in range(scenes):
         rng = np.random.default_rng([seed, n])
         source, target = rng.uniform(-2, 2, (n, 3)), rng.uniform(0, 480, (n, 2))

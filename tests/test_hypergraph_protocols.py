@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import itertools
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -146,8 +145,8 @@ def test_what_is_published_is_among_the_settings() -> None:
 
 
 def test_small_sweep_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(protocols, "milliseconds", partial(protocols.milliseconds, 1))
-    monkeypatch.setattr(protocols, "TIMED_REPEATS", 2)
+    monkeypatch.setattr(protocols, "TIMED_INSTANCES", 1)
+    monkeypatch.setattr(protocols, "TIMED_REPEATS", 1)
     files = protocols.reproduce(tmp_path, instances=2, jobs=1, settings=SMALL)
     assert [path.name for path in files] == ["hypergraph.md", "hypergraph.csv", "hypergraph.png", "hypergraph.svg"]
     table = (tmp_path / "hypergraph.csv").read_text()

@@ -7,15 +7,13 @@ import re
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-import rootmatch
-
-SOURCES = Path(rootmatch.__file__).parent
+from source_files import SOURCES, every_file, tree_of
 
 
 def modules() -> dict[str, Path]:
     """Every source file by the name of its module."""
     found = {}
-    for path in SOURCES.rglob("*.py"):
+    for path in every_file():
         parts = path.relative_to(SOURCES.parent).with_suffix("").parts
         found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
@@ -27,7 +25,7 @@ def imported(path: Path, known: dict[str, Path]) -> set[str]:
     Not those for type checkers only: a report names the type of what it reports, and a match writes its report.
     """
     found = set()
-    waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    waiting: list[ast.AST] = [tree_of(path)]
     while waiting:
         node = waiting.pop()
         skipped = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
@@ -51,4 +49,4 @@ def test_no_modules_import_each_other() -> None:
 
 def test_nothing_is_imported_for_its_side_effects() -> None:
     silenced = re.compile(r"#\s*noqa:[^#]*\bF401\b")
-    assert [str(path) for path in SOURCES.rglob("*.py") if silenced.search(path.read_text(encoding="utf-8"))] == []
+    assert [str(path) for path in every_file() if silenced.search(path.read_text(encoding="utf-8"))] == []

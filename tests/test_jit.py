@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-SOURCES = Path(__file__).resolve().parents[1] / "src" / "rootmatch"
+from source_files import SOURCES, every_file, nodes_of
+
 DOCUMENTED = {
     "numba": {"njit", "cuda", "get_num_threads", "set_num_threads", "__version__"},
     "numba.extending": {"overload"},
@@ -26,10 +27,10 @@ INSIDES = {
 """Attributes of jitted functions, of Numba's types and of bytecode."""
 
 
-def insides_used(text: str) -> list[str]:
+def insides_used(nodes: list[ast.AST]) -> list[str]:
     """What a module uses that Numba or Python does not promise."""
-    tree, names, found = ast.parse(text), {}, []
-    for node in ast.walk(tree):
+    names, found = {}, []
+    for node in nodes:
         if isinstance(node, ast.Import):
             for one in node.names:
                 if one.name.split(".")[0] in ("numba", "llvmlite", "numba_cuda"):
@@ -47,7 +48,7 @@ def insides_used(text: str) -> list[str]:
             found.append(node.attr)
         elif isinstance(node, ast.Constant) and node.value in INSIDES:
             found.append(str(node.value))
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in names:
             module = names[node.value.id]
             if node.attr not in DOCUMENTED.get(module, set()):
@@ -56,11 +57,9 @@ def insides_used(text: str) -> list[str]:
 
 
 def test_insides_are_used_in_jit_alone() -> None:
-    outside = [path for path in SOURCES.rglob("*.py") if path.parent != SOURCES / "jit"]
+    outside = [path for path in every_file() if path.parent != SOURCES / "jit"]
     assert len(outside) > 150
-    faults = {
-        str(path.relative_to(SOURCES)): used for path in outside if (used := insides_used(path.read_text("utf-8")))
-    }
+    faults = {str(path.relative_to(SOURCES)): used for path in outside if (used := insides_used(nodes_of(path)))}
     assert faults == {}
 
 
@@ -78,11 +77,11 @@ def test_insides_are_used_in_jit_alone() -> None:
     ],
 )
 def test_an_inside_is_noticed(text: str) -> None:
-    assert insides_used(text)
+    assert insides_used(list(ast.walk(ast.parse(text))))
 
 
 def test_jit_uses_them() -> None:
-    assert {name for path in (SOURCES / "jit").glob("*.py") for name in insides_used(path.read_text("utf-8"))} > {
+    assert {name for path in (SOURCES / "jit").glob("*.py") for name in insides_used(nodes_of(path))} > {
         "numba.core.registry.CPUDispatcher", "numba.extending.lower_builtin", "py_func", "co_consts",
     }  # fmt: skip
 
@@ -221,15 +220,15 @@ def test_single_precision_falls_back_to_double(monkeypatch: pytest.MonkeyPatch) 
     assert float32.serving(float32.rounded(tables), dot) is not dot
 
 
-def kernels_of(text: str) -> list[ast.FunctionDef]:
+def kernels_of(path: Path) -> list[ast.FunctionDef]:
     """The functions of a module that are compiled."""
     names = {"part", "scalar", "kernel", "driver"}
-    functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
+    functions = [node for node in nodes_of(path) if isinstance(node, ast.FunctionDef)]
     return [one for one in functions if {ast.unparse(by).partition("(")[0] for by in one.decorator_list} & names]
 
 
 def test_no_kernel_asks_whether_a_number_is_finite_but_by_comparing() -> None:
-    kernels = [(path.name, one) for path in SOURCES.rglob("*.py") for one in kernels_of(path.read_text("utf-8"))]
+    kernels = [(path.name, one) for path in every_file() for one in kernels_of(path)]
     assert len(kernels) > 100
     assert [f"{name}: {one.name}" for name, one in kernels if "isfinite" in ast.unparse(one)] == []
 

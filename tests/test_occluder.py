@@ -86,7 +86,7 @@ def regrouped(depth: Floats, limits: Floats, ways: Floats) -> tuple[Floats, Floa
     order = np.sort(depth)
     which = np.searchsorted(order, limits, side="right") - 1
     used = np.unique(which)
-    return order[used], np.array([ways[which == one].sum() for one in used])
+    return order[used], np.bincount(which, ways)[used]
 
 
 def jacobians(depth: Floats) -> Floats:
@@ -122,7 +122,7 @@ def limited(owned: NDArray[np.bool_], visible: Floats, depth: Floats) -> float:
     return float(np.log(visible[owned]).sum() + value)
 
 
-@pytest.mark.parametrize(("count", "kind"), [(8, EDGE), (20, EDGE), (60, EDGE), (12, WINDOW), (24, WINDOW)])
+@pytest.mark.parametrize(("count", "kind"), [(8, EDGE), (20, EDGE), (60, EDGE), (12, WINDOW), (18, WINDOW)])
 def test_the_one_that_hides_most_stands_for_all(count: int, kind: int) -> None:
     errors, gains = list[float](), list[float]()
     for seed in range(1000, 1030):

@@ -13,20 +13,20 @@ from pose_scenes import CAMERA, SCENES, PoseScene, p3p, point_sets, three_plus_o
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.simulation import p3p_scene
 
-SHARE = 0.95
+SHARE, COUNT = 0.95, 20
 
 
 @pytest.mark.parametrize("name", list(SCENES))
 def test_the_truth_lies_within_the_covariance(name: str) -> None:
     """So many of the scenes inside the 95 % quantile as a binomial law with 95 % has once in 2,000 times; see
     benchmarks/poses.py for the shares of 1,000 scenes."""
-    scenes = [SCENES[name](seed) for seed in range(30)]
+    scenes = [SCENES[name](seed) for seed in range(COUNT)]
     squared = np.array([scene.squared_error(scene.fitted()) for scene in scenes])
     inside = int((squared < chi2.ppf(SHARE, scenes[0].dof)).sum())
-    assert inside >= binom.ppf(2.5e-4, 30, SHARE)
+    assert inside >= binom.ppf(2.5e-4, COUNT, SHARE)
     # nor is it too wide: half of them lie within the median
     half = int((squared < chi2.ppf(0.5, scenes[0].dof)).sum())
-    assert binom.ppf(2.5e-4, 30, 0.5) <= half <= binom.ppf(1.0 - 2.5e-4, 30, 0.5)
+    assert binom.ppf(2.5e-4, COUNT, 0.5) <= half <= binom.ppf(1.0 - 2.5e-4, COUNT, 0.5)
 
 
 @pytest.mark.parametrize("seed", [1022, 1400, 1457])

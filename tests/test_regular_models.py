@@ -36,7 +36,7 @@ def ceiling(seed: int, size: tuple[int, int], jitter: float) -> tuple[Floats, Fl
 def test_a_part_of_a_grid_is_not_trusted_a_period_away(problem: Problem) -> None:
     """Before rivals of parts were sought, 8 of 32 trusted were wrong upright and 13 of 21 not (60 seeds from 1000)."""
     trusted = wrong = 0
-    for seed in range(1000, 1024):
+    for seed in range(1000, 1016):
         lamps, image, own = ceiling(seed, (6, 4), 0.0)
         if len(own) < 6:
             continue
@@ -44,19 +44,17 @@ def test_a_part_of_a_grid_is_not_trusted_a_period_away(problem: Problem) -> None
         points, detections = match.pairs.T
         trusted += bool(match)
         wrong += bool(match) and bool((own[detections] != points).any())
-    assert trusted >= 4
+    assert trusted >= 3
     assert wrong == 0
 
 
 def test_a_part_of_many_lamps_is_found_by_the_vertical() -> None:
     """The widest pairs of 112 lamps are never in view together."""
-    right = 0
-    for seed in range(1000, 1002):
-        lamps, image, own = ceiling(seed, (14, 10), 0.05)
-        match = rm.match(lamps, image, UPRIGHT, noise=0.3)
-        points, detections = match.pairs.T
-        right += bool(match) and bool((own[detections] == points).all())
-    assert right == 2
+    lamps, image, own = ceiling(1000, (14, 10), 0.05)
+    match = rm.match(lamps, image, UPRIGHT, noise=0.3)
+    points, detections = match.pairs.T
+    assert match
+    assert (own[detections] == points).all()
 
 
 @pytest.mark.parametrize("seed", [1006, 1007])

@@ -55,14 +55,14 @@ def clouds_of(source: Floats, target: Floats) -> PointClouds:
 
 def test_rooms_are_not_matched_a_room_off() -> None:
     right = trusted = 0
-    for seed in range(8):
+    for seed in range(5):
         source, target, truth = rooms(seed)
         match = rm.match(source, target, rm.Rigid(2), noise=(SIGMA, SIGMA))
         right += is_right(match, truth)
         trusted += bool(match)
         assert is_right(match, truth) or not match
-    assert right >= 6
-    assert trusted >= 4
+    assert right >= 4
+    assert trusted >= 2
 
 
 def test_what_the_best_labelling_leaves_repeats_the_targets() -> None:
@@ -124,12 +124,12 @@ def road(seed: int) -> tuple[Floats, Floats, Integers]:
 def test_an_exact_row_is_not_matched_where_it_overlaps_most() -> None:
     """What stands by an exact law is in its place at each period; what stands anywhere tells which."""
     right = wrong = 0
-    for seed in range(10):
+    for seed in range(6):
         source, target, truth = road(seed)
         match = rm.match(source, target, rm.Rigid(2), noise=(0.03, 0.03))
         right += is_right(match, truth)
         wrong += bool(match) and not is_right(match, truth)
-    assert right >= 4
+    assert right >= 3
     assert wrong <= 1
 
 
@@ -155,7 +155,7 @@ def test_labellings_that_are_kept_are_near_their_motions() -> None:
 def test_points_beyond_the_window_are_not_missed() -> None:
     """Two halves of a cloud: the points that only one of them can show are no evidence against their motion."""
     trusted, gained = 0, 0.0
-    for seed in range(12):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         source, target, truth = halves(rng.uniform(0.0, 10.0, (24, 2)), 7.0, 3.0, rng, 2.0 * SIGMA)
         match = rm.match(source, target, rm.Rigid(2), noise=(2.0 * SIGMA, 2.0 * SIGMA))
@@ -165,6 +165,6 @@ def test_points_beyond_the_window_are_not_missed() -> None:
         model = PointSetModel(clouds_of(source, target))
         known = replace(model, detection_rate=0.5)
         fit = model.fit(truth[None])
-        gained += float(model.log_factors(fit)[-1, 0] - known.log_factors(fit)[-1, 0]) / 12.0
+        gained += float(model.log_factors(fit)[-1, 0] - known.log_factors(fit)[-1, 0]) / 8.0
     assert gained > 2.0
-    assert trusted >= 9
+    assert trusted >= 6

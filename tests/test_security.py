@@ -11,9 +11,9 @@ import pytest
 import rootmatch as rm
 from rootmatch.errors import InputError, RootmatchError
 from rootmatch.problems.derived.store import vetted
+from source_files import SOURCES, every_file, nodes_of
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ROOT / "src" / "rootmatch"
 EXECUTES = {"problems/derived/store.py", "problems/derived/compile.py", "algebra/any_degree.py"}
 UNPICKLES = {"backends/dask.py", "jit/cache.py", "cli/frames.py"}
 """Those that may: of a scheduler, of a cache of kernels, and what a command hands to its own workers."""
@@ -22,8 +22,8 @@ UNPICKLES = {"backends/dask.py", "jit/cache.py", "cli/frames.py"}
 def calls() -> dict[str, set[str]]:
     """Files by the name of what they call, the last part of it with the part before."""
     found: dict[str, set[str]] = {}
-    for path in SOURCES.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_bytes())):
+    for path in every_file():
+        for node in nodes_of(path):
             if isinstance(node, ast.Call):
                 function = node.func
                 name = getattr(function, "id", "")

@@ -154,7 +154,7 @@ def test_axes_of_two_point_sets_differ() -> None:
     """A tracker that is ten times worse along its axis: the fit has the right weights, and covers the truth."""
     deviation = np.array([0.1, 0.1, 1.0])
     squared: dict[str, list[float]] = {"axes": [], "mean": []}
-    for seed in range(40):
+    for seed in range(24):
         scene = Scene(seed, clutter=0, covariance=np.zeros((3, 3)))
         rng = np.random.default_rng([seed, 31])
         target = scene.placed + rng.normal(0.0, deviation, scene.placed.shape)
@@ -213,7 +213,7 @@ def cameras_of(kind: str) -> list[tuple[rm.Camera, Floats, Floats]]:
 def test_frames_do_not_average_the_errors_of_a_model_out(kind: str) -> None:
     """They are the same in all frames: after 30 of them, poses are as wrong as their covariance says."""
     views, squared, vague = cameras_of(kind), [], np.diag([0.2**2] * 3 + [50.0**2] * 3)
-    for seed in range(14):
+    for seed in range(10):
         scene, rng = Scene(seed, points=12, clutter=0), np.random.default_rng([seed, 31])
         problem = rm.P3P(rm.Rig(views)) if kind == "rig" else rm.P3P(views[0][0])
         tracker = rm.Tracker(scene.model, problem, noise=PIXEL, source_noise=SIGMA, max_seconds=5.0)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import ast
 from functools import cache
-from pathlib import Path
 
-SOURCES = Path(__file__).resolve().parents[1] / "src" / "rootmatch"
+from source_files import SOURCES, every_file, nodes_of, tree_of
 
 
 @cache
@@ -14,8 +13,8 @@ def nodes() -> list[tuple[str, ast.Call | ast.keyword | ast.FunctionDef]]:
     """Calls, keywords and functions of each file."""
     return [
         (path.relative_to(SOURCES).as_posix(), node)
-        for path in SOURCES.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for path in every_file()
+        for node in nodes_of(path)
         if isinstance(node, ast.Call | ast.keyword | ast.FunctionDef)
     ]
 
@@ -42,7 +41,7 @@ def test_points_are_validated_by_the_problem_alone() -> None:
 
 def test_the_pipeline_fits_on_a_screen() -> None:
     for file, names in (("api.py", ["match"]), ("explain/explain.py", ["explain", "_explained", "_one_motion"])):
-        tree = ast.parse((SOURCES / file).read_text(encoding="utf-8"))
+        tree = tree_of(SOURCES / file)
         bodies = {node.name: node.body for node in tree.body if isinstance(node, ast.FunctionDef)}
         for name in names:
             first, last = bodies[name][1], bodies[name][-1]  # without the docstring

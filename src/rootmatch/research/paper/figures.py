@@ -67,7 +67,7 @@ def draw(table: Table, problem: str, rule: Rule, beside: Variant | None = None) 
         + (f", with the {_DESCRIPTIONS[beside]}" if beside else ""),
         fontsize=11,
     )
-    _legend(figure, problem, beside)
+    _legend(figure, beside)
     return figure
 
 
@@ -100,7 +100,7 @@ def _panel(axis: Axes, table: Table, panel: Panel, rule: Rule, beside: Variant |
     axis.set_title(f"{panel.label}  {panel.title}", loc="left", fontsize=10)
 
 
-def _legend(figure: Figure, problem: str, beside: Variant | None) -> None:
+def _legend(figure: Figure, beside: Variant | None) -> None:
     """One legend for all panels, below them: what colour, marker and line mean."""
     from matplotlib.lines import Line2D
 

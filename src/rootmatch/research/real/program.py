@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from queue import Empty, Queue
-from types import TracebackType
 from typing import Any
 
 from rootmatch.errors import InputError, RootmatchError, quoted
@@ -39,14 +38,6 @@ class Program:
         self._lines: Queue[bytes | None] = Queue()
         self._answered = False
 
-    def __enter__(self) -> Program:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
-
     def ask(self, request: dict[str, Any], timeout: float) -> dict[str, Any]:
         """The reply, with ``wall`` seconds; with ``error`` where there is none in time or it is none."""
         process = self._running()
@@ -59,11 +50,11 @@ class Program:
         except (BrokenPipeError, OSError):
             line = None
         except Empty:
-            self.stop()
+            self.close()
             return {"error": f"no reply within {timeout:g} s", "wall": timeout}
         wall = time.perf_counter() - started
         if line is None:
-            self.stop()
+            self.close()
             return {"error": "the program ended", "wall": wall}
         self._answered = True
         try:
@@ -74,7 +65,7 @@ class Program:
             return {"error": f"no reply in JSON: {quoted(line.strip()[:80].decode(errors='replace'))}", "wall": wall}
         return {**found, "wall": wall}
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """End the program, whatever it is at; the next request starts another."""
         if self._process is not None:
             self._process.kill()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,7 @@ def run_real(
         path = rows_file(output, method)
         there = {row["scene"] for row in read_rows(path)}
         done += sum(scene.name in there for scene in scenes)
-        with to_run as program:
+        with closing(to_run) as program:
             warm: set[str] = set()
             for scene in scenes:
                 if scene.name in there:
