@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import eigh, expm
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -455,3 +455,10 @@ def moved_along_arc(step: np.ndarray) -> np.ndarray:
     generator[:3, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
     generator[:3, 3] = step[3:]
     return np.asarray(expm(generator)[:3, 3])
+
+
+def in_either_axes(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Contraharmonic mean of two covariances, (a² + b²) / (a + b) in the axes in which both are diagonal."""
+    ratio, vectors = eigh(second, first)
+    across = first @ vectors
+    return np.asarray(across * ((1.0 + ratio**2) / (1.0 + ratio)) @ across.T)

@@ -417,7 +417,7 @@ def test_a_frame_that_the_lens_shows_in_part_is_matched_and_the_flight_goes_on()
 def test_the_filter_is_that_of_kalman() -> None:
     """A pose fused by hand is the textbook's update of position, velocity and acceleration.
 
-    In the frame of the body, with which a predicted covariance turns.
+    A predicted covariance has axes that may turn with the body, or stay.
     """
     R, t = pose(0.0)
     one = MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0)
@@ -428,7 +428,7 @@ def test_the_filter_is_that_of_kalman() -> None:
     step = np.zeros(18)
     for _ in range(20):  # how far it turns depends on the gain, and that on how far
         turn = Rotation.from_rotvec(step[:3]).as_matrix()
-        P = np.kron(np.eye(6), turn) @ before_P @ np.kron(np.eye(6), turn.T)
+        P = oracles.in_either_axes(before_P, np.kron(np.eye(6), turn) @ before_P @ np.kron(np.eye(6), turn.T))
         gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise)
         step, expected = gain @ measured, P - gain @ H @ P
     moved = oracles.moved_along_arc(np.concatenate([-step[:3], step[3:6]]))

@@ -95,6 +95,11 @@ def along_arc(vector: Floats, moved: Floats) -> Floats:
     return np.asarray(moved - 0.5 * once + bent * cross(vector, once))
 
 
+def by_left_turn(vector: Floats) -> Floats:
+    """Derivatives (…, 3, 3) of rotation vectors (…, 3) by a small rotation that follows."""
+    return np.moveaxis(along_arc(vector[..., None, :], np.eye(3)), -1, -2)
+
+
 def rotation_about_y(cosine: Floats, sine: Floats) -> Floats:
     """Rotation matrices (…, 3, 3) about the y axis by angles with these cosines and sines (…)."""
     out = np.zeros((*cosine.shape, 3, 3))

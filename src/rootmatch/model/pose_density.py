@@ -193,12 +193,6 @@ class Gaussian(Mixed):
         unit = scale[:, None] * scale
         return np.asarray((self.covariance / unit + RIDGE) * unit)
 
-    @once
-    def _precision(self) -> tuple[Floats, float]:
-        """The precision (6, 6), and the logarithm of the density at its peak."""
-        logarithm = 0.5 * float(np.linalg.slogdet(2.0 * math.pi * self.bounded)[1]) + _log_mass(self.freedom)
-        return np.asarray(np.linalg.inv(self.bounded), np.float64), -logarithm
-
 
 @dataclass(frozen=True, eq=False)
 class Doubted(Mixed):
@@ -295,12 +289,11 @@ def packed(predictions: Sequence[tuple[Gaussian, float]]) -> tuple[Floats, ...]:
     """Predictions with their shares as arrays for the kernel."""
     if not predictions:
         return NO_PREDICTIONS
-    each = [one._precision for one, _ in predictions]
     return (
         np.array([one.rotation for one, _ in predictions]),
         np.array([one.position for one, _ in predictions]),
-        np.array([whole for whole, _ in each]),
-        np.array([peak + share for (_, peak), (_, share) in zip(each, predictions, strict=True)]),
+        np.array([one.bounded for one, _ in predictions]),
+        np.array([share - _log_mass(one.freedom) - 3.0 * math.log(2.0 * math.pi) for one, share in predictions]),
         np.array([one.freedom for one, _ in predictions], dtype=float),
     )
 

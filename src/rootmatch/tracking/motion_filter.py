@@ -10,6 +10,7 @@ import numpy as np
 from rootmatch.algebra.rotation import along_arc, one_rotation_matrix, one_rotation_vector
 from rootmatch.arrays import Floats, kept_by_identity
 from rootmatch.options import Options, option
+from rootmatch.problems.pose_fit.either_axes import in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import STRAIGHT, about_point, body_radius
 from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose, left_by
@@ -229,7 +230,7 @@ class MotionFilter:
             whole[k : k + 3, k : k + 3] = turn
         along = step.copy()
         along[3:6] = along_arc(-step[:3], step[3:6])
-        return whole @ P @ whole.T, along
+        return in_either_axes(P, whole @ P @ whole.T), along
 
     def _is_among(self, offset: Floats) -> bool:
         """Whether a camera at a point of the body's frame, from its centre, has the body's points around it."""

@@ -92,7 +92,7 @@ def room_for_terms(known):  # type: ignore[no-untyped-def]
     """Rows for the terms of each component of a prior, which prediction the first of them is, and scratch."""
     rows = 1 + known[2][3].shape[0]
     terms = np.empty((rows, 6, 6)), np.empty((rows, 6)), np.empty(rows), np.empty(rows)
-    return terms, np.empty(1, np.int64), (np.empty((3, 3)), np.empty((2, 6)))
+    return terms, np.empty(1, np.int64), (np.empty((3, 3)), np.empty((4, 6)), np.empty((4, 6, 6)))
 
 
 @part

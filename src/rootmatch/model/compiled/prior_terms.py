@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from rootmatch.jit.decorators import part
+from rootmatch.model.compiled.evidence import inverted
 
 NO_TURN = 1e-9
 """Sine of the angle of a rotation below which it is none, or a half turn."""
@@ -79,18 +80,66 @@ def error_about(place, positions, k, step):  # type: ignore[no-untyped-def]
 
 
 @part
+def turned_back(covariance, turn, out):  # type: ignore[no-untyped-def]
+    """Covariance (6, 6) of a prediction in axes that ``turn`` (3, 3) takes to those it was in, into ``out``."""
+    for a in range(6):
+        for p in range(0, 6, 3):
+            u, v, w = covariance[a, p], covariance[a, p + 1], covariance[a, p + 2]
+            for b in range(3):
+                out[a, p + b] = u * turn[0, b] + v * turn[1, b] + w * turn[2, b]
+    for b in range(6):
+        for p in range(0, 6, 3):
+            u, v, w = out[p, b], out[p + 1, b], out[p + 2, b]
+            for a in range(3):
+                out[p + a, b] = turn[0, a] * u + turn[1, a] * v + turn[2, a] * w
+
+
+@part
+def in_either_axes(covariance, turned, factor, scale, out):  # type: ignore[no-untyped-def]
+    """See `rootmatch.problems.pose_fit.either_axes`: of the covariance (6, 6) in both, into ``out``.
+
+    ``turned`` is overwritten; ``factor`` (6, 6) and ``scale`` (6,): scratch.
+    """
+    for j in range(6):
+        scale[j] = 1.0 / math.sqrt(covariance[j, j] + turned[j, j])
+    for j in range(6):
+        for i in range(j, 6):
+            value = (covariance[i, j] + turned[i, j]) * scale[i] * scale[j]
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            factor[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / factor[j, j]
+    for a in range(6):
+        for b in range(6):
+            out[a, b] = 0.0
+    for side in range(2):
+        # ``turned`` holds the rows of L⁻¹ C, of one covariance after the other
+        for column in range(6):
+            for i in range(6):
+                value = (turned[i, column] if side == 0 else covariance[i, column]) * scale[i]
+                for k in range(i):
+                    value -= factor[i, k] * turned[k, column]
+                turned[i, column] = value / factor[i, i]
+        for a in range(6):
+            for b in range(a + 1):
+                for k in range(6):
+                    out[a, b] += turned[k, a] * turned[k, b]
+                out[b, a] = out[a, b]
+
+
+@part
 def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type: ignore[no-untyped-def]
     """Terms of the largest of predicted poses and a broad prior about the k-th of some poses, into a row of ``out``.
 
-    ``which``: the prediction, or their number for the broad one; ``scratch``: (3, 3) and (2, 6).
+    ``which``: the prediction, or their number for the broad one; ``scratch``: (3, 3), (4, 6) and (4, 6, 6).
     """
     rotations, positions = poses
-    means, places, wholes, peaks, freedoms = predictions
+    means, places, covariances, peaks, freedoms = predictions
     _, field, depth, log_turn, radius = broad
     precision, slope, squared, log_density = out
     count = means.shape[0]
-    turn, vectors = scratch
-    step, push = vectors[0], vectors[1]
+    turn, vectors, squares = scratch
+    step, moved, push, scale = vectors[0], vectors[1], vectors[2], vectors[3]
+    covariance, turned, factor, whole = squares[0], squares[1], squares[2], squares[3]
     x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
     distance2 = x * x + y * y + z * z
     reach2 = distance2 + radius * radius
@@ -101,13 +150,19 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
     for g in range(count):
         vector_of(means[g], rotations[k], turn, step)
         error_about(places[g], positions, k, step)
+        for a in range(3):  # from the predicted axes to those about the pose; a rotation has its own axis in both
+            moved[a] = step[a]
+            moved[3 + a] = turn[0, a] * step[3] + turn[1, a] * step[4] + turn[2, a] * step[5]
+        turned_back(covariances[g], turn, turned)
+        in_either_axes(covariances[g], turned, factor, scale, covariance)
+        log_volume = 0.5 * inverted(covariance, factor, scale, whole)
         total = 0.0
         for a in range(6):
             push[a] = 0.0
             for b in range(6):
-                push[a] += wholes[g, a, b] * step[b]
-            total += push[a] * step[a]
-        weight, peak, freedom = 1.0, peaks[g], freedoms[g]
+                push[a] += whole[a, b] * moved[b]
+            total += push[a] * moved[a]
+        weight, peak, freedom = 1.0, peaks[g] - log_volume, freedoms[g]
         # normal up to its mean squared deviation, where a t-distribution has the same slope
         if freedom < math.inf and total > 6.0:
             weight = (freedom + 6.0) / (freedom + total)
@@ -117,20 +172,9 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
         if value > best or (value == best and which[row] == count):
             best = value
             which[row], squared[row], log_density[row] = g, weight * total, peak
-            for a in range(3):
-                for p in range(0, 6, 3):
-                    slope[row, p + a] = 0.0
-                    for c in range(3):
-                        slope[row, p + a] += weight * turn[c, a] * push[p + c]
-                for p in range(0, 6, 3):
-                    for b in range(6):
-                        precision[row, p + a, b] = 0.0
-                        for c in range(3):
-                            precision[row, p + a, b] += weight * turn[c, a] * wholes[g, p + c, b]
             for a in range(6):
-                for q in range(0, 6, 3):
-                    u, v, w = precision[row, a, q], precision[row, a, q + 1], precision[row, a, q + 2]
-                    for b in range(3):
-                        precision[row, a, q + b] = u * turn[0, b] + v * turn[1, b] + w * turn[2, b]
+                slope[row, a] = weight * push[a]
+                for b in range(6):
+                    precision[row, a, b] = weight * whole[a, b]
     if which[row] == count:
         broad_about(k, row, positions, broad, log_turn, out)

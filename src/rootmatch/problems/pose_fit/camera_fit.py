@@ -62,7 +62,7 @@ def camera_poses(
     if upright is not None:
         axes = upright.camera[1:2] if upright.noise == 0.0 else upright.camera[[1, 0, 2]]
     noisy = upright if upright is not None and upright.noise > 0.0 else None
-    gaussian = None if prior is None else Prior.of(prior, centre, unit)
+    gaussian = None if prior is None else Prior.of(prior, centre, unit, start)
 
     model = ProjectionModel(places, image, weight, camera, axes, upright=noisy, prior=gaussian)
     count = len(places)

@@ -70,7 +70,7 @@ def descended(model: Model, state: State, steps: int = STEPS) -> tuple[State, Fl
             reached = model.moved(state, np.where(done[:, None], 0.0, step))
             residuals2 = model.residuals(reached)
             chi22 = chi2_of(residuals2)
-            better = (chi22 <= chi2) & ~done
+            better = (chi22 < chi2) & ~done
             state = tuple(_where(better, new, old) for new, old in zip(reached, state, strict=True))
             residuals = _where(better, residuals2, residuals)
             # what the step promised settles only where the damping did not cut it short

@@ -194,15 +194,14 @@ def updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
     gain = prior.covariance[:, :size] @ jacobian.T
     total = jacobian @ gain[:size] + noise
     kalman = gain @ np.linalg.pinv(total, hermitian=True)
-    step, covariance = kalman @ off, prior.covariance - kalman @ gain.T
+    step, kept = kalman @ off, np.eye(len(prior.covariance))
+    kept[:, :size] -= kalman @ jacobian
+    # Joseph's form: what is measured exactly leaves no negative variance
+    covariance = kept @ prior.covariance @ kept.T + kalman @ noise @ kalman.T
     R = one_rotation_matrix(step[:3]) @ prior.R
     scale = prior.scale * math.exp(float(step[6:].sum()) / prior.scale)
     one = Pose.unchecked(R, prior.t + step[3:6], 0.5 * (covariance + covariance.T), scale)
-    if not isinstance(prior, SharedPose):
-        return one
-    kept = np.eye(len(covariance))
-    kept[:, :size] -= kalman @ jacobian
-    return SharedPose.of(one, prior.shared.moved(kept))
+    return SharedPose.of(one, prior.shared.moved(kept)) if isinstance(prior, SharedPose) else one
 
 
 def _parts(name: str, given: Any, count: int, expected: str) -> tuple[Any, ...]:

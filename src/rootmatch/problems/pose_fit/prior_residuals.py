@@ -6,49 +6,58 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.algebra.rotation import along_arc, cross_matrix, rotation_about_y, rotation_vector
+from rootmatch.algebra.rotation import along_arc, by_left_turn, one_rotation_vector, rotation_about_y, rotation_vector
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
+from rootmatch.problems.pose_fit.either_axes import in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.reference_point import about_point
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """A Gaussian about a predicted pose, in the frame and unit of the fit."""
+    """A predicted pose, in the frame and unit of a fit, as a Gaussian about a pose near which the fit ends."""
 
     rotation: Floats
     translation: Floats
     root: Floats
     """(6, 6): its product with the errors (ω, τ) has unit covariance."""
+    offset: Floats
+    """(6,): errors of that pose, in units of their σ."""
 
     @classmethod
-    def of(cls, pose: Pose, centre: Floats, unit: float) -> Prior:
-        """The prior for points from which ``centre`` was subtracted and which were divided by ``unit``."""
+    def of(cls, pose: Pose, centre: Floats, unit: float, near: Pose | None = None) -> Prior:
+        """The prior for points from which ``centre`` was subtracted and which were divided by ``unit``.
+
+        ``near``: the pose about which it is taken, that predicted if there is none.
+        """
         if pose.covariance is None or pose.R.shape != (3, 3):
             raise InputError("prior: a pose in space with a covariance (6, 6) is needed; give Pose(R, t, covariance)")
-        # t' = (t + R c) / u, so τ' = (τ + ω × R c) / u
-        change = np.eye(6)
-        change[3:, :3] = -cross_matrix(pose.R @ centre)
-        change[3:] /= unit
-        covariance = change @ pose.covariance[:6, :6] @ change.T
+        place, covariance = about_point(pose.R, pose.t, pose.covariance[:6, :6], centre)
+        R, t, off = pose.R, place, np.zeros(6)
+        if near is not None:
+            R, t = near.R, near.t + near.R @ centre
+            vector, back = one_rotation_vector(R @ pose.R.T), np.kron(np.eye(2), R @ pose.R.T)
+            off = back @ np.concatenate([vector, along_arc(vector, t - place)])
+            covariance = in_either_axes(covariance, back @ covariance @ back.T)
+        units = np.repeat([1.0, unit], 3)
+        off, covariance = off / units, covariance / np.outer(units, units)
         deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
         values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
         # what is known exactly is known very well
         root = (vectors / np.sqrt(np.maximum(values, 1e-12))).T / deviation
-        return cls(pose.R, (pose.t + pose.R @ centre) / unit, root)
+        return cls(R, t / unit, root, root @ off)
 
     def residuals(self, rotation: Floats, translation: Floats) -> Floats:
         """Errors (B, 6) of poses in units of the prior's σ."""
-        vector = rotation_vector(rotation @ self.rotation.T)
-        return np.asarray(
-            np.concatenate([vector, along_arc(vector, translation - self.translation)], axis=1) @ self.root.T
-        )
+        step = np.concatenate([rotation_vector(rotation @ self.rotation.T), translation - self.translation], axis=1)
+        return np.asarray(self.offset + step @ self.root.T)
 
     def jacobian(self, rotation: Floats, axes: Floats) -> Floats:
         """Their derivatives (B, 6, a + 3) by rotations about the axes (a, 3) and by translations."""
-        back = self.rotation @ rotation.swapaxes(1, 2)
         out = np.zeros((len(rotation), 6, len(axes) + 3))
-        out[:, :3, : len(axes)], out[:, 3:, len(axes) :] = back @ axes.T, back
+        out[:, :3, : len(axes)] = by_left_turn(rotation_vector(rotation @ self.rotation.T)) @ axes.T
+        out[:, 3:, len(axes) :] = np.eye(3)
         return np.asarray(self.root @ out)
 
 

@@ -62,7 +62,7 @@ def rig_pose(
     used, target, sigma = assignment >= 0, points.target, points.target_noise
     weight = np.where(used, 1.0 / sigma[np.maximum(assignment, 0)], 0.0)[None]
     detected = target[np.maximum(assignment, 0)][None]
-    gaussian = None if prior is None else Prior.of(prior, centre, unit)
+    gaussian = None if prior is None else Prior.of(prior, centre, unit, start)
     model = ProjectionModel(places[None], detected, weight, image, np.eye(3), prior=gaussian)
     first: State
     if start is not None:
