@@ -110,11 +110,11 @@ def test_a_tracker_does_not_stay_with_the_wrong_pose(seed: int) -> None:
         image = CAMERA.project(source @ R.T + place + speed * time) + rng.normal(0.0, SIGMA, (9, 2))
         match = tracker.update(image, time=time)
         trusted += bool(match)
-        if match and k % 3 == 0:
+        if match:
             assert match.pose is not None
             wrong.append(apart(match.pose.R, R) > 20.0)
     assert trusted >= 20
-    assert sum(wrong) <= 1  # a prediction stayed with the wrong pose for 30 and for 59 frames
+    assert sum(wrong) <= 2  # a prediction stayed with the wrong pose for 30 and for 59 frames
 
 
 def test_a_prediction_tells_which() -> None:

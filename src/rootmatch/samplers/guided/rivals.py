@@ -143,7 +143,7 @@ def _affordable(search: Search, images: Integers, known: Integers | None) -> int
     """Tasks until the next look at what was spent: elsewhere no more than the budget has left, as sets cost so far."""
     left = batches.LARGEST
     if known is None:
-        left = min(left, int((search.budget - search.evaluated) * search.solved / search.evaluated))
+        left = min(left, int((search.budget - search.evaluated) * search.solved / max(search.evaluated, 1)))
     return max(left // len(images), batches.CHUNKS)
 
 
