@@ -6,6 +6,9 @@ import numpy as np
 
 from rootmatch.arrays import Floats
 
+RIDGE = 1e-13
+"""Added to the unit diagonal of a scaled sum, so that it has an inverse where a part of the pose is exact."""
+
 
 def in_either_axes(covariance: Floats, turned: Floats) -> Floats:
     """Covariance of a prediction in whose axes is uncertain whether they turn with the body.
@@ -22,7 +25,7 @@ def in_either_axes(covariance: Floats, turned: Floats) -> Floats:
     """
     scale = np.sqrt(np.maximum(covariance.diagonal() + turned.diagonal(), 1e-300))
     unit = scale[:, None] * scale
-    first, second = covariance / unit, turned / unit
-    both = np.linalg.pinv(first + second, hermitian=True)
-    out = (first @ both @ first + second @ both @ second) * unit
+    each = np.array([covariance, turned]) / unit
+    inverse = np.linalg.inv(each[0] + each[1] + RIDGE * np.eye(len(scale)))
+    out = (each @ inverse @ each).sum(axis=0) * unit
     return np.asarray(0.5 * (out + out.T))
