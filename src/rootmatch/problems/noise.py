@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, as_floats
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import LEAST_NOISE, as_floats, check_noise
+from rootmatch.problems.checks import LEAST_NOISE, check_noise
 from rootmatch.problems.points import PointSets
 
 FARTHER = 3.0
