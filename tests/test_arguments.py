@@ -296,3 +296,9 @@ def test_detections_of_a_rig_without_cameras_are_refused() -> None:
     rig = rm.Rig([(rm.Camera(800.0, 800.0, 320.0, 240.0), np.eye(3), np.zeros(3))])
     with pytest.raises(InputError, match=r"of a rig, give \(pixels, index of the camera of each\)"):
         rm.match(SCENE.source, SCENE.target, rm.P3P(rig))
+
+
+@pytest.mark.parametrize("name", ["seed", "max_hyperedges"])
+def test_none_stands_for_no_number_that_has_a_default(name: str) -> None:
+    with pytest.raises(InputError, match=f"^{name}: None given; give a whole number, or leave it out$"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, **{name: None})

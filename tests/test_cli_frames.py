@@ -722,6 +722,7 @@ def test_knowledge_of_one_frame_is_not_that_of_the_next(tmp_path: Path) -> None:
         ("qx,qy,qz,qw,q_sigma", [0, 0, 0, 1, 60], "row 2: q_sigma is 60; give degrees up to 57"),
         ("frame,time,tx,ty,tz,t_sigma", [0, 0, 0, 0, 1, 1], "columns frame and time; give one of them"),
         ("vx,vy,vz,wx,wy,wz,v_sigma", [0, 0, 0, 0, 1, 0, 1], "row 2: prior: vertical: its length is 0"),
+        ("frame,x,y", [0, 1, 2], "wz, v_sigma; is it a file of points or detections?"),
     ],
 )
 def test_knowledge_that_cannot_be_read(tmp_path: Path, header: str, row: list[Any], text: str) -> None:

@@ -182,3 +182,75 @@ def test_a_mirror_image_that_a_rotation_explains_roughly_is_not_trusted_in_space
             mirrored, proper = mirrored + (trusted and sign < 0.0), proper + (trusted and sign > 0.0)
     assert mirrored == 0
     assert proper == 20
+
+
+def hand_before_five(
+    seed: int, off: float, sigma: float, bent: float = 0.0
+) -> tuple[Floats, rm.Rig, list[Floats], Floats, Floats]:
+    """Eight points, of which one is off by a length, five cameras about them, their detections, and the pose.
+
+    ``bent``: angle by which three of them, those of a flat hand, are turned.
+    """
+    rng = np.random.default_rng(seed)
+    body = rng.uniform(-0.1, 0.1, (8, 3))
+    R, t = Rotation.random(random_state=rng).as_matrix(), rng.uniform(-0.1, 0.1, 3)
+    if bent:
+        body[:, 2] *= 0.1
+        body[5:, 1] = rng.uniform(0.1, 0.14, 3)
+    built = body.copy()
+    hinge = np.array([0.0, 0.1, 0.0])
+    built[5:] = (body[5:] - hinge) @ Rotation.from_rotvec([bent, 0.0, 0.0]).as_matrix().T + hinge
+    direction = rng.normal(size=3)
+    built[seed % 8] += off * direction / np.linalg.norm(direction)
+    views, target = [], []
+    for k in range(5):
+        turn = Rotation.from_rotvec([0.0, 0.4 * (k - 2), 0.0]).as_matrix()
+        views.append((CAMERA, turn, np.array([0.0, 0.0, 1.0])))
+        image = CAMERA.project((built @ R.T + t) @ turn.T + (0.0, 0.0, 1.0))
+        target.append(np.vstack([image + rng.normal(0.0, sigma, image.shape), rng.uniform((0.0, 0.0), SIZE, (2, 2))]))
+    return body, rm.Rig(views), target, R, t
+
+
+def squared_error(pose: rm.Pose, R: Floats, t: Floats) -> float:
+    """Squared error of a pose in units of its covariance."""
+    error = np.append(Rotation.from_matrix(R @ pose.R.T).as_rotvec(), t - pose.t)
+    return float(error @ np.linalg.solve(pose.covariance, error))
+
+
+def test_cameras_that_see_a_point_off_in_one_place_are_not_noisy() -> None:
+    """2 mm are 1.6 px, of which the pose takes a part up; as much noise in all detections is no displacement."""
+    told, covered, noisy = 0, 0, 0
+    for seed in range(1000, 1008):
+        body, rig, target, R, t = hand_before_five(seed, 2e-3, SIGMA)
+        match = rm.match(body, target, rm.P3P(rig), noise=SIGMA)
+        told += match.point_error > 0.0
+        assert match.noise_factor is not None
+        covered += not match or squared_error(match.pose, R, t) < 20.0
+        body, rig, target, R, t = hand_before_five(seed, 0.0, SIGMA * match.noise_factor)
+        noisy += rm.match(body, target, rm.P3P(rig), noise=SIGMA).point_error > 0.0
+    assert told >= 6
+    assert covered == 8
+    assert noisy == 0
+
+
+def test_an_exact_body_before_a_rig_has_no_points_that_are_off() -> None:
+    for seed in range(1000, 1008):
+        body, rig, target, R, t = hand_before_five(seed, 0.0, SIGMA)
+        match = rm.match(body, target, rm.P3P(rig), noise=SIGMA)
+        assert match
+        assert match.point_error == 0.0
+        assert squared_error(match.pose, R, t) < 25.0
+
+
+def test_a_bent_body_before_a_rig_is_not_taken_for_noise() -> None:
+    """Three of eight points are bent, and all of them match in a pose that was 12 to 25 σ off."""
+    for seed in (1001, 1005, 1006):
+        body, rig, target, R, t = hand_before_five(seed, 0.0, SIGMA, bent=math.radians(6.0))
+        match = rm.match(body, target, rm.P3P(rig), noise=SIGMA)
+        assert match.point_error > 0.0
+        assert squared_error(match.pose, R, t) < 40.0
+    for seed in (1000, 1004):
+        body, rig, target, *_ = hand_before_five(seed, 0.0, SIGMA, bent=math.radians(6.0))
+        match = rm.match(body, target, rm.P3P(rig), noise=SIGMA)
+        assert not match
+        assert "if the points of the body are off by" in match.advice

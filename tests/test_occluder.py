@@ -25,8 +25,8 @@ from rootmatch.model.compiled.occluder import (
     smaller_than,
 )
 from rootmatch.model.compiled.rates import log_of_rates
-from rootmatch.model.detection_model import RATE_PRIOR, beta_quadrature
-from rootmatch.model.priors import DEPTHS
+from rootmatch.model.detection_model import RATE_PRIOR
+from rootmatch.model.priors import DEPTHS, beta_quadrature
 
 Floats = NDArray[np.float64]
 RATES = beta_quadrature(*RATE_PRIOR)

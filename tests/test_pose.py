@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -63,3 +65,30 @@ def test_what_is_no_pose_is_refused(arguments: tuple[object, ...], text: str) ->
         rm.Pose(*arguments)  # type: ignore[arg-type]
     assert str(caught.value).startswith("pose: ")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("points", [[1.0, 2.0], 1.0, None, [], "far", [[1.0, 2.0], [3.0]], [1j, 2.0, 3.0]])
+@pytest.mark.parametrize("method", ["transform", "tre"])
+def test_points_that_a_pose_cannot_move_are_refused(method: str, points: Any) -> None:
+    with pytest.raises(rm.InputError, match=r"^pose: .*give (points )?\(…, 3\)"):
+        getattr(rm.Pose(np.eye(3), np.zeros(3), np.eye(6)), method)(points)
+
+
+def test_a_point_that_is_not_known_stays_so() -> None:
+    moved = rm.Pose(np.eye(3), np.ones(3)).transform([[np.nan, 0.0, 0.0], [1.0, 2.0, 3.0]])
+    np.testing.assert_array_equal(moved[1], [2.0, 3.0, 4.0])
+    assert np.isnan(moved[0, 0])
+
+
+def test_a_matrix_is_not_composed_with_a_pose() -> None:
+    pose = rm.Pose(np.eye(3), np.zeros(3))
+    with pytest.raises(rm.InputError, match=r"^pose: composed with ndarray; give a Pose, of a matrix Pose.from_matrix"):
+        pose @ np.eye(4)
+    with pytest.raises(TypeError, match="unsupported operand"):
+        np.eye(4) @ pose
+
+
+@pytest.mark.parametrize("arguments", [("far",), ([[1.0, 2.0], [3.0]],), (np.eye(4), "far"), (np.eye(4), [[1.0], []])])
+def test_what_is_no_matrix_of_a_pose_is_refused(arguments: tuple[Any, ...]) -> None:
+    with pytest.raises(rm.InputError, match=r"^pose: it is not an array of numbers; give a"):
+        rm.Pose.from_matrix(*arguments)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,6 +46,51 @@ def test_twenty_points_of_which_each_camera_sees_five(seed: int) -> None:
     assert found.poses_of(one_each) == [None], "no camera has the three points that a pose begins with"
     again = rm.Matcher(points, rm.P3P(rig), noise=0.5).match((rows[:, :2], rows[:, 2]))
     np.testing.assert_array_equal(again.sightings.assignment, truth)
+
+
+def test_detections_may_be_a_list_of_arrays_by_camera() -> None:
+    """They count on from one camera to the next; OpenCV's shape (m, 1, 2), and cameras without any, are taken too."""
+    points, rows, rig, *_ = four_about(seed=0)
+    rows = rows[np.argsort(rows[:, 2], kind="stable")]
+    by_camera: list[Any] = [rows[rows[:, 2] == k, :2] for k in range(4)]
+    expected = rm.match(points, rows, rm.P3P(rig), noise=0.5)
+    np.testing.assert_array_equal(rig.joined(by_camera), rows)
+    by_camera[1] = by_camera[1][:, None]
+    found = rm.match(points, by_camera, rm.P3P(rig), noise=0.5)
+    np.testing.assert_array_equal(found.sightings.assignment, expected.sightings.assignment)
+    tracked = rm.Tracker(points, rm.P3P(rig), noise=0.5).update(tuple(by_camera))
+    np.testing.assert_array_equal(tracked.sightings.assignment, expected.sightings.assignment)
+    by_camera[2] = []
+    np.testing.assert_array_equal(rig.joined(by_camera), rows[rows[:, 2] != 2])
+    two = rm.Rig(rig.views[:2])
+    assert two.joined([[], []]).shape == (0, 3)
+    np.testing.assert_array_equal(two.joined([rows[:3, :2], []])[:, 2], 0.0)
+    np.testing.assert_array_equal(two.joined([[1.0, 2.0, 0.0], [3.0, 4.0, 1.0]]), [[1, 2, 0], [3, 4, 1]])
+    np.testing.assert_array_equal(two.joined([[[1.0, 2.0]], [[3.0, 4.0], [5.0, 6.0]]])[:, 2], [0, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ([np.ones((3, 2)), np.ones((2, 2)), np.ones((1, 2))], "3 arrays given, and the rig has 2 cameras; give one"),
+        (
+            [np.ones((3, 2)), np.ones((2, 3))],
+            r"shape \(2, 3\) given for camera 1, \(m, 2\) expected; of a rig, give \(pix",
+        ),
+        ([[[1.0, 2.0], [3.0]], [[1.0, 2.0]]], "target of camera 0: it is not an array of numbers; give shape"),
+        ([[[1.0, 2.0]], [[1.0, 2.0], [3.0]]], "target of camera 1: it is not an array of numbers; give shape"),
+        (
+            np.ones((2, 5, 2)),
+            r"shape \(2, 5, 2\) given; of a rig, give \(pixels, index of the camera of each\) or a list",
+        ),
+        ([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], r"shape \(3, 2\) given; of a rig, give"),
+        (([[1.0, 2.0]], ["left"]), "an index of the camera for each pixel; of a rig, give"),
+    ],
+)
+def test_what_is_no_list_by_camera_is_refused_with_the_right_forms(target: Any, words: str) -> None:
+    _, _, rig, *_ = four_about(seed=0)
+    with pytest.raises(InputError, match=words):
+        rm.Rig(rig.views[:2]).joined(target)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.6])

@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.problems.noise import check_source_noise
 from rootmatch.problems.pose_fit.shared_errors import left_by
@@ -251,3 +252,21 @@ def test_a_part_of_the_pose_may_be_known_exactly() -> None:
         assert match
         assert match.pose.covariance is not None
         assert np.isfinite(match.pose.covariance).all()
+
+
+def test_detections_are_taken_through_the_lens_once_for_all_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every body of a frame, and every search for it, asks for the noise that its model adds there."""
+    lens, rng = Brown((-0.1, 0.02, 0.001, 0.0)), np.random.default_rng(7)
+    camera, asked = rm.Camera(800.0, 800.0, 320.0, 240.0, lens=lens), list[int]()
+    before = Brown.rays
+
+    def counted(self: Brown, image: NDArray[np.float64]) -> NDArray[np.float64]:
+        asked.append(len(image))
+        return before(self, image)
+
+    monkeypatch.setattr(Brown, "rays", counted)
+    problem, target = rm.P3P(camera), rng.uniform((0.0, 0.0), (640.0, 480.0), (9, 2))
+    for _ in range(3):
+        points = problem.validated(rng.uniform(-0.1, 0.1, (6, 3)), target, source_noise=1e-3)
+        assert (points.target_noise > points.detection_noise).all()
+    assert asked == [9]

@@ -113,9 +113,10 @@ def match(
     source : (n, 3) or (n, 2) array
         Points in space in any frame and unit, or pixels of the first image.
     target : (n', 2) array
-        Pixels (x right, y down), in any order, including clutter. For a `rootmatch.Rig`, ``(pixels, index)`` or rows of
-        x, y and the index of the camera; for `rootmatch.Bearings`, unit rays (n', 3); for two point sets, points (n',
-        2) or (n', 3).
+        Pixels (x right, y down), in any order, including clutter. For a `rootmatch.Rig`, ``(pixels, index)``,
+        rows of x, y and the index of the camera, or a list of arrays (m, 2), one for each camera: those are numbered as
+        after ``np.concatenate``. For `rootmatch.Bearings`, unit rays (n', 3); for two point sets, points (n', 2) or
+        (n', 3).
     problem : Problem
         `P3P`, `UP2P`, `ThreePlusOne`, or another one.
     noise : float, (n',) array, pair or "auto"

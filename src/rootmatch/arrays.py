@@ -1,4 +1,4 @@
-"""Types of arrays, for annotations, and results that are kept by the values of arrays."""
+"""Types of arrays, for annotations; arrays of what callers give; results that are kept by the values of arrays."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -6,7 +6,9 @@ from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.errors import InputError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -15,6 +17,26 @@ Bools = NDArray[np.bool_]
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
+
+
+def as_floats(value: ArrayLike, name: str, expected: str) -> Floats:
+    """An array of float64, or one clear error for what holds no real numbers or hides some of them."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "biufO":
+            raise TypeError
+        array = given.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name}: it is not an array of numbers; give {expected}") from None
+    if isinstance(value, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(value)):
+        raise InputError(f"{name}: some of its numbers are masked; leave such points out")
+    return array
+
+
+def as_points(points: ArrayLike, dimension: int, name: str) -> Floats:
+    """Points as a contiguous float array, those that OpenCV nests as (m, 1, dimension) too; of any shape yet."""
+    array = np.ascontiguousarray(as_floats(points, name, f"shape (m, {dimension})"))
+    return array[:, 0] if array.ndim == 3 and array.shape[1:] == (1, dimension) else array
 
 
 def kept_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, R]], Callable[P, R]]:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.arrays import as_points
 from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import NEVER, Deadline
@@ -27,7 +28,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
-from rootmatch.problems.checks import as_points, repeated
+from rootmatch.problems.checks import repeated
 from rootmatch.problems.noise import check_source_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.result import Match, report
@@ -118,7 +119,8 @@ max_hyperedges, max_evaluations
         Parameters
         ----------
         target : (n', 2) array
-            Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame.
+            Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame. For a `Rig` as
+            in `rootmatch.match`.
         noise : float, (n',) or (n', 2, 2) array, or "auto", optional
             Of this frame.
         candidates : (n, n') array, optional

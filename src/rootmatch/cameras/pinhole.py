@@ -284,7 +284,7 @@ class Camera(CameraModel):
         return _lens_rays(lens, (np.asarray(pixels, dtype=float) - (self.cx, self.cy)) / (self.fx, self.fy)).copy()
 
 
-@kept_by_values(8)
+@kept_by_values(64)
 def _lens_rays(lens: Lens, image: Floats) -> Floats:
     """The inverse of a lens takes a millisecond, and several stages ask for the rays of one frame."""
     return lens.rays(image)

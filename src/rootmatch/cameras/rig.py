@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, kept_by_values
+from rootmatch.arrays import Bools, Floats, as_floats, as_points, kept_by_values
 from rootmatch.cameras.base import CameraModel, expected_within, tangent_axes
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
@@ -19,13 +19,18 @@ ORTHONORMAL = 1e-6
 """Deviation of R Rᵀ from the identity up to which R counts as a rotation: that of a file's digits."""
 
 
+FORMS = "of a rig, give (pixels, index of the camera of each) or a list of arrays (m, 2), one for each camera"
+"""How the detections of a rig may be given, for errors."""
+
+
 @dataclass(frozen=True)
 class Rig(CameraModel):
     """Several cameras with fixed poses on one body.
 
-    Its detections are rows of x, y and the index of the camera, or a pair ``(pixels, index)`` of arrays (n', 2) and
-    (n',). The pose of a match takes the points into the frame of the rig, ``x_rig = R X + t``, in which its cameras are
-    given.
+    Its detections are rows of x, y and the index of the camera, a pair ``(pixels, index)`` of arrays (n', 2) and (n',),
+    or a list of arrays (m, 2), one for each camera, ``[]`` where it detects nothing. Those are numbered as after
+    ``np.concatenate``, one camera after the other. The pose of a match takes the points into the frame of the rig,
+    ``x_rig = R X + t``, in which its cameras are given.
 
     Parameters
     ----------
@@ -109,25 +114,29 @@ class Rig(CameraModel):
         return float(np.mean([camera.focal for camera in self.cameras]))
 
     def joined(self, target: Any) -> Any:
-        """Rows of x, y and index (n', 3) of detections: of such rows, or of a pair ``(pixels, index)``.
+        """Rows of x, y and index (n', 3) of detections: of such rows, of ``(pixels, index)`` or of a list by camera.
 
         Raises
         ------
         InputError
-            If an index names no camera, or there is not one for each pixel.
+            If an index names no camera, if there is not one for each pixel, or a list has no array for each camera.
         """
-        if isinstance(target, tuple | list) and len(target) == 2 and np.ndim(target[1]) == 1:
-            try:
-                pixels, index = np.asarray(target[0], dtype=float), np.asarray(target[1], dtype=float)
-            except (TypeError, ValueError):
-                raise InputError("target: not numbers; give (pixels, index of the camera)") from None
-            if pixels.ndim != 2 or pixels.shape[1] != 2 or len(pixels) != len(index):
-                raise InputError(f"target: pixels {pixels.shape} and index {index.shape} given; give (n', 2) and (n',)")
-            target = np.column_stack([pixels, index])
-        rows = np.asarray(target)
-        if rows.ndim == 2 and rows.shape[1] == 2:
-            raise InputError(f"target: shape {rows.shape} given; of a rig, give (pixels, index of the camera of each)")
-        if rows.ndim == 2 and rows.shape[1] == 3 and rows.dtype.kind in "fiu":
+        if isinstance(target, tuple | list) and len(target):
+            shapes = [_shape(one) for one in target]
+            if len(target) == 2 and len(shapes[1]) == 1 and shapes != [(3,), (3,)] and shapes[1] != (0,):
+                pixels = as_floats(target[0], "target", f"pixels (n', 2); {FORMS}")
+                index = as_floats(target[1], "target", f"an index of the camera for each pixel; {FORMS}")
+                if pixels.ndim != 2 or pixels.shape[1] != 2 or len(pixels) != len(index):
+                    raise InputError(
+                        f"target: pixels {pixels.shape} and index {index.shape} given; give (n', 2) and (n',)"
+                    )
+                target = np.column_stack([pixels, index])
+            elif (0,) in shapes or max(map(len, shapes)) > 1:
+                target = self._of_cameras(target)
+        rows = as_floats(target, "target", f"rows of x, y and the index of the camera; {FORMS}")
+        if rows.ndim in (2, 3) and rows.shape[-1] == 2:
+            raise InputError(f"target: shape {rows.shape} given; {FORMS}")
+        if rows.ndim == 2 and rows.shape[1] == 3:
             index = rows[:, 2]
             wrong = ~((index >= 0) & (index < len(self.views)) & (index % 1 == 0))
             if wrong.any():
@@ -135,7 +144,23 @@ class Rig(CameraModel):
                 raise InputError(
                     f"target: point {k} is of camera {rows[k, 2]:g}; the rig has {len(self.views)}, counted from 0"
                 )
-        return target
+        return rows
+
+    def _of_cameras(self, target: Sequence[ArrayLike]) -> Floats:
+        """Rows of x, y and index (n', 3) of a list of arrays (m, 2), one for each camera."""
+        if len(target) != len(self.views):
+            raise InputError(
+                f"target: {len(target)} arrays given, and the rig has {len(self.views)} cameras; give one for each, [] "
+                "where it detects nothing"
+            )
+        rows = [np.zeros((0, 3))]
+        for k, one in enumerate(target):
+            pixels = as_points(one, 2, f"target of camera {k}")
+            pixels = pixels.reshape(0, 2) if pixels.shape == (0,) else pixels
+            if pixels.ndim != 2 or pixels.shape[1] != 2:
+                raise InputError(f"target: shape {pixels.shape} given for camera {k}, (m, 2) expected; {FORMS}")
+            rows.append(np.column_stack([pixels, np.full(len(pixels), float(k))]))
+        return np.concatenate(rows)
 
     def bearings(self, pixels: ArrayLike) -> Floats:
         """Unit rays (m, 3) in the rig's frame of rows (m, 3) of x, y and index; they begin at different centres."""
@@ -202,6 +227,14 @@ def _offsets(count: int, pixels: Floats) -> Floats:
             offsets[k] = edge - low[0], -low[1]
             edge += high[0] - low[0]
     return offsets
+
+
+def _shape(value: ArrayLike) -> tuple[int, ...]:
+    """The shape of an array; two lengths of −1 for lists that are none."""
+    try:
+        return np.shape(value)
+    except ValueError:
+        return -1, -1
 
 
 def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Floats:

@@ -13,13 +13,13 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_decision import misfit_of, told_by
 from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.evidence import residuals_of
-from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, gains_of_residuals
+from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, LOG_PRIOR, OWN, gains_of_residuals
 from rootmatch.model.mode_search import HOPELESS, modes_of
 from rootmatch.model.modes import no_modes
 from rootmatch.model.priors import WRONG_MODEL, probability
@@ -28,7 +28,7 @@ from rootmatch.problems.pose_fit.reference_point import body_radius
 
 
 def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0.0) -> Finding:
-    """A finding of one body before one camera, or that with points which are off, where these explain more.
+    """A finding of one body, or that with points which are off, where these explain more.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
     exact = task.points.source_covariance is None and not task.noise_is_estimated and task.problem.takes_source_noise
     if model is None or misfit is None or not (by_fit or misfit.alike is not None) or not exact:
         return found
-    if len(model.images) > 1:
-        return found
+    of_rig = len(model.images) > 1
     before = LOG_INEXACT + np.array(task.log_inexact or (0.0,) * OWN)
     gains = before + (-np.inf if misfit.alike is None else misfit.alike[:OWN])
-    if by_fit and float(before.max()) + misfit.log_odds_if_larger(0.0) >= 0.0:  # of errors of any size
+    larger = by_fit and not of_rig
+    if larger and float(before.max()) + misfit.log_odds_if_larger(0.0) >= 0.0:  # of errors of any size
         gains = np.maximum(gains, before + gains_of_errors(found))
     which = int(np.argmax(gains))
     if gains[which] < 0.0:
@@ -57,11 +57,21 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
     error = float(ERRORS[which]) * body_radius(task.points.source)
     body = _with_errors(found, task, error)
     again = told_by(copied(found, task=body.task), body.alone(), body, missed=missed)
-    if again.status is Status.UNTRUSTED:
+    if again.status is Status.UNTRUSTED or again.posterior is None:
         return found
+    if of_rig and does_not_fit(misfit_of(model, again.posterior.modes, again.mode)):
+        return found  # the pose has taken up more of such errors than its residuals tell
     own = _chance(found, again, before, which)
     present = None if again.facts.present is None else own * again.facts.present
     return copied(again.with_facts(present=present).less_certain(own), point_error=error)
+
+
+def error_if_alike(found: Finding) -> float:
+    """By how much the points of a body before a rig would be off on each axis; 0 unless that explains more."""
+    if found.alike is None or found.model is None or len(found.model.images) <= 1:
+        return 0.0
+    odds = LOG_PRIOR + found.alike
+    return float(ERRORS[odds.argmax()] * found.model.radius) if odds.max() > 0.0 else 0.0
 
 
 def gains_of_errors(found: Finding) -> Floats:
@@ -95,7 +105,7 @@ def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     """The body with points that are off, in the poses that were found for it as given, and about predicted ones."""
     assert found.model is not None
     assert found.posterior is not None
-    covariance = np.tile(sigma**2 * np.eye(3), (task.shape[0], 1, 1))
+    covariance = np.tile(sigma**2 * np.eye(3), (len(found.model.points), 1, 1))
     task = copied(task, points=task.problem.with_source_noise(task.points, sigma))
     body = Candidate(task, copied(found.model, source_covariance=covariance), no_modes(task.rows))
     predicted = proposals_by_prediction(body.model)
@@ -120,6 +130,7 @@ def _chance(found: Finding, again: Finding, before: Floats, which: int) -> float
     errors = ERRORS * found.model.radius
     smooth = log_odds_if_smooth(found.model, again.posterior.modes, again.mode, errors)
     own = np.logaddexp.reduce([(again.log_odds or 0.0) + before[which], *(smooth[:OWN] + before)])
-    other = (found.log_odds or 0.0) + math.log(WRONG_MODEL * misfit.for_something_else())
+    other = found.log_odds or 0.0
+    other += math.log(WRONG_MODEL * misfit.for_something_else(len(found.model.images) > 1))
     against = np.logaddexp.reduce([*modes.log_mass[elsewhere].tolist(), other, *(smooth + LOG_ALIKE)])
     return probability(float(own - against))

@@ -72,6 +72,9 @@ class MatchOptions:
         if self.preset not in (None, "paper"):
             raise InputError(f'preset: {self.preset!r} given; give "paper" or nothing')
         check_motions(self.motions)
+        for name, value in (("seed", self.seed), ("max_hyperedges", self.max_hyperedges)):
+            if value is None:
+                raise InputError(f"{name}: None given; give a whole number, or leave it out")
         check_count("seed", self.seed, least=0)
         check_count("samples", self.samples)
         check_count("max_evaluations", self.max_evaluations)

@@ -15,6 +15,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.image_hypotheses import Candidate, is_enough, model_of
+from rootmatch.explain.inexact_points import allowing_for_errors
 from rootmatch.explain.rig_triples import assignments_of_triples
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
@@ -52,7 +53,7 @@ def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
     `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
     """
     sampled, whole = _searched(task, model_of(task), LIMITS if task.budget is None else LIMITS_OF_BOUNDED)
-    found = assessed(task, sampled, judging=judging)
+    found = allowing_for_errors(assessed(task, sampled, judging=judging), task, missed=sampled.missed)
     return copied(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 

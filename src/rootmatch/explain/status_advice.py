@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.inexact_points import error_if_alike
 from rootmatch.explain.predicted_poses import agrees_with_prior
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import in_other_units
@@ -156,11 +157,11 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
     """Why a finding is not trusted: the noise, chance, or that nothing was found."""
     task, facts, factor = finding.task, finding.facts, finding.noise_factor
     problem, noise, causes = task.problem, task.noise, CAUSES if task.problem.takes_prior else ""
-    if finding.point_error:
+    if (error := finding.point_error or error_if_alike(finding)) > 0.0:
         return (
-            f"no trustworthy match: what was found fits if the points of the body are off by {finding.point_error:.2g} "
-            "on each axis, but something else of nearly its shape, or another pose, explains as much; check the model, "
-            "and give `source_noise=`, or a larger `noise=`, if that is realistic"
+            f"no trustworthy match: what was found fits if the points of the body are off by {error:.2g} on each axis, "
+            "but something else of nearly its shape, or another pose, explains as much; check the model, and give "
+            "`source_noise=`, or a larger `noise=`, if that is realistic"
         )
     if factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named and _is_noise_larger(finding):
         told = f"noise={factor * noise:.2g}" if isinstance(noise, int | float) else "a larger noise="
@@ -192,11 +193,10 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             f"beyond chance; raise it in `TrackingOptions`, or check {problem.to_check}"
         )
     if facts.present is not None and facts.missed <= TRUST.missed:  # a search that ended by itself
-        given = _given([*_to_give(task), "more points or detections"])
         seen = "" if task.rig is None else "; `diagnose` tries the usual mistakes about a rig"
         return (
             "no trustworthy match: no pose explains more of the points than chance would; "
-            f"check {problem.to_check} and the noise, or {given}{seen}"
+            f"check {problem.to_check} and the noise, or {_given([*_to_give(task), 'more points or detections'])}{seen}"
         )
     return advice_on(Status.UNTRUSTED, problem)
 

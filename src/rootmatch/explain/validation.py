@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, as_floats
 from rootmatch.errors import InputError, quoted
 from rootmatch.problems.base import Problem
-from rootmatch.problems.checks import as_floats
 
 LARGEST_PRIOR = 1e9
 """Largest prior weight of a correspondence: it is added to weights of hyper-edges, at most 1 each, which then lose 1e-7

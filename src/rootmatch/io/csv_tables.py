@@ -150,7 +150,8 @@ def check_header(path: Path, row: int, header: list[str], needed: Sequence[str],
         hint = "; is it an image, and are the two files swapped?" if missing == ["z"] else _meant(unknown, known)
         raise InputError(f"{where}: the column {missing[0]!r} is missing, the header must name {expected}{hint}")
     if unknown:
-        hint = _meant(unknown[:1], known)
+        of_points = {"x", "y"} <= set(unknown)
+        hint = "; is it a file of points or detections?" if of_points else _meant(unknown[:1], known)
         raise InputError(
             f"{where}: the column {quoted(unknown[0])} is unknown; known columns are {', '.join(known)}{hint}"
         )

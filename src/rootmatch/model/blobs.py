@@ -45,18 +45,22 @@ def blobs(pixels: Floats, shown: Bools, resolution: float) -> Integers | None:
         near = (offset**2).sum(axis=-1) < resolution**2
         near &= shown[part, :, None] & shown[part, None]
         (rows,) = np.nonzero(near.sum(axis=(1, 2)) > shown[part].sum(axis=1))
-        for k in rows.tolist():
+        if len(rows):
             several = True
-            out[first + k] = _first_of_each(near[k])
+            out[first + rows] = _first_of_each(near[rows])
     return out if several else None
 
 
 def _first_of_each(near: Bools) -> Integers:
-    """The lowest index that each point (n,) is linked with, by links (n, n)."""
-    from scipy.sparse.csgraph import connected_components  # slow to import
-
-    label = connected_components(near, directed=False)[1]
-    return np.asarray(np.unique(label, return_index=True)[1][label], np.int64)
+    """The lowest index that each point (K, n) is linked with, by links (K, n, n), over others where need be."""
+    count, n = near.shape[:2]
+    label = np.tile(np.arange(n), (count, 1))
+    while True:
+        lowest = np.minimum(label, np.where(near, label[:, None], n).min(axis=2))
+        lowest = np.take_along_axis(lowest, lowest, axis=1)  # what the lowest is linked with by now
+        if np.array_equal(lowest, label):
+            return label
+        label = lowest
 
 
 def mean_of_each(blob: Integers, values: Floats, lit: Floats) -> Floats:

@@ -27,7 +27,7 @@ from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.compiled.evidence import see
 from rootmatch.model.linearised import Linearised, linearised
 from rootmatch.model.pose_density import Broad, PoseDensity
-from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.priors import NOISE_FREEDOM, beta_quadrature
 from rootmatch.model.views import Views, rays_of, views_of
 from rootmatch.model.visibility import BARELY, UNSEEN
 from rootmatch.problems.pose_fit.pose import Pose
@@ -47,8 +47,6 @@ USUAL_RATE = 0.9
 RATE_PRIOR, RATE_PRIOR_WITHOUT_NORMALS = (9.0, 1.0), (1.0, 1.0)
 """Beta distributions of the rate at which a visible point is detected: nine in ten if normals tell which are visible;
 without them it also covers how much of the body hides the rest. Their effects are measured in docs/model.md."""
-RATE_NODES = 10
-"""Nodes of the quadrature over the rate, exact for twice as many points."""
 MORE_SIGHTINGS = 2
 """Sightings by other cameras beside a minimal set in one, at least: with one, hundreds of false sets have as many."""
 
@@ -309,10 +307,22 @@ class DetectionModel:
     @once
     def scene_for_kernels(self) -> tuple[Any, ...] | None:
         """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
-        if self._views is None or self.resolution or self.has_covariances:
+        if self._views is None or self.resolution:
             return None
         clutter, rates = self.clutter.for_kernels, (*self.rates, self.noise_freedom)
         return self.about_centre, self._views, self.image_for_kernels, clutter, rates
+
+    @property
+    def exact_scene_for_kernels(self) -> tuple[Any, ...] | None:
+        """The same for kernels that know of no covariances: None where there are some."""
+        return None if self.has_covariances else self.scene_for_kernels
+
+    @once
+    def spread_for_kernels(self) -> tuple[Floats, Floats]:
+        """Covariances of points (n, 3, 3) and detections (n', 2, 2) as kernels take them: none if not given."""
+        points, detections = self.source_covariance, self.target_covariance
+        of_points = np.empty((0, 3, 3)) if points is None else np.array(points, float)
+        return of_points, np.empty((0, 2, 2)) if detections is None else np.array(detections, float)
 
     @once
     def alike(self) -> dict[tuple[Any, ...], float]:
@@ -330,16 +340,6 @@ class DetectionModel:
 def triples_of(n: int, n_target: int) -> int:
     """How many matches of three of n points with three of n' detections there are."""
     return math.comb(n, 3) * math.perm(n_target, 3)
-
-
-@lru_cache(maxsize=16)
-def beta_quadrature(first: float, second: float) -> tuple[Floats, Floats]:
-    """Nodes in (0, 1) and logarithms of weights of the mean under Beta(first, second), by Gauss and Jacobi."""
-    from scipy.special import roots_jacobi  # slow to import
-
-    places, weights = roots_jacobi(RATE_NODES, second - 1.0, first - 1.0)
-    places, weights = 0.5 * (1.0 + places), np.log(weights / weights.sum())
-    return places, weights
 
 
 @lru_cache(maxsize=256)

@@ -178,7 +178,7 @@ def _settled_at_once(
     cosine = at.for_kernels[0]
     poses = at.rotation, at.position
     settle(
-        assignments, (*at[:4], cosine, at.expected, *poses), model.scene_for_kernels, prior,
+        assignments, (*at[:4], cosine, at.expected, *poses), model.scene_for_kernels, model.spread_for_kernels, prior,
         (given, most, STEPS, NO_CHANGE, FAR, BEHIND, STEEP, hopeless), tuple(found), after,
     )  # fmt: skip
     return found
@@ -284,7 +284,7 @@ def residuals_of(
 
     Both are in units of the noise; the second is the mean square on an axis, by a coordinate of a detection's point.
     """
-    if (scene := model.scene_for_kernels) is not None:
+    if (scene := model.exact_scene_for_kernels) is not None:
         pose, row = (np.array(rotation[None]), np.array(position[None])), np.array(assignment, np.int64)
         squared, moved = residuals_of_one(row, pose, *scene[:3])
         return squared, moved

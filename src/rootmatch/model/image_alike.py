@@ -17,7 +17,7 @@ from rootmatch.arrays import Bools, Floats
 from rootmatch.frozen import copied
 from rootmatch.model.compiled.near_misses import near_misses
 from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
-from rootmatch.model.evidence import evidence, residuals_of
+from rootmatch.model.evidence import evidence, residuals_of, settled_about
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN, Settled, settle
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
@@ -57,27 +57,29 @@ def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
     -------
     (W,) float64 or None
         Over the body as given, with all changes of the mode; −∞ where they cannot matter. None where none can, as
-        nothing is near a visible point that has no match.
+        nothing is near a visible point that has no match, and what several cameras see of one fits.
     """
-    assignment = modes.assignments[k]
-    if not ((assignment < 0) & (modes.visible[k] > HIDDEN)).any():
+    assignment, images = modes.assignments[k], max(len(model.images), 1)
+    missed = bool(((assignment < 0) & (modes.visible[k] > HIDDEN)).any())
+    shared = bool(((assignment >= 0).reshape(images, -1).sum(axis=0) > 1).any())
+    if not missed and not shared:
         return None
     errors = ERRORS * model.radius
-    gains, free = _near(model, modes, k, errors, taken)
-    if not gains.any():
+    gains, free = _near(model, modes, k, errors, taken) if missed else (np.zeros((len(errors), 0)), 0)
+    if not gains.any() and not shared:
         return None
-    mode = modes.take(slice(k, k + 1))
-    counts = log_odds_of_counts((-(-free // max(len(model.images), 1)),), gains.shape[1])[0, 1:]
+    mode, freedom = modes.take(slice(k, k + 1)), float(modes.freedom[k])
     residuals = residuals_of(model, assignment, modes.rotation[k], modes.position[k])
-    most = mode.log_odds - mode.log_mass + gains_of_residuals(model, residuals, float(mode.freedom[0]), errors)
-    most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
-    (possible,) = (most + LOG_PRIOR >= LEAST).nonzero()
-    if not len(possible):
-        return None
-    out = np.full(len(errors), -np.inf)
-    for one in possible.tolist():
-        out[one] = _settled(model, mode, errors[one], taken) - mode.log_mass[0]
-    return out
+    before, out = float(mode.log_odds[0] - mode.log_mass[0]), np.full(len(errors), -np.inf)
+    if gains.any():
+        counts = log_odds_of_counts((-(-free // images),), gains.shape[1])[0, 1:]
+        most = before + gains_of_residuals(model, residuals, freedom, errors)
+        most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
+        for one in (most + LOG_PRIOR >= LEAST).nonzero()[0].tolist():
+            out[one] = _settled(model, mode, errors[one], taken) - mode.log_mass[0]
+    if shared and residuals[0] > freedom:
+        out = np.maximum(out, before + _of_sightings(model, mode, errors))
+    return out if (out + LOG_PRIOR >= LEAST).any() else None
 
 
 def gains_of_residuals(model: DetectionModel, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
@@ -89,6 +91,26 @@ def gains_of_residuals(model: DetectionModel, residuals: tuple[float, float], fr
     ratio = 1.0 + errors**2 * moved
     less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
     return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
+
+
+def _of_sightings(model: DetectionModel, mode: Modes, errors: Floats) -> Floats:
+    """Log-odds (W,) that points are off by errors (W,), by their matches alone, over those of the mode.
+
+    Cameras that see a point off see it off in one place, which larger noise would not do.
+    """
+    pose, out = (mode.rotation, mode.position), np.empty(len(errors))
+    for k, error in enumerate(errors.tolist()):
+        found, _ = settled_about(_off_by(model, error), mode.assignments, *pose)
+        out[k] = found.log_odds[0] - mode.log_odds[0]
+    return out
+
+
+def _off_by(model: DetectionModel, error: float) -> DetectionModel:
+    """The model of a body with points that are off as well."""
+    covariance = np.tile(error**2 * np.eye(3), (len(model.points), 1, 1))
+    if model.source_covariance is not None:
+        covariance += model.source_covariance
+    return copied(model, source_covariance=covariance)
 
 
 def _near(model: DetectionModel, modes: Modes, k: int, errors: Floats, taken: Bools | None) -> tuple[Floats, int]:
@@ -112,13 +134,10 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     key = model.prior, error, *(None if one is None else one.tobytes() for one in parts)
     if key in model.alike:
         return model.alike[key]
-    covariance = np.tile(error**2 * np.eye(3), (len(model.points), 1, 1))
-    if model.source_covariance is not None:
-        covariance += model.source_covariance
     allowed = model.allowed
     if taken is not None and taken.any():
         allowed = np.tile(~taken, (model.shape[0], 1)) if allowed is None else allowed & ~taken
-    wide = copied(model, source_covariance=covariance, allowed=allowed)
+    wide = copied(_off_by(model, error), allowed=allowed)
     known: dict[bytes, Settled] = {}
     pose = mode.rotation, mode.position
     settle(wide, pose, mode.covariance[0], known=known)

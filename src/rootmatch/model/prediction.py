@@ -234,7 +234,7 @@ def _looked(
     n, _ = shape = model.shape
     gated = np.empty(shape, np.bool_), np.empty(shape), np.empty(n, np.int64)
     limits = GATE**2, model.rate or USUAL_RATE, HIDDEN
-    if (prior := mixture_of(model)) is None:
+    if (prior := mixture_of(model)) is None or model.has_covariances:
         at = model.linearised(*pose)
         visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
         unique = gate((*_images_of(model, at), visible), np.array(covariance), image_for_gates(model), limits, gated)

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+
+import numpy as np
+
+from rootmatch.arrays import Floats
 
 
 def probability(log_odds: float) -> float:
@@ -36,3 +41,15 @@ INEXACT = 0.05
 WRONG_MODEL = 1e-3
 """Probability that the model does not hold at all (another body, a wrong calibration): no result is more certain than
 that. A stated floor, not measured."""
+RATE_NODES = 10
+"""Nodes of the quadrature over the rate, exact for twice as many points."""
+
+
+@lru_cache(maxsize=16)
+def beta_quadrature(first: float, second: float) -> tuple[Floats, Floats]:
+    """Nodes in (0, 1) and logarithms of weights of the mean under Beta(first, second), by Gauss and Jacobi."""
+    from scipy.special import roots_jacobi  # slow to import
+
+    places, weights = roots_jacobi(RATE_NODES, second - 1.0, first - 1.0)
+    places, weights = 0.5 * (1.0 + places), np.log(weights / weights.sum())
+    return places, weights

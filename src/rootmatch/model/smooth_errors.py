@@ -78,9 +78,11 @@ class _Off(NamedTuple):
         image = assignment[used]
         own = self.model.own_covariances(self.at, np.maximum(assignment, 0)[None])[0, used]
         own = np.einsum("iab,ij->iajb", own, np.eye(len(image)))
+        point = np.flatnonzero(used) % (len(used) // max(len(self.model.images), 1))
+        same = point[:, None, None, None] == point[:, None]  # sightings of one point share its error
         offset = (self.model.target[image] - self.at.pixels[0, used]).ravel()
         rows, shared = self.at.jacobian[0, used].reshape(-1, 6), self.shared[used][:, :, used]
-        alone, size = own + shared * np.eye(len(image))[:, None, :, None], len(offset)
+        alone, size = own + shared * same, len(offset)
         known = rows, offset, alone.reshape(size, size), self.model.noise_freedom
         return reweighed(found, known, (own + shared).reshape(size, size), offset)
 

@@ -21,10 +21,9 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.assignment import largest_total
-from rootmatch.model.detection_model import beta_quadrature
 from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
 from rootmatch.model.matchings import Matchings, log_of_enough, matchings
-from rootmatch.model.priors import WRONG_MODEL
+from rootmatch.model.priors import WRONG_MODEL, beta_quadrature
 from rootmatch.model.shown_in_part import few_detected
 from rootmatch.model.two_view_alike import FEWEST, alike_odds
 from rootmatch.model.two_view_fit import Fitted, distinct, fitted

@@ -216,7 +216,7 @@ class Problem(ABC):
         return self.in_image(replace(points, source_noise=of_source, target_noise=of_target, noise_alone=None))
 
     def joined(self, target: ArrayLike) -> ArrayLike:
-        """Detections as rows of one array: those of a rig may be given as a pair ``(pixels, index of the camera)``."""
+        """Detections as rows of one array: those of a rig in any form that `Rig` takes."""
         return target if self.rig is None else self.rig.joined(target)
 
     @once

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, as_floats, as_points
 from rootmatch.errors import InputError
 
 MOST, LEAST = 1e100, 1e-100
@@ -13,20 +13,6 @@ MOST, LEAST = 1e100, 1e-100
 
 MOST_POINTS = 10_000
 """Points of a set: their distances, three numbers for each two points, then take 2.4 GB."""
-
-
-def as_floats(value: ArrayLike, name: str, expected: str) -> Floats:
-    """An array of float64, or one clear error for what holds no real numbers or hides some of them."""
-    try:
-        given = np.asarray(value)
-        if given.dtype.kind not in "biufO":
-            raise TypeError
-        array = given.astype(np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name}: it is not an array of numbers; give {expected}") from None
-    if isinstance(value, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(value)):
-        raise InputError(f"{name}: some of its numbers are masked; leave such points out")
-    return array
 
 
 def check_points(points: ArrayLike, dimension: int, name: str, least: int, distinct: bool = True, *, of: str) -> Floats:
@@ -73,12 +59,6 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
         fault = f"lie within {LEAST:g}; choose another unit" if same is None else "are the same; give others"
         raise InputError(f"{name}: all points {fault}")
     return array
-
-
-def as_points(points: ArrayLike, dimension: int, name: str) -> Floats:
-    """Points as a contiguous float array, those that OpenCV nests as (m, 1, dimension) too; of any shape yet."""
-    array = np.ascontiguousarray(as_floats(points, name, f"shape (m, {dimension})"))
-    return array[:, 0] if array.ndim == 3 and array.shape[1:] == (1, dimension) else array
 
 
 def repeated(points: Floats) -> tuple[int, int] | None:

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, as_floats, kept_by_values
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import LEAST_NOISE, as_floats, check_noise
+from rootmatch.problems.checks import LEAST_NOISE, check_noise
 from rootmatch.problems.points import PointSets
 
 FARTHER = 3.0
@@ -183,12 +183,19 @@ def with_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
         target, sigma = points.target[rows], own[rows]
         if not len(target):
             continue
-        target = target[:, : one.dimension]
-        rays = one.seen_bearings(target)
-        seen = np.isfinite(rays).all(axis=1)
-        rays, target, sigma = rays[seen], target[seen], sigma[seen]
-        spread = float(np.sqrt(((rays - rays.mean(axis=0)) ** 2).sum(axis=1).mean())) if len(rays) else 0.0
-        total[np.flatnonzero(rows)[seen]] = sigma * np.sqrt(
-            1.0 + (relative * spread / one.angular_noise(target, sigma)) ** 2
-        )
+        seen, spread, per_pixel = _seen_spread(one, np.ascontiguousarray(target[:, : one.dimension]))
+        total[np.flatnonzero(rows)[seen]] = np.hypot(sigma[seen], relative * spread / per_pixel)
     return replace(points, target_noise=total, noise_alone=own)
+
+
+@kept_by_values(32)
+def _seen_spread(camera: CameraModel, target: Floats) -> tuple[Bools, float, Floats]:
+    """Of detections, which directions (m,) they have; the spread of these, and a pixel there (seen,), in radians.
+
+    Every body of a frame, and every search for it, asks this of the same detections.
+    """
+    rays = camera.seen_bearings(target)
+    seen = np.asarray(np.isfinite(rays).all(axis=1))
+    rays = rays[seen]
+    spread = float(np.sqrt(((rays - rays.mean(axis=0)) ** 2).sum(axis=1).mean())) if len(rays) else 0.0
+    return seen, spread, camera.angular_noise(target[seen], np.ones(len(rays)), rays)

@@ -67,11 +67,11 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     if lines.shape[1]:
         about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
         prior = model.prior.for_kernels
-        if model.scene_for_kernels is None or prior is None:
+        if model.exact_scene_for_kernels is None or prior is None:
             R, position, covariance = _averaged(model, modes.assignments[k], about, lines)
         else:
             row = np.array(modes.assignments[k][None], np.int64)
-            average(row, np.array(lines), PLACES, model.scene_for_kernels, prior, LEAST, about)
+            average(row, np.array(lines), PLACES, model.exact_scene_for_kernels, prior, LEAST, about)
             R, position, covariance = about[0][0], about[1][0], about[2]
     pose = model.pose_of(R, position, 0.5 * (covariance + covariance.T))
     shared = errors_by_source(model, modes.assignments[k], pose)

@@ -197,8 +197,7 @@ max_evaluations
         ----------
         target : (n', 2) array
             Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame and may be 0.
-            For a `Rig`, ``(pixels, index)`` or rows of x, y and the index of the camera. For `Rigid` and
-            `Similarity`, (n', 3) points.
+            For a `Rig` as in `rootmatch.match`. For `Rigid` and `Similarity`, (n', 3) points.
         time : float, optional
             Seconds, later than the previous frame; by default one interval later. Where most of the first steps are
             longer than a second, an `InputWarning` says once that these may be milliseconds.

@@ -1,7 +1,7 @@
 """Hypotheses weighed about their poses and led to their best ones, compiled: one call in the place of many.
 
-It is what `rootmatch.model.evidence` does step by step, for cameras that are compiled, noise of each detection alone,
-and priors that are mixtures of predicted poses and a broad one.
+It is what `rootmatch.model.evidence` does step by step, for cameras that are compiled, points that are no blobs, and
+priors that are mixtures of predicted poses and a broad one.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from rootmatch.model.compiled.known_terms import components_about, room_for_term
 from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.same_pose import is_near
 from rootmatch.model.compiled.steps import step_of_one
+from rootmatch.model.compiled.whitening import scratch_for_whitening, whiten_one
 
 POSES, IMAGES, EVIDENCE = range(3)
 """What is given of hypotheses: their poses alone, with the images about these, or with the evidence too."""
@@ -59,7 +60,7 @@ def drop_repeated(assignments, poses, covariances, log_odds, kept):  # type: ign
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def settle(assignments, at, scene, known, limits, out, after):  # type: ignore[no-untyped-def]
+def settle(assignments, at, scene, spread, known, limits, out, after):  # type: ignore[no-untyped-def]
     """Evidence of K assignments about poses, and after steps towards the best ones.
 
     Parameters
@@ -70,6 +71,8 @@ def settle(assignments, at, scene, known, limits, out, after):  # type: ignore[n
         expected, rotation and position, of K poses, or of one for all assignments, which then take no steps.
     scene : tuple
         The body and the cameras as `linearise` takes them, the image, clutter and rates as `weigh` does.
+    spread : tuple
+        Covariances of points and detections as `whiten_one` takes them.
     known : tuple
         The prior, as `prior_terms` takes it.
     limits : tuple
@@ -82,7 +85,7 @@ def settle(assignments, at, scene, known, limits, out, after):  # type: ignore[n
         Rotations (K, 3, 3) and positions (K, 3) after the last steps, filled; of no rows where they are not asked for.
         If they are, what is not fitted and what repeats another one has log-odds of −∞ in the end.
     """
-    assignments, at, scene, known, out, after = borrowed((assignments, at, scene, known, out, after))
+    assignments, at, scene, spread, known, out, after = borrowed((assignments, at, scene, spread, known, out, after))
     pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
     body, views, image, clutter, rates = scene
     given, most, first, small, far, behind, longest, hopeless = limits
@@ -91,7 +94,11 @@ def settle(assignments, at, scene, known, limits, out, after):  # type: ignore[n
     poses = rotation, position
     images = pixels, jacobian, by_position, seen, cosine, expected
     whole = pixels, jacobian, seen, expected, cosine, np.empty((0, 0), np.int64), np.empty((0, 0))
-    white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
+    n, each = assignments.shape[1], count if spread[0].shape[0] + spread[1].shape[0] > 0 else 0
+    white, room_of_white = (
+        (np.empty((each, n, 2, 6)), np.empty((each, n, 2)), np.empty((each, n))),
+        scratch_for_whitening(image[4].shape[0]),
+    )
     room = room_for_terms(known)
     terms = room[0]
     scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0], rates[0].shape[0])
@@ -120,6 +127,9 @@ def settle(assignments, at, scene, known, limits, out, after):  # type: ignore[n
                 linearise_one(pose, body, poses, views, images)
             if k == pose:
                 components_about(pose, poses, known, room)
+            if each > 0:
+                own = pixels, jacobian, by_position, rotation
+                whiten_one(k, pose, assignments, own, image, spread, room_of_white, white)
             weigh_one(k, pose, assignments, whole, white, terms, image, clutter, rates, scratch, out)
     if after[1].shape[0] == 0:
         return

@@ -11,30 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import turn_jacobian
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, as_floats
 from rootmatch.errors import InputError, quoted
 from rootmatch.problems.pose_fit.pose_checks import (
+    AXES,
     ROUNDED,
     checked_covariance,
     checked_rotation,
     nearest_covariance,
     numbers,
+    points_of,
     rotation_of_quaternion,
 )
 from rootmatch.problems.pose_fit.registration_error import RegistrationError, registration_error
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
-
-
-AXES = {
-    "opencv": np.eye(3),
-    "opengl": np.diag([1.0, -1.0, -1.0]),
-    "openxr": np.diag([1.0, -1.0, -1.0]),
-    "ros": np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
-}
-"""Rotations from OpenCV's camera axes (x right, y down, z forward): to x right, y up, z backward; and to x forward,
-y left, z up, as REP 103 has a body's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +124,7 @@ class Pose:
         InputError
             If it is not such a matrix, or as `Pose`.
         """
-        values = np.asarray(matrix, np.float64)
+        values = as_floats(matrix, "pose", "a matrix (4, 4), or (3, 3)")
         if values.shape not in ((3, 3), (4, 4)) or not np.all(np.isfinite(values)):
             raise InputError(f"pose: matrix of shape {values.shape} given; give finite numbers, (4, 4), or (3, 3)")
         k = len(values) - 1
@@ -143,7 +135,7 @@ class Pose:
             raise InputError("pose: a matrix without an inverse given; give a rotation, times a scale if there is one")
         scale = abs(determinant) ** (1.0 / k)
         scale = 1.0 if abs(scale - 1.0) < ROUNDED else scale
-        known = None if covariance is None else np.asarray(covariance, np.float64)
+        known = None if covariance is None else as_floats(covariance, "pose", "a covariance")
         return cls(values[:k, :k] / scale, values[:k, k], known, scale=scale, mirrored=determinant < 0.0)
 
     @classmethod
@@ -233,6 +225,8 @@ class Pose:
             self.R.T, -back @ self.t, covariance, scale=1.0 / self.scale, focal=self.focal, mirrored=self.mirrored
         )
 
+    __array_ufunc__ = None  # a matrix before @ leaves the answer to the pose
+
     def __matmul__(self, other: Pose) -> Pose:
         """The motion after another one: ``(a @ b).transform(x) == a.transform(b.transform(x))``.
 
@@ -242,10 +236,11 @@ class Pose:
         Raises
         ------
         InputError
-            If one is a pose in a plane and the other in space.
+            If the other one is no pose, or one is in a plane and the other in space.
         """
         if not isinstance(other, Pose):
-            return NotImplemented
+            remedy = "give a Pose, of a matrix Pose.from_matrix, and move points with transform"
+            raise InputError(f"pose: composed with {type(other).__name__}; {remedy}")
         if len(self.R) != len(other.R):
             raise InputError("pose: a motion in a plane and one in space cannot be composed")
         moved = self.scale * self.R @ other.t
@@ -287,8 +282,14 @@ class Pose:
         return out
 
     def transform(self, points: ArrayLike) -> Floats:
-        """Points (…, k) of the source frame in the target frame: scale · R x + t."""
-        return np.asarray(self.scale * np.asarray(points, dtype=float) @ self.R.T + self.t)
+        """Points (…, k) of the source frame in the target frame: scale · R x + t; points of NaN stay NaN.
+
+        Raises
+        ------
+        InputError
+            If the points do not have k coordinates.
+        """
+        return np.asarray(self.scale * points_of(points, len(self.R)) @ self.R.T + self.t)
 
     def in_axes(self, axes: Literal["opencv", "opengl", "openxr", "ros"]) -> Pose:
         """The pose with the camera axes of another library; the covariance is converted too.
@@ -303,7 +304,7 @@ class Pose:
         InputError
             For other axes, and for a pose in a plane.
         """
-        if axes not in AXES:
+        if not isinstance(axes, str) or axes not in AXES:
             raise InputError(f"pose: axes {quoted(axes)} given; give one of {', '.join(AXES)}")
         return Pose(AXES[axes], np.zeros(3)) @ self
 

@@ -1,12 +1,21 @@
-"""Checks of a pose: a rotation, finite numbers, a covariance; and the rotation nearest to one with rounding errors."""
+"""Checks of a pose: a rotation and the one nearest to it, finite numbers, a covariance; the axes of cameras."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, as_floats
 from rootmatch.errors import InputError, quoted
+
+AXES = {
+    "opencv": np.eye(3),
+    "opengl": np.diag([1.0, -1.0, -1.0]),
+    "openxr": np.diag([1.0, -1.0, -1.0]),
+    "ros": np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
+}
+"""Rotations from OpenCV's camera axes (x right, y down, z forward): to x right, y up, z backward; and to x forward,
+y left, z up, as REP 103 has a body's."""
 
 ROUNDED = 1e-3
 """Deviation of RᵀR from the identity that is put down to rounding, as of a matrix in single precision or in a file."""
@@ -47,6 +56,14 @@ def numbers(value: ArrayLike, name: str, expected: str) -> Floats:
     if not np.all(np.isfinite(array)):
         raise InputError(f"pose: {name} holds NaN or infinity; give {expected}")
     return array
+
+
+def points_of(value: ArrayLike, k: int) -> Floats:
+    """Points (…, k) that a pose moves."""
+    points = as_floats(value, "pose", f"points (…, {k})")
+    if points.shape[-1:] != (k,):
+        raise InputError(f"pose: points of shape {points.shape} given; give (…, {k}), with {k} coordinates each")
+    return points
 
 
 def checked_rotation(value: ArrayLike, mirrored: bool) -> Floats:

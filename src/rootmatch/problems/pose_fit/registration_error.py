@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
+from rootmatch.problems.pose_fit.pose_checks import points_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +34,11 @@ class RegistrationError:
 def registration_error(R: Floats, scale: float, covariance: Floats | None, points: ArrayLike) -> RegistrationError:
     """The expected error of points (…, k) that a pose moves; see `Pose.tre`."""
     k = len(R)
-    x = np.asarray(points, dtype=float)
     if covariance is None:
         raise InputError("pose: no covariance, so no error is known; use match.pose, or Pose(R, t, covariance)")
-    if x.shape[-1:] != (k,) or not np.all(np.isfinite(x)):
-        raise InputError(f"pose: points of shape {x.shape} given; give finite numbers (…, {k})")
+    x = points_of(points, k)
+    if not np.all(np.isfinite(x)):
+        raise InputError(f"pose: points with NaN or infinity given; give finite numbers (…, {k})")
     turned = x @ R.T
     turns = 3 if k == 3 else 1
     jacobian = np.zeros((*x.shape, len(covariance)))
