@@ -315,8 +315,8 @@ class DetectionModel:
         return self.about_centre, self._views, self.image_for_kernels, clutter, rates
 
     @once
-    def alike(self) -> dict[tuple[Any, ...], float]:
-        """What `rootmatch.model.image_alike` told of modes: a frame that is searched asks again of those it had."""
+    def alike(self) -> dict[tuple[Any, ...], Any]:
+        """What `rootmatch.model.image_alike` and `copy_or_alike` told of modes: a search asks again of those it had."""
         return {}
 
     @once

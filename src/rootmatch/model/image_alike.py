@@ -111,7 +111,7 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     parts = mode.assignments, mode.rotation, mode.position, mode.covariance, taken
     key = model.prior, error, *(None if one is None else one.tobytes() for one in parts)
     if key in model.alike:
-        return model.alike[key]
+        return float(model.alike[key])
     covariance = np.tile(error**2 * np.eye(3), (len(model.points), 1, 1))
     if model.source_covariance is not None:
         covariance += model.source_covariance
@@ -123,5 +123,6 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     pose = mode.rotation, mode.position
     settle(wide, pose, mode.covariance[0], known=known)
     matched = evidence(wide, mode.assignments, wide.linearised(*pose))
-    model.alike[key] = max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])
-    return model.alike[key]
+    best = max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])
+    model.alike[key] = best
+    return best
