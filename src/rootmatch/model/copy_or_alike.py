@@ -4,8 +4,8 @@ Of two places, either may show the body and the other one a copy. Against clutte
 however much worse one of them fits. What misses a point that stands beside its place, or has all of them a little off,
 is more probably something alike; and where the body is, there is only what an exact copy would be.
 
-All points of what is alike are off, as `rootmatch.model.image_alike` has it, or one of them is somewhere else. The body
-may be so as well, if seldom: then it is what stands there.
+All points of what is alike are off, as `rootmatch.model.image_alike` has it, or some of them are somewhere else. The
+body may be so as well, if seldom: then it is what stands there.
 """
 
 from __future__ import annotations
@@ -26,8 +26,13 @@ from rootmatch.model.priors import COPY, INEXACT
 
 LOG_OFF = math.log(INEXACT / len(ERRORS))
 """Log-odds that one of a body's points is off by each of `ERRORS`, of those that all are as given."""
-TRIED = 16
-"""Most points that are tried as the one that is somewhere else. A round value; it bounds time."""
+FAR = ERRORS[OWN:]
+"""Those of points that are somewhere else: beyond what all points of a body may be off by."""
+ANOTHER = 0.5
+"""Probability that one more point of what is alike is somewhere else: as probably as not."""
+TRIED, MOST = 16, 8
+"""Most points that are tried as the one that is somewhere else, and most that are so together. Round values; they bound
+time."""
 
 
 def log_beside_copy(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> float:
@@ -49,52 +54,98 @@ def log_beside_copy(model: DetectionModel, modes: Modes, k: int, taken: Bools) -
         exact as the body, against an exact one.
     """
     body, alike = [0.0], [-math.inf]
-    if (all_off := log_odds_alike(model, modes, k, taken)) is not None:
-        body.extend(all_off[:OWN] + LOG_INEXACT)
-        alike.extend(all_off + LOG_ALIKE - math.log(COPY))
-    if (one_off := log_odds_one_off(model, modes, k, taken)) is not None:
-        body.extend(one_off + LOG_OFF)
-        alike.extend(one_off + LOG_ALIKE - math.log(COPY))
+    prior = LOG_ALIKE - math.log(COPY)
+    all_off = log_odds_all_off(model, modes, k, taken)
+    body.extend(all_off[:OWN] + LOG_INEXACT)
+    alike.extend(all_off + prior)
+    given, some_off = log_odds_some_off(model, modes, k, taken)
+    body.append(given)
+    for more, odds in enumerate(some_off):
+        body.extend(odds + LOG_OFF + more * math.log(INEXACT))
+        alike.extend(odds + prior + (more + 1) * math.log(ANOTHER))
     return float(np.logaddexp(0.0, np.logaddexp.reduce(alike) - np.logaddexp.reduce(body)))
 
 
-def log_odds_one_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> Floats | None:
-    """Log-odds (W,) of a body of which one point is off by each of `ERRORS`, in about the pose of one of the modes.
+def log_odds_all_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> Floats:
+    """Log-odds (W,) of a body of which all points are off by each of `ERRORS`: by its matches, or all that is near.
 
-    Any point may be that one. Over the body as given, with all changes of the mode; None where points are joined in
-    blobs, or the pose is told by so few that none can be left out. Parameters are those of `log_beside_copy`.
+    Over the body as given, with all changes of the mode. Parameters are those of `log_beside_copy`.
+    """
+    at, own = model.linearised(modes.rotation[k : k + 1], modes.position[k : k + 1]), modes.assignments[k : k + 1]
+    every = np.ones(model.shape[0], np.bool_)
+    wide = [_with_off(model, every, error) for error in ERRORS * model.radius]
+    matched = np.array([float(evidence(one, own, at).log_odds[0]) for one in wide]) - modes.log_mass[k]
+    near = log_odds_alike(model, modes, k, taken)
+    return np.asarray(matched if near is None else np.maximum(matched, near))
+
+
+def log_odds_some_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> tuple[float, Floats]:
+    """Log-odds (m, W) of a body of which one, two … points are off by each of `FAR`, about the pose of a mode.
+
+    Any point may be the one, and any two the two, of which the best stand for the sum. Over the body as given, with all
+    changes of the mode. Before them, those of the body as given with what is nearest to these points in its place: what
+    another labelling explains does not tell that points are off. No rows where points are joined in blobs, or where so
+    few tell the pose that none can be left out. Parameters are those of `log_beside_copy`.
     """
     if model.resolution:
-        return None
-    assignment = modes.assignments[k]
-    key = model.prior, *(one.tobytes() for one in (assignment, modes.rotation[k], modes.position[k], taken))
+        return -math.inf, np.empty((0, len(FAR)))
+    mode = modes.assignments[k], modes.rotation[k : k + 1], modes.position[k : k + 1]
+    key = model.prior, *(one.tobytes() for one in (*mode, taken))
     if key not in model.alike:
-        model.alike[key] = _one_off(model, modes, k, taken)
-    found = model.alike[key]
-    return None if found is None else np.asarray(found - modes.log_mass[k])
+        model.alike[key] = _some_off(model, mode, ~taken)
+    given, off = model.alike[key]
+    return float(given - modes.log_mass[k]), np.asarray(off - modes.log_mass[k])
 
 
-def _one_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> Floats | None:
-    """Log-odds (W,) against clutter alone, as of `log_odds_one_off`."""
-    n, assignment = model.shape[0] // max(len(model.images), 1), modes.assignments[k]
-    without = np.where(np.arange(model.shape[0]) % n == np.arange(n)[:, None], -1, assignment)
-    pose = np.repeat(modes.rotation[k : k + 1], n, axis=0), np.repeat(modes.position[k : k + 1], n, axis=0)
+def _some_off(model: DetectionModel, mode: tuple[Integers, Floats, Floats], free: Bools) -> tuple[float, Floats]:
+    """Log-odds against clutter alone, as of `log_odds_some_off`; ``free`` (n',): what may be matched."""
+    n = model.shape[0] // max(len(model.images), 1)
+    order, each = _each_off(model, mode, np.eye(n, dtype=np.bool_), free)
+    if not len(order):
+        return -math.inf, np.empty((0, len(FAR)))
+    out = [np.logaddexp.reduce(each, axis=0) - math.log(n)]
+    given = float(each[:, 0].max())
+    surest = order[np.argsort(-each[:, 1:].max(axis=1), kind="stable")][:MOST]
+    if len(surest) > 1:
+        sets = np.zeros((len(surest) - 1, n), np.bool_)
+        for count, one in enumerate(sets, 2):
+            one[surest[:count]] = True
+        which, more = _each_off(model, mode, sets, free)
+        given = max(given, float(more[:, 0].max(initial=-math.inf)))
+        out += [more[row] - math.log(math.comb(n, which[row] + 2)) for row in np.argsort(which)]
+    return given, np.array(out)[:, 1:]
+
+
+def _each_off(
+    model: DetectionModel, mode: tuple[Integers, Floats, Floats], sets: Bools, free: Bools
+) -> tuple[Integers, Floats]:
+    """Which sets (K, n) of points can be off, and log-odds (K', 1 + W) of that by nothing and each of `FAR`.
+
+    The most probable first.
+    """
+    (assignment, rotation, position), images = mode, max(len(model.images), 1)
+    pose = np.repeat(rotation, len(sets), axis=0), np.repeat(position, len(sets), axis=0)
+    off = np.tile(sets, (1, images))
+    without = np.where(off, -1, assignment)
     found, at = settled_about(model, without, *pose)
-    (possible,) = (np.isfinite(found.log_odds) & ((without >= 0).sum(axis=1) >= model.prior.least)).nonzero()
-    if not len(possible):
-        return None
-    order = possible[np.argsort(-found.log_odds[possible], kind="stable")][:TRIED]
-    free, out = ~taken, np.full((len(order), len(ERRORS)), -np.inf)
-    for row, point in enumerate(order.tolist()):
-        shown = np.flatnonzero((np.arange(model.shape[0]) % n == point) & (found.visible[point] > HIDDEN))
-        place = at.one(point), found.covariance[point], without[point]
-        for w, error in enumerate(ERRORS * model.radius):
-            off = np.zeros((model.shape[0], 3, 3)) if model.source_covariance is None else model.source_covariance + 0.0
-            off[point::n] += error**2 * np.eye(3)
-            wide = copied(model, source_covariance=off)
-            own = _with_nearest(wide, place, shown, free)
+    (order,) = (np.isfinite(found.log_odds) & ((without >= 0).sum(axis=1) >= model.prior.least)).nonzero()
+    order = order[np.argsort(-found.log_odds[order], kind="stable")][:TRIED]
+    errors = model.radius * np.append(0.0, FAR)
+    out = np.empty((len(order), len(errors)))
+    for row, one in enumerate(order.tolist()):
+        place, shown = (at.one(one), found.covariance[one], without[one]), off[one] & (found.visible[one] > HIDDEN)
+        for w, error in enumerate(errors):
+            wide = _with_off(model, off[one], error)
+            own = _with_nearest(wide, place, shown.nonzero()[0], free)
             out[row, w] = float(evidence(wide, own[None], place[0]).log_odds[0])
-    return np.asarray(np.logaddexp.reduce(out, axis=0) - math.log(n))
+    return order, out
+
+
+def _with_off(model: DetectionModel, off: Bools, error: float) -> DetectionModel:
+    """The model of a body of which some points (n,) are off by N(0, error² I)."""
+    spread = off[:, None, None] * error**2 * np.eye(3)
+    known = model.source_covariance
+    return copied(model, source_covariance=spread if known is None else known + spread)
 
 
 def _with_nearest(
@@ -118,4 +169,5 @@ def _with_nearest(
             squared = (off @ np.linalg.inv(spread + wide.sigma[which].max() ** 2 * np.eye(2)) * off).sum(axis=1)
             if squared.min() < REACH**2:
                 out[row] = which[squared.argmin()]
+                free[out[row]] = False
     return out
