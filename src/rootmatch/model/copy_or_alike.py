@@ -53,13 +53,9 @@ def log_beside_copy(model: DetectionModel, modes: Modes, k: int, taken: Bools) -
         log (1 + E / I), with the odds E of something alike against an exact copy, and I those of a copy that is as
         exact as the body, against an exact one.
     """
-    body, alike = [0.0], [-math.inf]
     prior = LOG_ALIKE - math.log(COPY)
-    all_off = log_odds_all_off(model, modes, k, taken)
-    body.extend(all_off[:OWN] + LOG_INEXACT)
-    alike.extend(all_off + prior)
-    given, some_off = log_odds_some_off(model, modes, k, taken)
-    body.append(given)
+    all_off, (given, some_off) = log_odds_all_off(model, modes, k, taken), log_odds_some_off(model, modes, k, taken)
+    body, alike = [max(given, 0.0), *(all_off[:OWN] + LOG_INEXACT)], [*(all_off + prior)]
     for more, odds in enumerate(some_off):
         body.extend(odds + LOG_OFF + more * math.log(INEXACT))
         alike.extend(odds + prior + (more + 1) * math.log(ANOTHER))
