@@ -20,18 +20,16 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.point_set_decision import model_of
+from rootmatch.model.copy_or_alike import LOG_OFF
 from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.image_alike import ERRORS, REACH
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.prediction import HIDDEN
-from rootmatch.model.priors import INEXACT
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 LEAST = 0.0
 """Log-odds from which a point is said to be somewhere else: where that is more probable than not."""
-LOG_OFF = math.log(INEXACT / len(ERRORS))
-"""Log-odds that one of a body's points is off by each of these errors, of those that all are as given."""
 
 
 class Displaced(NamedTuple):

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.copy_or_alike import log_beside_copy
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.exact_shapes import Copies, log_gains
@@ -22,7 +23,7 @@ from rootmatch.model.joint import marginals
 from rootmatch.model.modes import Modes, none_near, same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
-from rootmatch.model.priors import COPY, PRESENT_ODDS, WRONG_MODEL
+from rootmatch.model.priors import COPY, COUNTS, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.model.unrecognised import unrecognised
 
 KEPT = 16
@@ -58,8 +59,13 @@ def joint_posterior(
     uses = [known if len(known) == len(modes.log_odds) else modes.uses(count) for known, modes in pairs]
     masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
     origins = [_origins(*each) for each in zip(models, parts, strict=True)]
-    as_copies = [(k, _as_copy(*each)) for k, each in enumerate(zip(models, parts, uses, origins, strict=True))]
-    named = [(k, mass) for k, mass in as_copies if mass is not None]
+    as_copies = [(k, _as_copy(*one)) for k, one in enumerate(zip(models, parts, uses, origins, strict=True))]
+    best = [of_modes[:1].any(axis=0) for of_modes in uses]
+    named = [
+        (k, mass + _alike(models[k], parts[k], uses[k], origins[k], np.any([*best[:k], *best[k + 1 :]], axis=0)))
+        for k, mass in as_copies
+        if mass is not None
+    ]
     if copies is not None:
         gains = [log_gains(*each) for each in zip(models, parts, copies, strict=True)]
         masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
@@ -124,6 +130,30 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | No
     expected = mass - np.log(np.where(of >= 0, share[of], 1.0)) + math.log(COPY)
     known = np.append((same_place(uses) & (of >= 0)).any(axis=1), False)  # of what is followed, maybe in another pose
     return np.where((of >= 0) & known[:, None], expected, as_copy)
+
+
+def _alike(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None, taken: Bools) -> Floats:
+    """Logarithms (M + 1, M) of factors on the odds of a copy, in whose place something alike may be.
+
+    Rows and columns are as of `_as_copy`. All modes of a place have the factor of its best one, in the best other place
+    of the body: only one copy is in a joint hypothesis. ``taken`` (n',): detections of other bodies.
+    """
+    more, prior, mass = np.zeros((len(uses) + 1, len(uses))), of_itself(model.prior), modes.log_mass
+    if of is not None and isinstance(prior, Doubted) and len(prior.predictions) > 1:
+        return more  # frames tell one by one what is in a followed place
+    likely = [k for k in np.argsort(-mass, kind="stable").tolist() if mass[k] + math.log(COPY) >= -COUNTS]
+    same, apart = same_place(uses), ~(uses @ uses.T)
+    place = np.full(len(uses), -1)
+    for k in likely:
+        place[k] = next(one for one in likely if same[k, one])
+    best = [k for k in likely if place[k] == k]
+    pairs = [(own, next((k for k in best if apart[own, k]), -1)) for own in best]
+    weights = [mass[own] + mass[other] if other >= 0 else -math.inf for own, other in pairs]
+    for (own, other), weight in zip(pairs, weights, strict=True):
+        if other >= 0 and weight >= max(weights) + math.log(WRONG_MODEL):
+            factor = log_beside_copy(model, modes, other, (uses[own] | taken) & ~uses[other])
+            more[np.ix_(np.append(place == own, False), place == other)] = factor
+    return more
 
 
 def _beside(model: DetectionModel, modes: Modes, uses: Bools) -> Bools:

@@ -325,8 +325,8 @@ class DetectionModel:
         return of_points, np.empty((0, 2, 2)) if detections is None else np.array(detections, float)
 
     @once
-    def alike(self) -> dict[tuple[Any, ...], float]:
-        """What `rootmatch.model.image_alike` told of modes: a frame that is searched asks again of those it had."""
+    def alike(self) -> dict[tuple[Any, ...], Any]:
+        """What `rootmatch.model.image_alike` and `copy_or_alike` told of modes: a search asks again of those it had."""
         return {}
 
     @once

@@ -133,7 +133,7 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     parts = mode.assignments, mode.rotation, mode.position, mode.covariance, taken
     key = model.prior, error, *(None if one is None else one.tobytes() for one in parts)
     if key in model.alike:
-        return model.alike[key]
+        return float(model.alike[key])
     allowed = model.allowed
     if taken is not None and taken.any():
         allowed = np.tile(~taken, (model.shape[0], 1)) if allowed is None else allowed & ~taken
@@ -142,5 +142,6 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     pose = mode.rotation, mode.position
     settle(wide, pose, mode.covariance[0], known=known)
     matched = evidence(wide, mode.assignments, wide.linearised(*pose))
-    model.alike[key] = max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])
-    return model.alike[key]
+    best = max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])
+    model.alike[key] = best
+    return best

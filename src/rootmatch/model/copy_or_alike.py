@@ -1,0 +1,169 @@
+"""What stands in another place where a body fits: an exact copy of it, or something else of nearly its shape.
+
+Of two places, either may show the body and the other one a copy. Against clutter both are far too good to be accidents,
+however much worse one of them fits. What misses a point that stands beside its place, or has all of them a little off,
+is more probably something alike; and where the body is, there is only what an exact copy would be.
+
+All points of what is alike are off, as `rootmatch.model.image_alike` has it, or some of them are somewhere else. The
+body may be so as well, if seldom: then it is what stands there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.frozen import copied
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import evidence, settled_about
+from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, REACH, log_odds_alike
+from rootmatch.model.linearised import Linearised
+from rootmatch.model.modes import Modes
+from rootmatch.model.prediction import HIDDEN
+from rootmatch.model.priors import COPY, INEXACT
+
+LOG_OFF = math.log(INEXACT / len(ERRORS))
+"""Log-odds that one of a body's points is off by each of `ERRORS`, of those that all are as given."""
+FAR = ERRORS[OWN:]
+"""Those of points that are somewhere else: beyond what all points of a body may be off by."""
+ANOTHER = 0.5
+"""Probability that one more point of what is alike is somewhere else: as probably as not."""
+TRIED, MOST = 16, 8
+"""Most points that are tried as the one that is somewhere else, and most that are so together. Round values; they bound
+time."""
+
+
+def log_beside_copy(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> float:
+    """Logarithm of the factor on the odds of a copy in the place of a mode: something alike may be there instead.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    modes : Modes
+    k : int
+        Which of them.
+    taken : (n',) bool array
+        Detections of the body in its own place, and of others.
+
+    Returns
+    -------
+    float
+        log (1 + E / I), with the odds E of something alike against an exact copy, and I those of a copy that is as
+        exact as the body, against an exact one.
+    """
+    prior = LOG_ALIKE - math.log(COPY)
+    all_off, (given, some_off) = log_odds_all_off(model, modes, k, taken), log_odds_some_off(model, modes, k, taken)
+    body, alike = [max(given, 0.0), *(all_off[:OWN] + LOG_INEXACT)], [*(all_off + prior)]
+    for more, odds in enumerate(some_off):
+        body.extend(odds + LOG_OFF + more * math.log(INEXACT))
+        alike.extend(odds + prior + (more + 1) * math.log(ANOTHER))
+    return float(np.logaddexp(0.0, np.logaddexp.reduce(alike) - np.logaddexp.reduce(body)))
+
+
+def log_odds_all_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> Floats:
+    """Log-odds (W,) of a body of which all points are off by each of `ERRORS`: by its matches, or all that is near.
+
+    Over the body as given, with all changes of the mode. Parameters are those of `log_beside_copy`.
+    """
+    at, own = model.linearised(modes.rotation[k : k + 1], modes.position[k : k + 1]), modes.assignments[k : k + 1]
+    every = np.ones(model.shape[0], np.bool_)
+    wide = [_with_off(model, every, error) for error in ERRORS * model.radius]
+    matched = np.array([float(evidence(one, own, at).log_odds[0]) for one in wide]) - modes.log_mass[k]
+    near = log_odds_alike(model, modes, k, taken)
+    return np.asarray(matched if near is None else np.maximum(matched, near))
+
+
+def log_odds_some_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> tuple[float, Floats]:
+    """Log-odds (m, W) of a body of which one, two … points are off by each of `FAR`, about the pose of a mode.
+
+    Any point may be the one, and any two the two, of which the best stand for the sum. Over the body as given, with all
+    changes of the mode. Before them, those of the body as given with what is nearest to these points in its place: what
+    another labelling explains does not tell that points are off. No rows where points are joined in blobs, or where so
+    few tell the pose that none can be left out. Parameters are those of `log_beside_copy`.
+    """
+    if model.resolution:
+        return -math.inf, np.empty((0, len(FAR)))
+    mode = modes.assignments[k], modes.rotation[k : k + 1], modes.position[k : k + 1]
+    key = model.prior, *(one.tobytes() for one in (*mode, taken))
+    if key not in model.alike:
+        model.alike[key] = _some_off(model, mode, ~taken)
+    given, off = model.alike[key]
+    return float(given - modes.log_mass[k]), np.asarray(off - modes.log_mass[k])
+
+
+def _some_off(model: DetectionModel, mode: tuple[Integers, Floats, Floats], free: Bools) -> tuple[float, Floats]:
+    """Log-odds against clutter alone, as of `log_odds_some_off`; ``free`` (n',): what may be matched."""
+    n = model.shape[0] // max(len(model.images), 1)
+    order, each = _each_off(model, mode, np.eye(n, dtype=np.bool_), free)
+    if not len(order):
+        return -math.inf, np.empty((0, len(FAR)))
+    out = [np.logaddexp.reduce(each, axis=0) - math.log(n)]
+    given = float(each[:, 0].max())
+    surest = order[np.argsort(-each[:, 1:].max(axis=1), kind="stable")][:MOST]
+    if len(surest) > 1:
+        sets = np.zeros((len(surest) - 1, n), np.bool_)
+        for count, one in enumerate(sets, 2):
+            one[surest[:count]] = True
+        which, more = _each_off(model, mode, sets, free)
+        given = max(given, float(more[:, 0].max(initial=-math.inf)))
+        out += [more[row] - math.log(math.comb(n, which[row] + 2)) for row in np.argsort(which)]
+    return given, np.array(out)[:, 1:]
+
+
+def _each_off(
+    model: DetectionModel, mode: tuple[Integers, Floats, Floats], sets: Bools, free: Bools
+) -> tuple[Integers, Floats]:
+    """Which sets (K, n) of points can be off, and log-odds (K', 1 + W) of that by nothing and each of `FAR`.
+
+    The most probable first.
+    """
+    (assignment, rotation, position), images = mode, max(len(model.images), 1)
+    pose = np.repeat(rotation, len(sets), axis=0), np.repeat(position, len(sets), axis=0)
+    off = np.tile(sets, (1, images))
+    without = np.where(off, -1, assignment)
+    found, at = settled_about(model, without, *pose)
+    (order,) = (np.isfinite(found.log_odds) & ((without >= 0).sum(axis=1) >= model.prior.least)).nonzero()
+    order = order[np.argsort(-found.log_odds[order], kind="stable")][:TRIED]
+    errors = model.radius * np.append(0.0, FAR)
+    out = np.empty((len(order), len(errors)))
+    for row, one in enumerate(order.tolist()):
+        place, shown = (at.one(one), found.covariance[one], without[one]), off[one] & (found.visible[one] > HIDDEN)
+        for w, error in enumerate(errors):
+            wide = _with_off(model, off[one], error)
+            own = _with_nearest(wide, place, shown.nonzero()[0], free)
+            out[row, w] = float(evidence(wide, own[None], place[0]).log_odds[0])
+    return order, out
+
+
+def _with_off(model: DetectionModel, off: Bools, error: float) -> DetectionModel:
+    """The model of a body of which some points (n,) are off by N(0, error² I)."""
+    spread = off[:, None, None] * error**2 * np.eye(3)
+    known = model.source_covariance
+    return copied(model, source_covariance=spread if known is None else known + spread)
+
+
+def _with_nearest(
+    wide: DetectionModel, place: tuple[Linearised, Floats, Integers], rows: Integers, free: Bools
+) -> Integers:
+    """An assignment (n,) with the nearest free detection of some points, in its own image, if one is within `REACH`.
+
+    ``place``: images of the points, covariance of the pose, and the assignment without these points.
+    """
+    at, by_pose, assignment = place
+    out, free, images = assignment.copy(), free.copy(), max(len(wide.images), 1)
+    free[assignment[assignment >= 0]] = False
+    of_points = wide.of_points(at)
+    assert of_points is not None
+    for row in rows.tolist():
+        own = free & (wide.image_of == row // (wide.shape[0] // images))
+        (which,) = (own if wide.allowed is None else own & wide.allowed[row]).nonzero()
+        if len(which):
+            spread = at.jacobian[0, row] @ by_pose @ at.jacobian[0, row].T + of_points[0, row]
+            off = wide.target[which] - at.pixels[0, row]
+            squared = (off @ np.linalg.inv(spread + wide.sigma[which].max() ** 2 * np.eye(2)) * off).sum(axis=1)
+            if squared.min() < REACH**2:
+                out[row] = which[squared.argmin()]
+                free[out[row]] = False
+    return out
