@@ -64,7 +64,7 @@ def test_a_prediction_is_as_wide_along_an_arc_as_along_its_tangent(angle: float)
         assert eigh(told, one, eigvals_only=True)[0] > 2.0 * np.sqrt(2.0) - 2.0 - 1e-3
     fit = Prior.of(Pose(R, place, covariance), np.zeros(3), 1.0, Pose(turned, moved))
     residuals = fit.residuals(turned[None], moved[None])
-    np.testing.assert_allclose((residuals**2).sum(), terms.squared, rtol=1e-3)
+    np.testing.assert_allclose((residuals**2).sum(), (angle / sigma) ** 2, rtol=1e-3)
 
 
 def test_an_average_leaves_a_rotation_that_no_detection_tells() -> None:

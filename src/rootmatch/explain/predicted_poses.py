@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.algebra.rotation import one_rotation_vector
-from rootmatch.arrays import Integers
+from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import poses_of, with_noise_of
@@ -21,9 +21,10 @@ from rootmatch.model.known_density import Known
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
+from rootmatch.problems.pose_fit.either_axes import in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
-from rootmatch.problems.pose_fit.reference_point import with_curvature
+from rootmatch.problems.pose_fit.reference_point import about_point, with_curvature
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.pose_fit.shared_errors import SharedPose, fused_with, whole, with_shared
 from rootmatch.problems.up2p import UP2P
@@ -147,7 +148,7 @@ def polished_pose(found: Finding) -> Pose | None:
     if prior_holds and known is not None:
         prior = Known(known, points.source.mean(axis=0)).about(pose)
     elif prior_holds:
-        prior = _with_tails(task, predictions_of(task)[0][0], pose)
+        prior = _about(task, predictions_of(task)[0][0], pose, points.source.mean(axis=0))
     elif task.rig is not None and (upright := vertical_of(problem)) is not None:
         prior = Known(upright, points.source.mean(axis=0)).about(pose)
     if task.rig is not None:
@@ -187,13 +188,16 @@ def with_shared_errors(found: Finding, fit: Pose, prior: Pose | None) -> Pose:
     return replace(told, covariance=covariance)
 
 
-def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:
-    """A prediction with as wide a covariance as it has for a pose, see `Gaussian.tail_weight`."""
+def _about(task: MatchingTask, prior: Pose, near: Pose, centre: Floats) -> Pose:
+    """A prediction with the covariance that `Gaussian` has about a pose: its tails, and axes of either kind."""
     assert prior.covariance is not None
-    gaussian = Gaussian(prior.R, prior.t, prior.covariance, freedom=task.prior_freedom)
-    squared = replace(gaussian, freedom=math.inf).terms(near.R[None], near.t[None]).squared
-    weight = float(gaussian.tail_weight(squared)[0])
-    return with_shared(Pose.unchecked(prior.R, prior.t, prior.covariance / weight), prior)
+    place, covariance = about_point(prior.R, prior.t, prior.covariance, centre)
+    gaussian = Gaussian(prior.R, place, covariance, freedom=task.prior_freedom)
+    at = near.R[None], (near.t + near.R @ centre)[None]
+    weight = float(gaussian.tail_weight(replace(gaussian, freedom=math.inf).terms(*at).squared)[0])
+    turn = np.kron(np.eye(2), prior.R @ near.R.T)
+    covariance = in_either_axes(gaussian.bounded, turn @ gaussian.bounded @ turn.T) / weight
+    return with_shared(Pose.unchecked(prior.R, *about_point(prior.R, place, covariance, -centre)), prior)
 
 
 def about_prediction(task: MatchingTask, k: int) -> MatchingTask:

@@ -6,12 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.algebra.rotation import along_arc, by_left_turn, one_rotation_vector, rotation_about_y, rotation_vector
+from rootmatch.algebra.rotation import (
+    along_arc,
+    by_left_turn,
+    cross_matrix,
+    one_rotation_vector,
+    rotation_about_y,
+    rotation_vector,
+)
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
-from rootmatch.problems.pose_fit.either_axes import in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import about_point
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,17 +34,20 @@ class Prior:
     def of(cls, pose: Pose, centre: Floats, unit: float, near: Pose | None = None) -> Prior:
         """The prior for points from which ``centre`` was subtracted and which were divided by ``unit``.
 
-        ``near``: the pose about which it is taken, that predicted if there is none.
+        ``near``: the pose about which it is taken, with axes that turn with the body; that predicted if there is none.
         """
         if pose.covariance is None or pose.R.shape != (3, 3):
             raise InputError("prior: a pose in space with a covariance (6, 6) is needed; give Pose(R, t, covariance)")
-        place, covariance = about_point(pose.R, pose.t, pose.covariance[:6, :6], centre)
+        # t' = t + R c, so τ' = τ + ω × R c
+        change = np.eye(6)
+        change[3:, :3] = -cross_matrix(pose.R @ centre)
+        place, covariance = pose.t + pose.R @ centre, change @ pose.covariance[:6, :6] @ change.T
         R, t, off = pose.R, place, np.zeros(6)
         if near is not None:
             R, t = near.R, near.t + near.R @ centre
-            vector, back = one_rotation_vector(R @ pose.R.T), np.kron(np.eye(2), R @ pose.R.T)
-            off = back @ np.concatenate([vector, along_arc(vector, t - place)])
-            covariance = in_either_axes(covariance, back @ covariance @ back.T)
+            vector, turn = one_rotation_vector(R @ pose.R.T), np.kron(np.eye(2), R @ pose.R.T)
+            off = turn @ np.concatenate([vector, along_arc(vector, t - place)])
+            covariance = turn @ covariance @ turn.T
         units = np.repeat([1.0, unit], 3)
         off, covariance = off / units, covariance / np.outer(units, units)
         deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
