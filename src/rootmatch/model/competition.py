@@ -60,20 +60,23 @@ def joint_posterior(
     masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
     origins = [_origins(*each) for each in zip(models, parts, strict=True)]
     as_copies = [(k, _as_copy(*one)) for k, one in enumerate(zip(models, parts, uses, origins, strict=True))]
-    best = [of_modes[:1].any(axis=0) for of_modes in uses]
-    named = [
-        (k, mass + _alike(models[k], parts[k], uses[k], origins[k], np.any([*best[:k], *best[k + 1 :]], axis=0)))
-        for k, mass in as_copies
-        if mass is not None
-    ]
+    named = [(k, mass) for k, mass in as_copies if mass is not None]
     if copies is not None:
         gains = [log_gains(*each) for each in zip(models, parts, copies, strict=True)]
         masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
         named = [(k, mass + gains[k]) for k, mass in named]
-    each_of = marginals(
-        [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_left,
-        given=[*(-1 for _ in parts), *(k for k, _ in named)],
-    )  # fmt: skip
+
+    def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
+        return marginals(
+            [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_left,
+            given=[*(-1 for _ in parts), *(k for k, _ in named)],
+        )  # fmt: skip
+
+    each_of = weighed(named)
+    if disputed := [k for k, _ in named if _is_disputed(each_of[k][:-1], uses[k])]:
+        best = [np.asarray(of_modes[:1].any(axis=0)) for of_modes in uses]
+        alike = {k: _alike(models[k], parts[k], uses[k], origins[k], _of_others(best, k)) for k in disputed}
+        each_of = weighed([(k, mass + alike[k] if k in alike else mass) for k, mass in named])
     found = []
     of_copy = {k: 1.0 - float(share[-1]) for (k, _), share in zip(named, each_of[len(parts) :], strict=True)}
     for k, (modes, share) in enumerate(zip(parts, each_of, strict=False)):  # those of copies follow
@@ -130,6 +133,16 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | No
     expected = mass - np.log(np.where(of >= 0, share[of], 1.0)) + math.log(COPY)
     known = np.append((same_place(uses) & (of >= 0)).any(axis=1), False)  # of what is followed, maybe in another pose
     return np.where((of >= 0) & known[:, None], expected, as_copy)
+
+
+def _is_disputed(shares: Floats, uses: Bools) -> bool:
+    """Whether a body may be in another place than that of its best mode, by the shares (M,) of its modes."""
+    return float(shares[~(uses @ uses[int(shares.argmax())])].sum()) >= WRONG_MODEL
+
+
+def _of_others(best: Sequence[Bools], k: int) -> Bools:
+    """Detections (n',) of the best modes of all bodies but one."""
+    return np.asarray(np.any([np.zeros_like(best[k]), *best[:k], *best[k + 1 :]], axis=0))
 
 
 def _alike(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None, taken: Bools) -> Floats:
