@@ -221,7 +221,7 @@ class MotionFilter:
     def _turned(self, P: Floats, step: Floats) -> tuple[Floats, Floats]:
         """A predicted covariance as it is where a step takes the body, and the step along its arc.
 
-        It stays as it is in the body's frame, in which no frame changes what its points leave open.
+        What its points leave open may stay as it is in the body's frame, or in the camera's: see `in_either_axes`.
         """
         if P[0, 0] + P[1, 1] + P[2, 2] < STRAIGHT**2:
             return P, step
