@@ -19,7 +19,7 @@ from rootmatch.explain.image_hypotheses import Candidate, proposals_by_predictio
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.evidence import residuals_of
-from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, LOG_PRIOR, OWN, gains_of_residuals
+from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, LOG_PRIOR, OWN, gains_of_residuals, off_by
 from rootmatch.model.mode_search import HOPELESS, modes_of
 from rootmatch.model.modes import no_modes
 from rootmatch.model.priors import WRONG_MODEL, probability
@@ -105,9 +105,8 @@ def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     """The body with points that are off, in the poses that were found for it as given, and about predicted ones."""
     assert found.model is not None
     assert found.posterior is not None
-    covariance = np.tile(sigma**2 * np.eye(3), (len(found.model.points), 1, 1))
     task = copied(task, points=task.problem.with_source_noise(task.points, sigma))
-    body = Candidate(task, copied(found.model, source_covariance=covariance), no_modes(task.rows))
+    body = Candidate(task, off_by(found.model, sigma), no_modes(task.rows))
     predicted = proposals_by_prediction(body.model)
     if predicted is not None:
         body = copied(body, modes=modes_of(body.model, predicted, least=-HOPELESS))

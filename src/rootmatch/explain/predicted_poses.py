@@ -144,13 +144,13 @@ def polished_pose(found: Finding) -> Pose | None:
         points = resolved(found.model, points, assignment, pose)
     if isinstance(problem, UP2PF):
         return problem.poses(points, assignment[None], pose)[0]
-    prior = None
+    prior, centre = None, points.source.mean(axis=0)
     if prior_holds and known is not None:
-        prior = Known(known, points.source.mean(axis=0)).about(pose)
+        prior = Known(known, centre).about(pose)
     elif prior_holds:
-        prior = _about(task, predictions_of(task)[0][0], pose, points.source.mean(axis=0))
+        prior = _about(task, predictions_of(task)[0][0], pose, centre)
     elif task.rig is not None and (upright := vertical_of(problem)) is not None:
-        prior = Known(upright, points.source.mean(axis=0)).about(pose)
+        prior = Known(upright, centre).about(pose)
     if task.rig is not None:
         fit = rig_pose(task.sightings[0], points, assignment, prior, start=pose)
     else:

@@ -15,10 +15,9 @@ import math
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.frozen import copied
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence, settled_about
-from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, REACH, log_odds_alike
+from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, REACH, log_odds_alike, off_by
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN
@@ -68,8 +67,7 @@ def log_odds_all_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) 
     Over the body as given, with all changes of the mode. Parameters are those of `log_beside_copy`.
     """
     at, own = model.linearised(modes.rotation[k : k + 1], modes.position[k : k + 1]), modes.assignments[k : k + 1]
-    every = np.ones(model.shape[0], np.bool_)
-    wide = [_with_off(model, every, error) for error in ERRORS * model.radius]
+    wide = [off_by(model, error) for error in ERRORS * model.radius]
     matched = np.array([float(evidence(one, own, at).log_odds[0]) for one in wide]) - modes.log_mass[k]
     near = log_odds_alike(model, modes, k, taken)
     return np.asarray(matched if near is None else np.maximum(matched, near))
@@ -131,17 +129,10 @@ def _each_off(
     for row, one in enumerate(order.tolist()):
         place, shown = (at.one(one), found.covariance[one], without[one]), off[one] & (found.visible[one] > HIDDEN)
         for w, error in enumerate(errors):
-            wide = _with_off(model, off[one], error)
+            wide = off_by(model, error, off[one])
             own = _with_nearest(wide, place, shown.nonzero()[0], free)
             out[row, w] = float(evidence(wide, own[None], place[0]).log_odds[0])
     return order, out
-
-
-def _with_off(model: DetectionModel, off: Bools, error: float) -> DetectionModel:
-    """The model of a body of which some points (n,) are off by N(0, error² I)."""
-    spread = off[:, None, None] * error**2 * np.eye(3)
-    known = model.source_covariance
-    return copied(model, source_covariance=spread if known is None else known + spread)
 
 
 def _with_nearest(

@@ -100,17 +100,16 @@ def _of_sightings(model: DetectionModel, mode: Modes, errors: Floats) -> Floats:
     """
     pose, out = (mode.rotation, mode.position), np.empty(len(errors))
     for k, error in enumerate(errors.tolist()):
-        found, _ = settled_about(_off_by(model, error), mode.assignments, *pose)
+        found, _ = settled_about(off_by(model, error), mode.assignments, *pose)
         out[k] = found.log_odds[0] - mode.log_odds[0]
     return out
 
 
-def _off_by(model: DetectionModel, error: float) -> DetectionModel:
-    """The model of a body with points that are off as well."""
-    covariance = np.tile(error**2 * np.eye(3), (len(model.points), 1, 1))
-    if model.source_covariance is not None:
-        covariance += model.source_covariance
-    return copied(model, source_covariance=covariance)
+def off_by(model: DetectionModel, error: float, off: Bools | None = None) -> DetectionModel:
+    """The model of a body whose points are off by N(0, error² I) as well; ``off`` (n,): which, all by default."""
+    spread = error**2 * np.eye(3) * (np.ones(len(model.points)) if off is None else off)[:, None, None]
+    known = model.source_covariance
+    return copied(model, source_covariance=spread if known is None else known + spread)
 
 
 def _near(model: DetectionModel, modes: Modes, k: int, errors: Floats, taken: Bools | None) -> tuple[Floats, int]:
@@ -137,7 +136,7 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     allowed = model.allowed
     if taken is not None and taken.any():
         allowed = np.tile(~taken, (model.shape[0], 1)) if allowed is None else allowed & ~taken
-    wide = copied(_off_by(model, error), allowed=allowed)
+    wide = copied(off_by(model, error), allowed=allowed)
     known: dict[bytes, Settled] = {}
     pose = mode.rotation, mode.position
     settle(wide, pose, mode.covariance[0], known=known)
