@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 
 import rootmatch as rm
 from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.arrays import Floats, Integers
+from rootmatch.explain import continued_bodies
 from rootmatch.explain.continued_bodies import places_beside
+from rootmatch.model.evidence import about
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0, size=(1280, 960))
 SQUARE, NOISE = 0.03, 0.2
@@ -72,3 +77,20 @@ def test_the_board_is_trusted_and_so_is_a_part_of_a_larger_one() -> None:
             match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE)
             assert match
             assert (match.assignment == truth[: len(source)]).all()
+
+
+def test_places_that_the_pose_cannot_see_leave_a_probability(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are matched from a pose nearby: one of 60 images of a row of towers had a probability of NaN."""
+
+    def of_unseen(*given: Any) -> Any:
+        found, at = about(*given)
+        nothing = np.full_like(found.log_odds, -np.inf)
+        return found._replace(log_odds=nothing, detected=nothing), at
+
+    rng = np.random.default_rng(0)
+    source = board(rng, 8, 6, 6)
+    target, _ = image(rng, board(rng, 10, 8, 6))
+    monkeypatch.setattr(continued_bodies, "about", of_unseen)
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE)
+    assert match.probability is not None
+    assert 0.0 < match.probability < 1.0

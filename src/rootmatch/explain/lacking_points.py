@@ -154,6 +154,8 @@ def _log_factor(beside: Beside, mode: Modes, there: Floats) -> float:
     own, more = mode.assignments.reshape(beside.images, -1), more.reshape(beside.images, -1)
     labels = np.concatenate([own, more], axis=1)
     found = about(beside.whole, labels.reshape(1, -1), mode.rotation, mode.position)[0]
+    if not np.isfinite(found.log_odds[0]):  # a place that cannot be seen
+        return 0.0
     chance = np.concatenate([np.ones(own.shape[1]), there])
     chances, (rates, log_weights) = found.visible[0].reshape(beside.images, -1) * chance, beside.model.rates
     none = np.concatenate([own, np.full_like(more, -1)], axis=1)
