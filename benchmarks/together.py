@@ -137,7 +137,10 @@ def of_few(xr: ModuleType, family: str, seed: int) -> list[Told]:
 
 def of_strange(kind: str, seed: int) -> list[Told]:
     scene = strange_scenes.KINDS[kind](np.random.default_rng([seed, list(strange_scenes.KINDS).index(kind)]))
-    match = rm.match(**scene.told, noise=strange_scenes.NOISE, seed=seed)
+    try:
+        match = rm.match(**scene.told, noise=strange_scenes.NOISE, seed=seed)
+    except rm.InputError:  # too few detections for one hyper-edge
+        return []
     if match.sightings is not None:
         return [of_one(match, np.concatenate(scene.truth), IMAGE)]
     bodies, truths = [match], [scene.truth]
