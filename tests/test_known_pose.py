@@ -70,7 +70,7 @@ class Scene:
         ({"rotation": (np.eye(3), (0.1, 4.0, 0.1))}, "σ 4 given, in radians: 229°"),
         ({"position": ((0.0, 0.0), 0.1)}, "position of shape"),
         ({"position": ((0.0, 0.0, np.nan), 0.1)}, "NaN or infinity"),
-        ({"position": ((0.0, 0.0, 1.0), np.inf)}, "NaN or infinity"),
+        ({"position": ((0.0, 0.0, 1.0), (np.inf, np.inf, 0.1))}, "nothing is known, the size of the space"),
         ({"position": ((0.0, 0.0, 1.0), -np.eye(3))}, "not symmetric, or has a negative eigenvalue"),
         ({"vertical": ((0.0, 1.0, 0.0), 0.1)}, "vertical: give"),
         ({"vertical": ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.1)}, "its length is 0"),

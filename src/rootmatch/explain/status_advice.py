@@ -168,7 +168,7 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
         if _is_pose_with_larger_noise(finding):
             return (
                 f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given, "
-                f'or else the pose is wrong; give {told}, or noise="auto"{_or_inexact(task)}, '
+                f"or else the pose is wrong; give {told}{_or_inexact(task)}, "
                 f"and check {problem.to_check}{causes}"
             )
         return (

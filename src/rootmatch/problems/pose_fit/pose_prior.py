@@ -41,7 +41,8 @@ class PosePrior:
         or a covariance (3, 3).
     position : ((3,) array, σ), optional
         t, the origin of the points in the camera frame, and its standard deviation in the unit of the points: one
-        number, three, or a covariance (3, 3).
+        number, three, or a covariance (3, 3). Of an axis of which nothing is known, say of all but the depth, give the
+        size of the space.
     vertical : ((3,) array, (3,) array, σ), optional
         The same direction, say down, in the frame of the points and in that of the camera, of any length, and its
         standard deviation in radians on each of two axes.
@@ -231,7 +232,9 @@ def _told(part: tuple[ArrayLike, ArrayLike]) -> str:
 
 def _covariance(name: str, sigma: Any) -> Floats:
     """A covariance (3, 3) of one number, three, or itself."""
-    array = numbers(sigma, name, "σ as one number, three, or a covariance (3, 3)")
+    wide = "π" if name == "rotation" else "the size of the space"
+    expected = f"σ as one number, three, or a covariance (3, 3); of an axis of which nothing is known, {wide}"
+    array = numbers(sigma, name, expected)
     if array.shape not in ((), (3,), (3, 3)):
         raise InputError(f"prior: {name}: σ of shape {array.shape} given; one number, three, or (3, 3) expected")
     if array.ndim < 2:
