@@ -270,3 +270,21 @@ def test_a_focal_length_in_millimetres_is_named() -> None:
     assert not given
     assert "give its focal length in pixels" in given.advice
     assert "focal length" not in rm.match(points, image[:, ::-1], rm.P3P(rm.Camera(800, 800, 320, 240))).advice
+
+
+def test_detections_outside_of_their_image_are_named() -> None:
+    """Whoever exchanges width and height has some."""
+    points = np.random.default_rng(0).uniform((0.9, -0.3, 1.7), (1.5, 0.3, 2.3), (8, 3))
+    pinhole = rm.Camera(800, 800, 640, 480)
+    image = pinhole.project(points)
+    upright = rm.Camera(800, 800, 640, 480, size=(960, 1280))
+    views = [(one, np.eye(3), np.zeros(3)) for one in (pinhole, pinhole)]
+    rig = rm.Rig(views, sizes=[(960, 1280)] * 2)
+    told = "detections are outside of their image, the first at index"
+    for problem, target in ((rm.P3P(upright), image), (rm.P3P(rig), [image, image])):
+        match = rm.match(points, target, problem)
+        assert not match
+        assert told in match.advice
+        assert "of one of 960 by 1280 pixels; give its size as (width, height)" in match.advice
+    wide = rm.Camera(800, 800, 640, 480, size=(2000, 2000))
+    assert told not in rm.match(points, image[:, ::-1], rm.P3P(wide)).advice

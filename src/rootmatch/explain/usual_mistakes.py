@@ -29,6 +29,8 @@ FACTORS = (3.0, 10.0)
 """Factors by which σ may have been stated too small. Round values."""
 NOISIER = {f"the noise is {factor:g} times as large": factor for factor in FACTORS}
 """The factor of each mistake of that kind."""
+BEYOND = 1.0
+"""Pixels beyond the edge of an image at which a detection may be, by its noise. A round value."""
 WIDEST = 6.0
 """Largest coordinate x/z or y/z that is taken for one: 80° from the axis. A round value."""
 
@@ -37,8 +39,8 @@ NORMALISED, IN_PIXELS = 2.0, 10.0
 length from which a camera is in pixels: no image has all that it shows within two of them. Round values."""
 
 
-def in_other_units(task: MatchingTask) -> str | None:
-    """What to say of detections and a camera that cannot be of the same unit; None if they may be."""
+def of_another_camera(task: MatchingTask) -> str | None:
+    """What to say of detections that cannot be pixels of this camera; None if they may be."""
     camera, target = getattr(task.problem, "camera", None), task.points.target
     every = getattr(camera, "cameras", (camera,))
     if len(target) < task.problem.order:
@@ -55,6 +57,15 @@ def in_other_units(task: MatchingTask) -> str | None:
             return (
                 "this camera would see most detections more than 80° from its axis; give its focal length in pixels: "
                 "that in millimetres, over the size of a pixel"
+            )
+    sizes = None if camera is None or task.problem.source_is_image else _sizes(camera)
+    if sizes is not None:
+        beyond = (target[:, :2] > np.array(sizes, float)[task.camera_of] + BEYOND).any(axis=1)
+        if beyond.any():
+            width, height = sizes[task.camera_of[beyond.argmax()]]
+            return (
+                f"{beyond.sum()} of {len(beyond)} detections are outside of their image, the first at index "
+                f"{beyond.argmax()} of one of {width:g} by {height:g} pixels; give its size as (width, height)"
             )
     return None
 
