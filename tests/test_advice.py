@@ -288,3 +288,11 @@ def test_detections_outside_of_their_image_are_named() -> None:
         assert "of one of 960 by 1280 pixels; give its size as (width, height)" in match.advice
     wide = rm.Camera(800, 800, 640, 480, size=(2000, 2000))
     assert told not in rm.match(points, image[:, ::-1], rm.P3P(wide)).advice
+
+
+def test_points_on_a_line_are_named_between_point_sets() -> None:
+    """A prior tells the turn about it, so they are not refused."""
+    line = np.outer([0.0, 1.0, 2.5, 4.2], [1.0, 0.0, 0.0])
+    assert "all points are collinear" in rm.match(line, line[::-1] + 1.0, rm.Rigid(), noise=0.01).advice
+    near = rm.Pose(np.eye(3), np.ones(3), covariance=np.diag([0.1] * 6) ** 2)
+    assert rm.match(line, line[::-1] + 1.0, rm.Rigid(), noise=0.01, prior=near)

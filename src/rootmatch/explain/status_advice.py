@@ -14,7 +14,7 @@ from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.inexact_points import error_if_alike
 from rootmatch.explain.predicted_poses import agrees_with_prior
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.usual_mistakes import of_another_camera
+from rootmatch.explain.usual_mistakes import obvious_fault
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.problems.base import Problem
@@ -71,7 +71,7 @@ def advice(
     undetermined : bool
         Whether the matches leave a direction of the pose open; see `is_undetermined`.
     """
-    if finding.status is Status.UNTRUSTED and (reason := of_another_camera(finding.task) or finding.reason) is not None:
+    if finding.status is Status.UNTRUSTED and (reason := obvious_fault(finding.task) or finding.reason) is not None:
         return f"no trustworthy match: {reason}"
     unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
     if (of_bodies := _of_bodies(finding)) is not None:

@@ -22,6 +22,7 @@ from rootmatch.explain.mistake import Change, Mistake, corrected, noisier
 from rootmatch.explain.point_set_mistakes import of_point_sets
 from rootmatch.explain.prior_mistakes import LENGTHS, of_priors
 from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.checks import are_collinear
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Similarity
 
@@ -39,8 +40,11 @@ NORMALISED, IN_PIXELS = 2.0, 10.0
 length from which a camera is in pixels: no image has all that it shows within two of them. Round values."""
 
 
-def of_another_camera(task: MatchingTask) -> str | None:
-    """What to say of detections that cannot be pixels of this camera; None if they may be."""
+def obvious_fault(task: MatchingTask) -> str | None:
+    """What is wrong with points, or with detections of a camera, at a glance; None if nothing is."""
+    source = task.points.source
+    if isinstance(task.problem, Similarity) and source.shape[1] == 3 and are_collinear(source):
+        return "all points are collinear, which determines no pose; add points off the line, or give a `prior`"
     camera, target = getattr(task.problem, "camera", None), task.points.target
     every = getattr(camera, "cameras", (camera,))
     if len(target) < task.problem.order:
@@ -60,12 +64,12 @@ def of_another_camera(task: MatchingTask) -> str | None:
             )
     sizes = None if camera is None or task.problem.source_is_image else _sizes(camera)
     if sizes is not None:
-        beyond = (target[:, :2] > np.array(sizes, float)[task.camera_of] + BEYOND).any(axis=1)
-        if beyond.any():
-            width, height = sizes[task.camera_of[beyond.argmax()]]
+        beyond = np.flatnonzero((target[:, :2] > np.array(sizes, float)[task.camera_of] + BEYOND).any(axis=1))
+        if len(beyond):
+            width, height = sizes[task.camera_of[beyond[0]]]
             return (
-                f"{beyond.sum()} of {len(beyond)} detections are outside of their image, the first at index "
-                f"{beyond.argmax()} of one of {width:g} by {height:g} pixels; give its size as (width, height)"
+                f"{len(beyond)} of {len(target)} detections are outside of their image, the first at index {beyond[0]} "
+                f"of one of {width:g} by {height:g} pixels; give its size as (width, height)"
             )
     return None
 

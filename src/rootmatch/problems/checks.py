@@ -107,11 +107,15 @@ def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> Fl
     return np.ascontiguousarray(np.broadcast_to(np.cos(radians), (count,)))
 
 
+def are_collinear(points: Floats) -> bool:
+    """Whether points (n, k) all lie on one line: every rotation about it looks the same."""
+    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(values[1] <= 1e-9 * values[0])
+
+
 def check_not_collinear(points: Floats) -> None:
-    """Refuse points that all lie on one line: every rotation about it looks the same."""
-    centred = points - points.mean(axis=0)
-    values = np.linalg.svd(centred, compute_uv=False)
-    if values[1] <= 1e-9 * values[0]:
+    """Refuse points that all lie on one line."""
+    if are_collinear(points):
         raise InputError(
             f"source: all {len(points)} points are collinear, which determines no pose; add points off the line"
         )
