@@ -132,14 +132,18 @@ class Candidate:
         return copied(self, modes=self._with_twins(modes_of(self.model, proposals)))
 
     def also(self, assignments: Sequence[Integers]) -> Candidate:
-        """The candidate of one of several bodies by further assignments and the twins of the best poses.
+        """The candidate of one of several bodies by further assignments, without their twins.
 
         The same if clutter explains all of them better: most searches for a body that is not in view end so.
         """
         proposals = self.proposals(assignments)
         modes = modes_of(self.model, proposals, self.modes, of_several=True, least=-NEGLIGIBLE)
         worth = len(proposals.assignments) and (modes.log_mass[:1] > 0.0).any()
-        return copied(self, modes=self._with_twins(modes, few=True)) if worth else self
+        return copied(self, modes=modes) if worth else self
+
+    def with_twins(self) -> Candidate:
+        """The candidate of one of several bodies with the twins of the best poses that a search found for it."""
+        return copied(self, modes=self._with_twins(self.modes, few=True))
 
     def _with_twins(self, modes: Modes, searched: bool = True, few: bool = False) -> Modes:
         """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off.
