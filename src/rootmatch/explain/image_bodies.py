@@ -187,12 +187,17 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
     def search(body: _Body, budget: int, task: MatchingTask = task) -> None:
         before = body.candidate
         body.search(task, solve, budget)
+        new, own = body.candidate is not before and body.found.posterior is None, body.candidate.modes.assignments[:1]
+        taken = sum((one.told.used(task.shape[1]) for one in bodies if one is not body), np.zeros(task.shape[1]))
+        # what others explain is weighed against them before its twins are proposed
+        contested = new and bool((taken[own[own >= 0]] >= SURE).any())
+        if new and not contested:
+            body.candidate = body.candidate.with_twins()
         if choice is None or body.candidate is not before:
             _weigh(bodies)
-        if body.candidate is not before and body.is_possible and body.found.posterior is None:
-            first, body.candidate = body.candidate, body.candidate.with_twins()
-            if body.candidate.modes is not first.modes:
-                _weigh(bodies)
+        if contested and body.is_possible:
+            body.candidate = body.candidate.with_twins()
+            _weigh(bodies)
 
     with suppress(OutOfTime):
         _predict(task, bodies)
