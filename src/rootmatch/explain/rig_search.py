@@ -6,6 +6,7 @@ cameras; those that it gathers there are what the model of all images judges.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import lru_cache
 
@@ -25,6 +26,7 @@ from rootmatch.hypergraph.deferred_tensor import joined_tensor, renumbered
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.gathering import gathered
+from rootmatch.model.mode_search import NEGLIGIBLE
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import explained, proposals_about
 from rootmatch.model.proposals import Proposals, joined, poses_of_sets, refitted
@@ -183,24 +185,26 @@ def _verified(model: DetectionModel, hypotheses: list[Integers], limits: tuple[i
     if (left := kept - int(np.count_nonzero(~spoilt))) > 0 and spoilt.any():
         number = {pose.tobytes(): k for k, pose in enumerate(sets.rotation)}
         own = sets.take(np.array([number[pose.tobytes()] for pose in led.rotation[spoilt]], np.int64))
-        if (more := _narrowed(model, own, left)) is not None:
+        least = float(log_odds.max()) - NEGLIGIBLE
+        if (more := _narrowed(model, own, left, least)) is not None:
             every, found, _ = refitted(model, more)
             assignments = np.concatenate([assignments, every.assignments])
             log_odds = np.concatenate([log_odds, found.log_odds])
     return assignments[np.argsort(-log_odds, kind="stable")[:kept]]
 
 
-def _narrowed(model: DetectionModel, sets: Proposals, most: int) -> Proposals | None:
+def _narrowed(model: DetectionModel, sets: Proposals, most: int, least: float = -math.inf) -> Proposals | None:
     """What the poses of some minimal sets lead to where one match narrows the pose for the next; None for nothing.
 
     Three sightings of a small body in one camera leave several detections for a point in another one. Gathered all at
     once, a single wrong one among them spoils the fit. So many sets as ``most`` are tried, those that explain most as
-    far as their poses are known.
+    far as their poses are known, and ``least`` or more.
     """
     spread, at = about(model, *sets)
     possible = np.flatnonzero(np.isfinite(spread.covariance).all(axis=(1, 2)))
     scores = explained(model, at.take(possible), spread.step[possible], spread.covariance[possible])
-    first = possible[np.argsort(-scores, kind="stable")[:most]]
+    order = np.argsort(-scores, kind="stable")[:most]
+    first = possible[order[scores[order] >= least]]
     every = zip(sets.rotation[first], sets.position[first], spread.covariance[first], strict=True)
     there = [one for one in (proposals_about(model, Gaussian(*each)) for each in every) if one is not None]
     return joined(there) if there else None

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.frozen import amended, copied
+from rootmatch.frozen import amended
 from rootmatch.model.compiled.near_misses import near_misses
 from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
 from rootmatch.model.evidence import evidence, residuals_of, settled_about
@@ -114,6 +114,15 @@ def off_by(model: DetectionModel, error: float, off: Bools | None = None) -> Det
     return amended(model, "spread_for_kernels", "alike", source_covariance=wide)
 
 
+def _without(model: DetectionModel, taken: Bools) -> DetectionModel:
+    """The model without the detections (n',) of other bodies."""
+    if (key := (taken.tobytes(),)) not in model.alike:
+        allowed = np.tile(~taken, (model.shape[0], 1)) if model.allowed is None else model.allowed & ~taken
+        of_pairs = "weights_of_pairs", "image_for_kernels", "scene_for_kernels"
+        model.alike[key] = amended(model, *of_pairs, "alike", allowed=allowed)
+    return model.alike[key]  # type: ignore[no-any-return]
+
+
 def _near(model: DetectionModel, modes: Modes, k: int, errors: Floats, taken: Bools | None) -> tuple[Floats, int]:
     """About the most (W, m) that points without a match gain by one that is near if all are off by errors (W,).
 
@@ -135,9 +144,7 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     key = model.prior, error, *(None if one is None else one.tobytes() for one in parts)
     if key in model.alike:
         return float(model.alike[key])
-    wide, allowed = off_by(model, error), model.allowed
-    if taken is not None and taken.any():
-        wide = copied(wide, allowed=np.tile(~taken, (model.shape[0], 1)) if allowed is None else allowed & ~taken)
+    wide = off_by(model if taken is None or not taken.any() else _without(model, taken), error)
     known: dict[bytes, Settled] = {}
     pose = mode.rotation, mode.position
     settle(wide, pose, mode.covariance[0], known=known)
