@@ -6,7 +6,6 @@ cameras; those that it gathers there are what the model of all images judges.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import lru_cache
 
@@ -26,7 +25,6 @@ from rootmatch.hypergraph.deferred_tensor import joined_tensor, renumbered
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 from rootmatch.model.gathering import gathered
-from rootmatch.model.mode_search import NEGLIGIBLE
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import explained, proposals_about
 from rootmatch.model.proposals import Proposals, joined, poses_of_sets, refitted
@@ -94,7 +92,8 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
-    verified, all_triples = _verified(model, hypotheses, limits), False
+    # a tracker's search goes on in the other cameras and in the next frames, which takes less than narrowing here
+    verified, all_triples = _verified(model, hypotheses, limits, narrowing=task.search_camera is None), False
     if task.search_camera is None and not _is_enough(task, model, verified, evaluated):
         met = len(hypotheses)
         for k, own, part in parts:
@@ -169,10 +168,13 @@ def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, ev
     return is_enough(model, told, task.minimal, of_several=task.budget is not None, unmet=float(unmet))
 
 
-def _verified(model: DetectionModel, hypotheses: list[Integers], limits: tuple[int, int]) -> Integers:
+def _verified(
+    model: DetectionModel, hypotheses: list[Integers], limits: tuple[int, int], *, narrowing: bool = True
+) -> Integers:
     """Assignments that the poses of hypotheses gather in all cameras, the most probable first.
 
-    Poses of minimal sets, so that a match among many that is wrong is not taken along.
+    Poses of minimal sets, so that a match among many that is wrong is not taken along. ``narrowing``: whether what that
+    spoils all the same is looked at as of `_narrowed`.
     """
     if not hypotheses:
         return np.empty((0, model.shape[0]), np.int64)
@@ -182,29 +184,27 @@ def _verified(model: DetectionModel, hypotheses: list[Integers], limits: tuple[i
     every, found, _ = refitted(model, led)
     assignments, log_odds = every.assignments, found.log_odds
     spoilt = ~(log_odds > 0.0)
-    if (left := kept - int(np.count_nonzero(~spoilt))) > 0 and spoilt.any():
+    if narrowing and (left := kept - int(np.count_nonzero(~spoilt))) > 0 and spoilt.any():
         number = {pose.tobytes(): k for k, pose in enumerate(sets.rotation)}
         own = sets.take(np.array([number[pose.tobytes()] for pose in led.rotation[spoilt]], np.int64))
-        least = float(log_odds.max()) - NEGLIGIBLE
-        if (more := _narrowed(model, own, left, least)) is not None:
+        if (more := _narrowed(model, own, left)) is not None:
             every, found, _ = refitted(model, more)
             assignments = np.concatenate([assignments, every.assignments])
             log_odds = np.concatenate([log_odds, found.log_odds])
     return assignments[np.argsort(-log_odds, kind="stable")[:kept]]
 
 
-def _narrowed(model: DetectionModel, sets: Proposals, most: int, least: float = -math.inf) -> Proposals | None:
+def _narrowed(model: DetectionModel, sets: Proposals, most: int) -> Proposals | None:
     """What the poses of some minimal sets lead to where one match narrows the pose for the next; None for nothing.
 
     Three sightings of a small body in one camera leave several detections for a point in another one. Gathered all at
     once, a single wrong one among them spoils the fit. So many sets as ``most`` are tried, those that explain most as
-    far as their poses are known, and ``least`` or more.
+    far as their poses are known.
     """
     spread, at = about(model, *sets)
     possible = np.flatnonzero(np.isfinite(spread.covariance).all(axis=(1, 2)))
     scores = explained(model, at.take(possible), spread.step[possible], spread.covariance[possible])
-    order = np.argsort(-scores, kind="stable")[:most]
-    first = possible[order[scores[order] >= least]]
+    first = possible[np.argsort(-scores, kind="stable")[:most]]
     every = zip(sets.rotation[first], sets.position[first], spread.covariance[first], strict=True)
     there = [one for one in (proposals_about(model, Gaussian(*each)) for each in every) if one is not None]
     return joined(there) if there else None
