@@ -89,11 +89,6 @@ class _Body(SearchedBody):
         return float(self.told.probabilities[0]) if len(self.told.probabilities) else 0.0
 
     @property
-    def is_possible(self) -> bool:
-        """Whether what is proposed of it is not negligible beside what other bodies explain."""
-        return float(self.told.probabilities.sum()) > math.exp(-NEGLIGIBLE)
-
-    @property
     def is_new(self) -> bool:
         """Whether it is most probably where no prediction expects it."""
         modes, prior = self.told.modes, self.candidate.model.prior
@@ -189,14 +184,15 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
         body.search(task, solve, budget)
         new, own = body.candidate is not before and body.found.posterior is None, body.candidate.modes.assignments[:1]
         taken = sum((one.told.used(task.shape[1]) for one in bodies if one is not body), np.zeros(task.shape[1]))
-        # what others explain is weighed against them before its twins are proposed
-        contested = new and bool((taken[own[own >= 0]] >= SURE).any())
-        if new and not contested:
+        if new and bool((taken[own[own >= 0]] >= SURE).any()):
+            # what others explain is weighed against them before its twins are proposed
+            told = competing([one.candidate for one in bodies])[body.number]
+            new = float(told.probabilities.sum()) > math.exp(-NEGLIGIBLE)
+            if not new and choice is not None:  # the next frames look again
+                body.candidate = before
+        if new:
             body.candidate = body.candidate.with_twins()
         if choice is None or body.candidate is not before:
-            _weigh(bodies)
-        if contested and body.is_possible:
-            body.candidate = body.candidate.with_twins()
             _weigh(bodies)
 
     with suppress(OutOfTime):

@@ -239,8 +239,7 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
     """Assignments about each predicted pose, with the poses that they lead to; None if there are none."""
     if not isinstance(model.prior, Doubted):
         return None
-    predicted = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
-    found = [proposals_about(model, one) for one in predicted]
+    found = [proposals_about(model, one) for one in model.prior.predictions if isinstance(one, Gaussian)]
     parts = [one.take(slice(MOST_PREDICTED)) for one in found if one is not None]
     others = [poses_of_few(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
@@ -338,10 +337,7 @@ def few_twins(task: MatchingTask, model: DetectionModel, found: Proposals) -> li
     parts = []
     for k, assignment in enumerate(found.assignments):
         few = np.flatnonzero((assignment.reshape(-1, task.shape[0]) >= 0).any(axis=0))
-        if not task.minimal <= len(few) <= FEW:
-            continue
-        images = task.sightings_of(twins_of_few(task.points.source, few))
-        if len(images):
+        if task.minimal <= len(few) <= FEW and len(images := task.sightings_of(twins_of_few(task.points.source, few))):
             parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, images))
     return parts
 

@@ -129,7 +129,7 @@ def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | 
         covariance = 0.25 * covariance
     if not torn:
         return None
-    if start is None or not start.is_convincing(np.count_nonzero(torn[0][0].candidates)):
+    if start is None or not start.is_convincing(int(np.count_nonzero(torn[0][0].candidates))):
         with suppress(OutOfTime):  # what is known by then is handed on
             for looked, covariance in (torn[0], *torn[1:][-1:]):  # the widest and the narrowest
                 first = looked.at.one(0)
