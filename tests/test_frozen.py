@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from rootmatch.frozen import copied, once
+from rootmatch.frozen import amended, copied, once
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +24,14 @@ def test_a_copy_has_the_other_fields_and_none_of_what_was_worked_out() -> None:
     assert vars(copy) == vars(expected)
     assert copy.twice == 8
     assert value.twice == 6
+
+
+def test_an_amended_copy_keeps_what_was_worked_out_but_for_what_is_lost() -> None:
+    value = Value(3)
+    assert value.twice == 6
+    assert vars(amended(value, second="other")) == {"first": 3, "second": "other", "twice": 6}
+    assert amended(value, "twice", first=4).twice == 8
+    assert vars(value) == {"first": 3, "second": "as usual", "twice": 6}
 
 
 def test_an_unknown_field_is_an_error() -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model import image_alike
+from rootmatch.model import detection_model, image_alike
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, settled_about
 from rootmatch.model.image_alike import ERRORS, REACH, SEEN, _near, log_odds_alike
@@ -98,6 +98,22 @@ def test_the_odds_are_the_evidence_of_points_that_are_off_with_all_that_is_near(
     assert odds[best] > 8.0  # beyond the odds of a wrong model
     matched, _ = about(wide, assignment[None], mode.rotation, mode.position)
     assert matched.log_odds[0] < mode.log_odds[0]  # exact matches alone speak for the body
+
+
+def test_points_that_are_off_leave_what_is_known_of_the_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, assignment = exact_and_off(6e-3)
+    mode, taken, worked_out = mode_of(model, assignment), np.arange(8) == 4, list[Any]()
+    first, expected = alike(model, mode, taken), replace(model, source_covariance=np.tile(1e-6 * np.eye(3), (8, 1, 1)))
+    wide = image_alike.off_by(model, 1e-3)
+    assert vars(wide).keys() >= {"clutter", "scene_for_kernels"}
+    pose = mode.rotation, mode.position
+    assert settled_about(wide, assignment[None], *pose)[0].log_odds == pytest.approx(
+        settled_about(expected, assignment[None], *pose)[0].log_odds, rel=1e-12
+    )
+    monkeypatch.setattr(detection_model, "clutter_of", lambda *given: worked_out.append(given))
+    model.alike.clear()
+    np.testing.assert_array_equal(alike(model, mode, taken), first)
+    assert not worked_out
 
 
 def test_what_is_alike_is_weighed_once_for_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -138,6 +139,33 @@ def test_an_average_is_over_the_changes_of_the_assignment(seed: int) -> None:
     np.testing.assert_allclose(told / deviations, mean / deviations, atol=1e-3)
     unit = np.outer(deviations, deviations)
     np.testing.assert_allclose((covariance - modes.covariance[0]) / unit, spread / unit, atol=1e-3)
+
+
+def test_what_is_all_matched_is_not_narrowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three detections, one in the gate of each of three points, which fit: no other assignment is near."""
+    narrowed, work = list[int](), prediction._narrowed
+
+    def counted(model: DetectionModel, looked: Any, covariance: Floats) -> Any:
+        narrowed.append(np.count_nonzero(looked.candidates))
+        return work(model, looked, covariance)
+
+    monkeypatch.setattr(prediction, "_narrowed", counted)
+    matched = list[int]()
+    for seed in range(1030, 1050):
+        model, guess = predicted("bare", seed, 0.003, shown=3)
+        found = prediction.proposals_about(replace(model, target=model.target[:3], sigma=model.sigma[:3]), guess)
+        matched += [] if found is None else [int((found.assignments[0] >= 0).sum())]
+    assert matched.count(3) >= 5
+    assert 3 not in narrowed
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_modes_to_which_proposals_add_nothing_are_handed_back(name: str) -> None:
+    model, guess = predicted(name, 1031, 0.02, shown=6)
+    start = prediction.proposals_about(model, guess)
+    assert start is not None
+    modes = modes_of(model, start)
+    assert modes_of(model, start.take(np.arange(1)), modes) is modes
 
 
 def test_a_prediction_with_nothing_near(monkeypatch: pytest.MonkeyPatch) -> None:

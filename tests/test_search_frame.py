@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rig_scenes import NOISE, VIEW, controllers, frame, headset
 from rootmatch.explain import image_bodies, image_hypotheses, rig_search
+from rootmatch.frozen import copied
 from rootmatch.model.modes import no_modes
 from rootmatch.model.proposals import no_proposals
 
@@ -74,6 +75,56 @@ def test_what_is_wrong_in_part_is_looked_at_only_for_places_that_are_left(monkey
     kept = rig_search.LIMITS[1]
     assert any(good for good, _ in looked)
     assert all(count == kept - good for good, count in looked)
+
+
+def test_a_trackers_search_of_one_camera_does_not_narrow_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, normals, _ = controllers()
+    leds, rig, looked, camera = len(points) // 2, headset(), list[int | None](), list[int | None]([None])
+    scene, searched, narrowed = frame(0, 0, rig, clutter=2), rig_search._searched, rig_search._narrowed
+
+    def looking(*given: Any) -> Any:
+        looked.append(camera[0])
+        return narrowed(*given)
+
+    def of_camera(task: Any, model: Any, limits: Any) -> Any:
+        return searched(copied(task, search_camera=camera[0]), model, limits)
+
+    monkeypatch.setattr(rig_search, "_narrowed", looking)
+    monkeypatch.setattr(rig_search, "_searched", of_camera)
+    known: dict[str, Any] = {"noise": NOISE, "normals": normals[:leds], "view_angle": np.radians(VIEW)}
+    for camera[0] in (None, *range(len(rig.views))):
+        rm.match(points[:leds], scene.rows, rm.P3P(rig), **known)
+    assert looked
+    assert set(looked) == {None}
+
+
+def test_what_another_body_explains_has_no_twins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A body that shares half its points with one of which not most is seen, and so is searched for among all."""
+    rng, twins, named = np.random.default_rng(5), list[float](), list[float]()
+    points = rng.uniform(-0.2, 0.2, (10, 3))
+    other = np.where(np.arange(10)[:, None] < 5, points, rng.uniform(-0.2, 0.2, (10, 3)))
+    tracker = rm.Tracker(np.concatenate([points, other]), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 10))
+    work, also = image_hypotheses.twins_of, image_hypotheses.Candidate.also
+
+    def counted(task: Any, model: Any, modes: Any) -> Any:
+        twins.append(float(modes.log_mass[0]))
+        return work(task, model, modes)
+
+    def naming(self: Any, assignments: Any) -> Any:
+        found = also(self, assignments)
+        named.extend(found.modes.log_mass[:1].tolist())
+        return found
+
+    for k in range(20):
+        if k == 6:
+            monkeypatch.setattr(image_hypotheses, "twins_of", counted)
+            monkeypatch.setattr(image_hypotheses.Candidate, "also", naming)
+        seen = shown(points, k, 0.0, rng)[: 10 if k < 6 else 7]
+        match = tracker.update(np.vstack([seen, rng.uniform(100.0, 800.0, (4, 2))]), time=k / 60.0)
+        assert match.bodies is not None
+        assert match.bodies[0].status is rm.Status.MATCHED
+    assert max(named) > 0.0
+    assert not twins
 
 
 def test_what_is_hopeless_beside_the_best_mode_has_no_twins(monkeypatch: pytest.MonkeyPatch) -> None:

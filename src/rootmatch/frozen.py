@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import Any, Generic, Self, TypeVar, overload
 
 Value = TypeVar("Value")
@@ -22,6 +23,16 @@ def copied(value: Value, **fields: Any) -> Value:
     after.update(fields)
     if len(after) > len(known):
         raise TypeError(f"{type(value).__name__} has no field {', '.join(fields.keys() - known.keys())}")
+    return out
+
+
+def amended(value: Value, *lost: str, **fields: Any) -> Value:
+    """As `copied`, with what was worked out once, but for what is ``lost``: all that depends on the changed fields."""
+    out = copy(value)
+    after = vars(out)
+    after.update(fields)
+    for name in lost:
+        after.pop(name, None)
     return out
 
 

@@ -36,6 +36,7 @@ from rootmatch.explain.known_place import pairs_by_angle
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
+from rootmatch.model.mode_search import NEGLIGIBLE
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.prediction import COMPLETE
@@ -178,9 +179,21 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
         # a tracker's earlier frames have tried all of them
         body.rivals = [other.number for other in others] if choice is None else body.alike
 
-    def search(body: _Body, budget: int) -> None:
+    def search(body: _Body, budget: int, task: MatchingTask = task) -> None:
+        before = body.candidate
         body.search(task, solve, budget)
-        _weigh(bodies)
+        new, own = body.candidate is not before and body.found.posterior is None, body.candidate.modes.assignments[:1]
+        taken = sum((one.told.used(task.shape[1]) for one in bodies if one is not body), np.zeros(task.shape[1]))
+        if new and bool((taken[own[own >= 0]] >= SURE).any()):
+            # what others explain is weighed against them before its twins are proposed
+            told = competing([one.candidate for one in bodies])[body.number]
+            new = float(told.probabilities.sum()) > math.exp(-NEGLIGIBLE)
+            if not new and choice is not None:  # the next frames look again
+                body.candidate = before
+        if new:
+            body.candidate = body.candidate.with_twins()
+        if choice is None or body.candidate is not before:
+            _weigh(bodies)
 
     with suppress(OutOfTime):
         _predict(task, bodies)
@@ -191,20 +204,17 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             predicted = _finding(task, bodies, beside=False)
             if (part := choice(predicted)) is None:
                 return predicted if all(body.is_settled_beside for body in bodies) else _finding(task, bodies)
-            body, before = bodies[part.body], bodies[part.body].candidate
+            body = bodies[part.body]
             if not part.rest:  # what the prediction explains may be explained better by a pose elsewhere
                 # and what another one holds on to with a few of its points is not its own for certain
                 taken = [one.used for one in bodies if one is not body and shows_most(one.told)]
                 body.free = np.sum(taken, axis=0, initial=0.0) + np.zeros(task.shape[1]) < SURE
-            task_of_part = copied(task, search_camera=part.camera)
-            body.search(task_of_part, solve, budgets_of(task)[0])
-            if body.candidate is not before:
-                _weigh(bodies)
-                for rival in bodies:
-                    if body.is_new and rival.is_lost:
-                        rival.free = body.told.modes.uses(task.shape[1])[0]
-                        rival.search(task_of_part, solve, budgets_of(task)[0])
-                        _weigh(bodies)
+            before, budget, of_part = body.candidate, budgets_of(task)[0], copied(task, search_camera=part.camera)
+            search(body, budget, of_part)
+            for rival in bodies:
+                if body.candidate is not before and body.is_new and rival.is_lost:
+                    rival.free = body.told.modes.uses(task.shape[1])[0]
+                    search(rival, budget, of_part)
     return _finding(task, bodies)
 
 

@@ -132,14 +132,18 @@ class Candidate:
         return copied(self, modes=self._with_twins(modes_of(self.model, proposals)))
 
     def also(self, assignments: Sequence[Integers]) -> Candidate:
-        """The candidate of one of several bodies by further assignments and the twins of the best poses.
+        """The candidate of one of several bodies by further assignments, without their twins.
 
         The same if clutter explains all of them better: most searches for a body that is not in view end so.
         """
         proposals = self.proposals(assignments)
         modes = modes_of(self.model, proposals, self.modes, of_several=True, least=-NEGLIGIBLE)
         worth = len(proposals.assignments) and (modes.log_mass[:1] > 0.0).any()
-        return copied(self, modes=self._with_twins(modes, few=True)) if worth else self
+        return copied(self, modes=modes) if worth else self
+
+    def with_twins(self) -> Candidate:
+        """The candidate of one of several bodies with the twins of the best poses that a search found for it."""
+        return copied(self, modes=self._with_twins(self.modes, few=True))
 
     def _with_twins(self, modes: Modes, searched: bool = True, few: bool = False) -> Modes:
         """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off.
@@ -235,8 +239,7 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
     """Assignments about each predicted pose, with the poses that they lead to; None if there are none."""
     if not isinstance(model.prior, Doubted):
         return None
-    predicted = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
-    found = [proposals_about(model, one) for one in predicted]
+    found = [proposals_about(model, one) for one in model.prior.predictions if isinstance(one, Gaussian)]
     parts = [one.take(slice(MOST_PREDICTED)) for one in found if one is not None]
     others = [poses_of_few(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
@@ -334,10 +337,7 @@ def few_twins(task: MatchingTask, model: DetectionModel, found: Proposals) -> li
     parts = []
     for k, assignment in enumerate(found.assignments):
         few = np.flatnonzero((assignment.reshape(-1, task.shape[0]) >= 0).any(axis=0))
-        if not task.minimal <= len(few) <= FEW:
-            continue
-        images = task.sightings_of(twins_of_few(task.points.source, few))
-        if len(images):
+        if task.minimal <= len(few) <= FEW and len(images := task.sightings_of(twins_of_few(task.points.source, few))):
             parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, images))
     return parts
 

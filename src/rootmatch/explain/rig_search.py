@@ -92,7 +92,8 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
-    verified, all_triples = _verified(model, hypotheses, limits), False
+    # a tracker's search goes on in the other cameras and in the next frames, which takes less than narrowing here
+    verified, all_triples = _verified(model, hypotheses, limits, narrowing=task.search_camera is None), False
     if task.search_camera is None and not _is_enough(task, model, verified, evaluated):
         met = len(hypotheses)
         for k, own, part in parts:
@@ -167,10 +168,13 @@ def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, ev
     return is_enough(model, told, task.minimal, of_several=task.budget is not None, unmet=float(unmet))
 
 
-def _verified(model: DetectionModel, hypotheses: list[Integers], limits: tuple[int, int]) -> Integers:
+def _verified(
+    model: DetectionModel, hypotheses: list[Integers], limits: tuple[int, int], *, narrowing: bool = True
+) -> Integers:
     """Assignments that the poses of hypotheses gather in all cameras, the most probable first.
 
-    Poses of minimal sets, so that a match among many that is wrong is not taken along.
+    Poses of minimal sets, so that a match among many that is wrong is not taken along. ``narrowing``: whether what that
+    spoils all the same is looked at as of `_narrowed`.
     """
     if not hypotheses:
         return np.empty((0, model.shape[0]), np.int64)
@@ -180,7 +184,7 @@ def _verified(model: DetectionModel, hypotheses: list[Integers], limits: tuple[i
     every, found, _ = refitted(model, led)
     assignments, log_odds = every.assignments, found.log_odds
     spoilt = ~(log_odds > 0.0)
-    if (left := kept - int(np.count_nonzero(~spoilt))) > 0 and spoilt.any():
+    if narrowing and (left := kept - int(np.count_nonzero(~spoilt))) > 0 and spoilt.any():
         number = {pose.tobytes(): k for k, pose in enumerate(sets.rotation)}
         own = sets.take(np.array([number[pose.tobytes()] for pose in led.rotation[spoilt]], np.int64))
         if (more := _narrowed(model, own, left)) is not None:

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.frozen import copied, once
+from rootmatch.frozen import amended, copied, once
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.pose_density import Doubted, Gaussian, Mixed, Mixture, PoseDensity, largest, packed
 from rootmatch.model.posterior import Posterior
@@ -103,9 +102,7 @@ def beside_others(model: DetectionModel, others: Sequence[tuple[Places, PoseDens
     ]
     if not predicted or not isinstance(model.prior, Mixed):
         return model
-    beside = copy(model)  # with all that is known of the image
-    object.__setattr__(beside, "prior", Exchanged(model.prior, predicted))
-    return beside
+    return amended(model, prior=Exchanged(model.prior, predicted))
 
 
 def marked(model: DetectionModel, told: Posterior) -> Posterior:

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.frozen import copied
+from rootmatch.frozen import amended
 from rootmatch.model.compiled.near_misses import near_misses
 from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
 from rootmatch.model.evidence import evidence, residuals_of, settled_about
@@ -109,7 +109,18 @@ def off_by(model: DetectionModel, error: float, off: Bools | None = None) -> Det
     """The model of a body whose points are off by N(0, error² I) as well; ``off`` (n,): which, all by default."""
     spread = error**2 * np.eye(3) * (np.ones(len(model.points)) if off is None else off)[:, None, None]
     known = model.source_covariance
-    return copied(model, source_covariance=spread if known is None else known + spread)
+    # a search asks this of mode after mode, and what is known of the image takes longer than all the rest
+    wide = spread if known is None else known + spread
+    return amended(model, "spread_for_kernels", "alike", source_covariance=wide)
+
+
+def _without(model: DetectionModel, taken: Bools) -> DetectionModel:
+    """The model without the detections (n',) of other bodies."""
+    if (key := (taken.tobytes(),)) not in model.alike:
+        allowed = np.tile(~taken, (model.shape[0], 1)) if model.allowed is None else model.allowed & ~taken
+        of_pairs = "weights_of_pairs", "image_for_kernels", "scene_for_kernels"
+        model.alike[key] = amended(model, *of_pairs, "alike", allowed=allowed)
+    return model.alike[key]  # type: ignore[no-any-return]
 
 
 def _near(model: DetectionModel, modes: Modes, k: int, errors: Floats, taken: Bools | None) -> tuple[Floats, int]:
@@ -133,10 +144,7 @@ def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | No
     key = model.prior, error, *(None if one is None else one.tobytes() for one in parts)
     if key in model.alike:
         return float(model.alike[key])
-    allowed = model.allowed
-    if taken is not None and taken.any():
-        allowed = np.tile(~taken, (model.shape[0], 1)) if allowed is None else allowed & ~taken
-    wide = copied(off_by(model, error), allowed=allowed)
+    wide = off_by(model if taken is None or not taken.any() else _without(model, taken), error)
     known: dict[bytes, Settled] = {}
     pose = mode.rotation, mode.position
     settle(wide, pose, mode.covariance[0], known=known)

@@ -94,7 +94,7 @@ def modes_of(
     proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     if not len(proposals.assignments):
         return no_modes(model.shape[0]) if known is None else known
-    kept = [] if known is None else _Mode.every(known)
+    kept = before = [] if known is None else _Mode.every(known)
     enough = 0.0 if of_several else math.inf
     """Log-odds from which a mode counts, however much better others are."""
     of_copy = min(enough, -math.log(COPY) - COUNTS)
@@ -119,7 +119,7 @@ def modes_of(
         mode = _Mode.of(assignments[k], found, poses, k)
         grows = max(min(kept[0].log_mass - near, enough), least) if kept else least
         kept = _with(kept, mode, model, (at, k), least=grows)
-    return _as_arrays(kept, model.shape[0])
+    return known if known is not None and kept is before else _as_arrays(kept, model.shape[0])
 
 
 def _with(

@@ -74,11 +74,10 @@ class Settled(NamedTuple):
             squared=float(found.squared[k]), visible=found.visible[k],
         )  # fmt: skip
 
-    @property
-    def is_convincing(self) -> bool:
-        """Whether it explains nearly all that should be visible, and fits."""
+    def is_convincing(self, near: int) -> bool:
+        """Whether it fits, and has all pairs that are ``near``, so many, or nearly all that should be visible."""
         matched = int(np.count_nonzero(self.assignment >= 0))
-        if matched < ENOUGH or matched < COMPLETE * float(self.visible.sum()):
+        if matched < near and (matched < ENOUGH or matched < COMPLETE * float(self.visible.sum())):
             return False
         return self.squared <= FITTING * 2.0 * matched
 
@@ -130,7 +129,7 @@ def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | 
         covariance = 0.25 * covariance
     if not torn:
         return None
-    if start is None or not start.is_convincing:
+    if start is None or not start.is_convincing(int(np.count_nonzero(torn[0][0].candidates))):
         with suppress(OutOfTime):  # what is known by then is handed on
             for looked, covariance in (torn[0], *torn[1:][-1:]):  # the widest and the narrowest
                 first = looked.at.one(0)
