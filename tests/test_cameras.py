@@ -169,3 +169,11 @@ def test_a_camera_that_gives_the_principal_point_first_is_asked_about() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         Camera(700, 690, 640, 480)
+
+
+def test_a_camera_refuses_rows_of_another_length() -> None:
+    camera = Camera(800.0, 800.0, 640.0, 480.0)
+    with pytest.raises(InputError, match=r"points of shape \(2,\) given, \(…, 3\) expected"):
+        camera.project([1.0, 2.0])
+    with pytest.raises(InputError, match=r"pixels of shape \(4, 3\) given, \(…, 2\) expected"):
+        camera.bearings(np.zeros((4, 3)))

@@ -220,7 +220,7 @@ class Camera(CameraModel):
 
     def project(self, points: ArrayLike) -> Floats:
         """Pixels (…, 2) of points (…, 3) in the camera frame; does not check that the camera `sees` them."""
-        xyz = np.asarray(points, dtype=float)
+        xyz = _rows(points, 3, "points")
         if self.lens is not None:
             return np.asarray(self.lens.image(xyz) * (self.fx, self.fy) + (self.cx, self.cy))
         return np.stack(
@@ -262,7 +262,7 @@ class Camera(CameraModel):
 
     def _rays(self, pixels: ArrayLike) -> Floats:
         """Rays (…, 3) of pixels (…, 2): to the plane z = 1, or of any length where there is a lens."""
-        points = np.asarray(pixels, dtype=float)
+        points = _rows(pixels, 2, "pixels")
         if self.lens is None:
             rays = np.empty((*points.shape[:-1], 3))
             rays[..., 0] = (points[..., 0] - self.cx) / self.fx
@@ -288,6 +288,14 @@ class Camera(CameraModel):
 def _lens_rays(lens: Lens, image: Floats) -> Floats:
     """The inverse of a lens takes a millisecond, and several stages ask for the rays of one frame."""
     return lens.rays(image)
+
+
+def _rows(values: ArrayLike, size: int, name: str) -> Floats:
+    """Rows (…, size) of numbers."""
+    rows = np.asarray(values, dtype=float)
+    if rows.shape[-1:] != (size,):
+        raise InputError(f"camera: {name} of shape {rows.shape} given, (…, {size}) expected")
+    return rows
 
 
 def outside_of_circle(camera: Camera, pixels: Floats, unseen: Bools, index: Integers, name: str) -> str:
