@@ -9,7 +9,6 @@ from rootmatch.cli import progress
 from rootmatch.cli.app import app
 from rootmatch.research import sweep
 from rootmatch.research.paper import reproduce
-from rootmatch.research.paper.reproduce import Reproduction
 from rootmatch.research.paper.settings import Effort
 
 
@@ -23,7 +22,7 @@ def call(monkeypatch):
         with options["progress"]("scenes") as show:
             if show is not None:
                 show(4, 4)
-        return Reproduction((output / "claims.md",), None)
+        return (output / "claims.md",)
 
     monkeypatch.setattr("rootmatch.research.paper.reproduce.reproduce", work)
 

@@ -13,10 +13,10 @@ from made_up_results import EXACT, NEEDED, ONE, RHO, made_up_rhos, made_up_table
 from rootmatch.errors import InputError
 from rootmatch.research.paper.curves import curves_csv, scan_csv
 from rootmatch.research.paper.figures import COLOURS, draw, draw_scan
-from rootmatch.research.paper.reproduce import reproduce, write
-from rootmatch.research.paper.rho import ALL_RULES, RESIDUALS, RULES
+from rootmatch.research.paper.reproduce import STORE_NAME, reproduce, write
+from rootmatch.research.paper.rho import ALL_RULES, RESIDUALS, RULES, choose
 from rootmatch.research.paper.settings import GRID, PANELS, PROBLEMS, SAMPLES, Effort
-from rootmatch.research.store import Row
+from rootmatch.research.store import Row, Store
 
 
 def accuracy(setting, method, samples):
@@ -160,9 +160,9 @@ def test_reproduction_writes_every_figure_curve_and_claim(reproduced):
     stems += ["figure-3-3p1-tan"]
     names = {f"{stem}.{end}" for stem in [*stems, "rho-scan"] for end in ("png", "svg")}
     names |= {"figure-2-p3p.csv", "figure-3-3p1.csv", "figure-4-up2p.csv", "rho-scan.csv", "claims.md"}
-    assert {path.name for path in done.files} == names
+    assert {path.name for path in done} == names
     assert {path.name for path in folder.iterdir()} == names | {"results.sqlite"}
-    for path in done.files:
+    for path in done:
         content = path.read_bytes()
         assert len(content) > 500
         if path.stem not in ("figure-2-p3p", "rho-scan"):
@@ -176,8 +176,10 @@ def test_reproduction_writes_every_figure_curve_and_claim(reproduced):
 
 
 def test_reproduction_chooses_rho_on_its_own_seeds(reproduced):
-    _, done = reproduced
-    assert {p: done.rhos.chosen("qr", p, "own") for p in PROBLEMS} == RHO
+    folder, _ = reproduced
+    with Store(folder / STORE_NAME) as store:
+        rhos = choose(store, Effort(2))
+    assert {p: rhos.chosen("qr", p, "own") for p in PROBLEMS} == RHO
     for effort in (Effort(), Effort(2), Effort(4, quick=True)):
         assert all(effort.scan_seeds(residual).start >= 1_000_000 for residual in RESIDUALS)
     assert (len(Effort().scan_seeds("qr")), len(Effort().scan_seeds("svd"))) == (24, 12)
@@ -190,14 +192,14 @@ def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worke
     monkeypatch.setattr("rootmatch.research.paper.reproduce.claims_markdown", lambda *_: "judged elsewhere")
     folder, everything = reproduced
     shutil.copy(folder / "results.sqlite", tmp_path)
-    before = {path.name: path.read_bytes() for path in everything.files if path.suffix == ".csv"}
+    before = {path.name: path.read_bytes() for path in everything if path.suffix == ".csv"}
 
     def never(unit):
         raise AssertionError("nothing is missing")
 
     done = reproduce(("up2p",), tmp_path, effort=Effort(2), jobs=1, function=never)
-    assert {path.name.split("-")[1] for path in done.files if path.name.startswith("figure")} == {"4"}
-    again = {path.name: path.read_bytes() for path in done.files if path.suffix == ".csv"}
+    assert {path.name.split("-")[1] for path in done if path.name.startswith("figure")} == {"4"}
+    again = {path.name: path.read_bytes() for path in done if path.suffix == ".csv"}
     assert again == {name: before[name] for name in ("figure-4-up2p.csv", "rho-scan.csv")}
 
 
@@ -209,10 +211,8 @@ def test_one_problem_alone_scans_no_other_and_its_one_rho_is_chosen_on_it(tmp_pa
         met.update(task.setting.problem for task in unit.tasks)
         return fake(unit)
 
-    done = reproduce(("up2p",), tmp_path, effort=Effort(1), jobs=1, function=noted)
+    reproduce(("up2p",), tmp_path, effort=Effort(1), jobs=1, function=noted)
     assert met == {"up2p"}
-    assert done.rhos.problems == ("up2p",)
-    assert done.rhos.chosen("qr", "up2p", "one") == RHO["up2p"]
     lines = list(csv.DictReader(io.StringIO((tmp_path / "rho-scan.csv").read_text())))
     assert {line["problem"] for line in lines} == {"all", "up2p"}
     rhos = (tmp_path / "claims.md").read_text(encoding="utf-8").split("## ρ")[1].split("## Accuracy")[0]
@@ -230,7 +230,7 @@ def test_a_quick_reproduction_stops_at_the_samples_it_names(tmp_path, monkeypatc
 
     done = reproduce(("up2p",), tmp_path, effort=Effort(2, quick=True), jobs=1, function=noted)
     assert max(met) == 100_000
-    assert "figure-4-up2p-published.svg" in {path.name for path in done.files}
+    assert "figure-4-up2p-published.svg" in {path.name for path in done}
     assert "**A quick run.**" in (tmp_path / "claims.md").read_text(encoding="utf-8")
 
 

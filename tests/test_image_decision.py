@@ -103,7 +103,7 @@ def test_nothing_proposed_is_nothing_believed() -> None:
     status, assignment = believed(task, told)
     assert status is rm.Status.UNTRUSTED
     assert (assignment == -1).all()
-    assert told.probability == 0.0
+    assert not len(told.probabilities)
 
 
 def test_weights_of_candidates_count() -> None:

@@ -107,7 +107,7 @@ def kernel(owned: NDArray[np.bool_], visible: Floats, pixels: Floats, kind: int)
     hide(np.where(owned, 0, -1), pixels, missing, 1, np.empty(DIRECTIONS), in_sight, odds)
     seen, count = np.log(visible[owned]).sum(), int(owned.sum())
     prior = math.log(0.5 * OCCLUDED) - LOG_FREE
-    detected = log_of_rates(missing * in_sight[kind], np.ones(len(owned)), count, *RATES, products())
+    detected = log_of_rates(missing * in_sight[kind], count, *RATES, products())
     return odds[kind] - prior + seen + detected, in_sight[kind]
 
 
@@ -117,7 +117,7 @@ def limited(owned: NDArray[np.bool_], visible: Floats, depth: Floats) -> float:
     smallest, order = sizes_of(assignment, jacobians(depth), sizes), np.empty(len(owned), np.int64)
     farther, nearest = order[: smaller_than(smallest, sizes, order)], nearest_of(assignment, visible, sizes)
     matches, scratch = int(owned.sum()), (np.empty((2, len(owned))), products())
-    far = log_of_rates(missing, sizes, matches, *RATES, scratch[1])
+    far = log_of_rates(missing, matches, *RATES, scratch[1])
     value = log_of_limits(missing, far, matches, sizes, farther, nearest, smallest, *RATES, *scratch)
     return float(np.log(visible[owned]).sum() + value)
 

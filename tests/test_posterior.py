@@ -44,7 +44,7 @@ def test_probabilities_are_those_of_the_scenes() -> None:
         truth = np.argsort(order)[scene.truth]
         evidence = MatchingTask.of(scene.problem, scene.source, target[order], noise=1.0)
         found = told(evidence, [truth])
-        probability.append(found.probability)
+        probability.append(found.probability_of(found.modes.assignments[0]))
         right.append(np.array_equal(found.modes.assignments[0], truth))
     assert 0.5 < np.mean(probability) < 0.99
     assert np.mean(right) == pytest.approx(np.mean(probability), abs=0.09)

@@ -64,6 +64,6 @@ def reproduce(
         files = run_protocols(output, instances=(10 if quick else 100) if instances is None else instances, **how)
     else:
         effort = Effort((4 if quick else 100) if instances is None else instances, quick)
-        files = run(PROBLEMS if which is Which.ALL else (which.value,), output, effort=effort, **how).files
+        files = run(PROBLEMS if which is Which.ALL else (which.value,), output, effort=effort, **how)
     for path in files:
         typer.echo(path)

@@ -95,7 +95,7 @@ def eliminate(
     unknowns = [symbol for symbol in unknowns if any(_has(p, symbol) for p in polynomials)]
     while unknowns:
         polynomials = [p for p in polynomials if not p.is_zero]
-        polynomials, unknowns = _powers(polynomials, unknowns)
+        polynomials = _powers(polynomials, unknowns)
         step = _substitution(polynomials, unknowns) or _block(polynomials, unknowns, kept, definitions)
         if step is None:
             step = _resultants(polynomials, unknowns, definitions)
@@ -134,13 +134,11 @@ def _without_monomial(polynomial: Any) -> Any:
     return sp.Poly.from_dict(terms, *polynomial.gens)
 
 
-def _powers(polynomials: list[Any], unknowns: list[Expr]) -> tuple[list[Any], list[Expr]]:
+def _powers(polynomials: list[Any], unknowns: list[Expr]) -> list[Any]:
     """An unknown that occurs in even powers only is replaced by its square, and so on."""
     for symbol in unknowns:
         exponents = [powers[p.gens.index(symbol)] for p in polynomials for powers in p.monoms()]
-        step = 0
-        for exponent in exponents:
-            step = gcd(step, exponent)
+        step = gcd(*exponents)
         if step > 1:
             changed = []
             for p in polynomials:
@@ -151,7 +149,7 @@ def _powers(polynomials: list[Any], unknowns: list[Expr]) -> tuple[list[Any], li
                 }
                 changed.append(sp.Poly.from_dict(terms, *p.gens))
             polynomials = changed
-    return polynomials, unknowns
+    return polynomials
 
 
 def _substitution(polynomials: list[Any], unknowns: list[Expr]) -> tuple[list[Any], list[Expr]] | None:

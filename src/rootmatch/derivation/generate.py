@@ -24,7 +24,6 @@ class Draft:
 
     plan: dict[str, Any]
     functions: list[str]
-    program: Program
 
     def text(self, header: str) -> str:
         """Source of the module."""
@@ -77,7 +76,7 @@ def draft(
         "conditions": len(positive),
         **row_plan,
     }
-    return Draft(plan, texts, program)
+    return Draft(plan, texts)
 
 
 def _sweeping(leaves: Leaves, definitions: dict[Expr, Expr], conditions: Sequence[Expr]) -> list[Expr]:

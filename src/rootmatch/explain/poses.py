@@ -45,10 +45,11 @@ def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers)
     groups = [np.where(labels == label, assignment, -1) for assignment in assignments for label in range(count)]
     enough = [k for k, group in enumerate(groups) if (group >= 0).sum() >= problem.least_for_pose]
     fitted = problem.poses(task.points, np.array([groups[k] for k in enough])) if enough else []
+    # a pose predicts no image of a point that is beside the camera
     poses = {
         k: with_noise_of(task, pose)
         for k, pose in zip(enough, fitted, strict=True)
-        if pose is not None and _predicts(pose)
+        if pose is not None and (pose.predicted is None or np.isfinite(pose.predicted).all())
     }
     return [[poses.get(row * count + label) for label in range(count)] for row in range(len(assignments))]
 
@@ -58,8 +59,3 @@ def with_noise_of(task: MatchingTask, pose: Pose) -> Pose:
     if not task.noise_is_estimated or pose.covariance is None or pose.dof is None:
         return pose
     return replace(pose, covariance=pose.covariance * (pose.dof / max(pose.dof - 2, LEAST)))
-
-
-def _predicts(pose: Pose) -> bool:
-    """Whether a pose predicts an image of each of its points: none of them is beside the camera."""
-    return pose.predicted is None or bool(np.all(np.isfinite(pose.predicted)))

@@ -32,7 +32,8 @@ def check_predicted(prior: object, labels: BodyLabels | None, problem: Problem) 
 
 def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
     """Refuse anything but a pose in space with a covariance, or what is known of one."""
-    check_space(problem, name)
+    if problem.source_dimension == 2:
+        raise InputError(f"{name}: points of a plane given; only a motion of points in space can be predicted")
     if isinstance(prior, PosePrior):
         if prior.vertical is not None and isinstance(problem, UP2P):
             raise InputError(f"{name}: UP2P has a vertical; leave the one of the prior out, or take P3P")
@@ -47,12 +48,6 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
         raise InputError(f"{name}: a pose in space with a covariance {shapes} is needed; give Pose(R, t, covariance)")
     if len(sizes) == 1 and prior.scale != 1.0:
         raise InputError(f"{name}: a scale of {prior.scale:g} given, and {problem.name} has none; leave it out")
-
-
-def check_space(problem: Problem, name: str = "prior") -> None:
-    """Refuse predictions for points of a plane."""
-    if problem.source_dimension == 2:
-        raise InputError(f"{name}: points of a plane given; only a motion of points in space can be predicted")
 
 
 def check_followed(problem: Problem) -> None:

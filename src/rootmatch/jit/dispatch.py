@@ -118,8 +118,3 @@ def class_of(value: Any) -> Any:
     if isinstance(value, type):
         return value
     return getattr(value, "instance_class", None) or type(value)
-
-
-def field_type(tables: Any, name: str) -> Any:
-    """Numba's type of a field of a NamedTuple that is given as its Numba type."""
-    return tables.types[class_of(tables)._fields.index(name)]

@@ -180,13 +180,6 @@ class DetectionModel:
         counts = np.bincount(self.image_of, minlength=max(len(self.images), 1))
         return log_odds_of_counts(tuple(counts.tolist()), self.shape[1]).copy()
 
-    def log_counts(self, assignments: Integers) -> Floats:
-        """Logarithm (K,) of the odds of as many clutter points as assignments (K, n) leave in the images."""
-        images = len(self._log_counts)
-        label = np.append(self.image_of, images)[assignments]  # −1 is the last place
-        matches = (label[:, :, None] == np.arange(images)).sum(axis=1)
-        return np.asarray(self._log_counts[np.arange(images), matches].sum(axis=1))
-
     def log_left(self, taken: NDArray[np.bool_]) -> Floats:
         """Logarithm (K,) of the odds of as many clutter points as detections (K, n') that are taken leave."""
         images = np.arange(len(self._log_counts))

@@ -67,11 +67,6 @@ class Posterior:
         """Probability (n,) that each point has no detection, if the image shows no mode."""
         return 1.0 if self.few is None else self.few.undetected()
 
-    @property
-    def probability(self) -> float:
-        """Probability of the first mode's assignment, summed over the poses that have it; 0 without a mode."""
-        return self.probability_of(self.modes.assignments[0]) if len(self.probabilities) else 0.0
-
     def probability_of(self, assignment: Integers) -> float:
         """Probability of an assignment (n,), summed over the poses that have it."""
         same = (self.modes.assignments == assignment).all(axis=1)

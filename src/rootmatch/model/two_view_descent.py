@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rootmatch.algebra.elimination import solve_in_place
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.two_view_odds import epipolar, inverse_distance
@@ -27,20 +28,9 @@ def solved(normal, side, damping, dimensions, work, out):  # type: ignore[no-unt
             work[a, b] = normal[a, b]
         work[a, a] = work[a, a] * (1.0 + damping) + 1e-300
         out[a] = side[a]
-    for a in range(dimensions):
-        pivot = 1.0 / work[a, a]
-        for b in range(a + 1, dimensions):
-            f = work[b, a] * pivot
-            for d in range(a, dimensions):
-                work[b, d] -= f * work[a, d]
-            out[b] -= f * out[a]
+    solve_in_place(work, out, dimensions)
     finite = True
-    for back in range(dimensions):
-        a = dimensions - 1 - back
-        total = out[a]
-        for b in range(a + 1, dimensions):
-            total -= work[a, b] * out[b]
-        out[a] = total / work[a, a]
+    for a in range(dimensions):
         finite = finite and abs(out[a]) < 1e6
     return finite
 

@@ -18,8 +18,15 @@ MOST_WORKERS = 8
 """A worker takes 300 MB and works for a minute."""
 
 
-def warm_up(chosen: str = "first", progress: Progress | None = None, workers: int | None = None) -> None:
-    """Compile kernels for this machine into the user's cache.
+def warm_up(
+    chosen: str = "first",
+    progress: Progress | None = None,
+    workers: int | None = None,
+    *,
+    folder: Path | None = None,
+    environment: dict[str, str] | None = None,
+) -> None:
+    """Compile kernels for this machine into the user's cache; each step in whichever worker is free.
 
     Parameters
     ----------
@@ -29,13 +36,28 @@ def warm_up(chosen: str = "first", progress: Progress | None = None, workers: in
         Called with (done, total) after each step.
     workers : int, optional
         Processes; by default one for each core.
+    folder : Path, optional
+        Where kernels are left in the place of that cache.
+    environment : dict, optional
+        Of the workers, which may name another processor.
 
     Raises
     ------
     RootmatchError
         If a step fails; its error is in the text.
     """
-    _run(chosen, progress=progress, workers=workers)
+    names = list(STEPS[chosen]())
+    if progress is not None:
+        progress(0, len(names))
+    with pool(workers or min(os.cpu_count() or 1, MOST_WORKERS), environment) as executor:
+        waiting = {executor.submit(_compile, chosen, name, folder): name for name in names}
+        for done, step in enumerate(as_completed(waiting), start=1):
+            try:
+                step.result()
+            except Exception as error:
+                raise RootmatchError(f"warm-up, {waiting[step]}: {error!r}") from error
+            if progress is not None:
+                progress(done, len(names))
 
 
 def prebuild(folder: Path, progress: Progress | None = None) -> None:
@@ -51,31 +73,8 @@ def prebuild(folder: Path, progress: Progress | None = None) -> None:
     processor, _ = prebuilt.GENERIC[prebuilt.architecture()]
     folder.mkdir(parents=True, exist_ok=True)
     generic = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": ""}
-    _run("prebuilt", folder, progress=progress, environment=generic)
+    warm_up("prebuilt", progress, folder=folder, environment=generic)
     prebuilt.write_manifest(folder)
-
-
-def _run(
-    chosen: str,
-    folder: Path | None = None,
-    *,
-    progress: Progress | None,
-    workers: int | None = None,
-    environment: dict[str, str] | None = None,
-) -> None:
-    """Run all steps of a set, each in whichever worker is free."""
-    names = list(STEPS[chosen]())
-    if progress is not None:
-        progress(0, len(names))
-    with pool(workers or min(os.cpu_count() or 1, MOST_WORKERS), environment) as executor:
-        waiting = {executor.submit(_compile, chosen, name, folder): name for name in names}
-        for done, step in enumerate(as_completed(waiting), start=1):
-            try:
-                step.result()
-            except Exception as error:
-                raise RootmatchError(f"warm-up, {waiting[step]}: {error!r}") from error
-            if progress is not None:
-                progress(done, len(names))
 
 
 def _compile(chosen: str, name: str, folder: Path | None) -> None:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from functools import partial
 
 import joblib
@@ -29,18 +28,11 @@ Plan = dict[Setting, tuple[tuple[Method, tuple[int, ...]], ...]]
 Stage = Callable[[str], AbstractContextManager[Progress | None]]
 """Begins a stage of a run, by its title, and gives what its progress is told to."""
 Evaluate = Callable[[Unit], list[Row]]
+Timed = tuple[list[Row], str, float]
+"""The rows of a unit, the versions that worked them out, and the seconds that this took."""
 
 MOST_JOBS = 1024
 """Processes on one machine; each takes 200 MB."""
-
-
-@dataclass(frozen=True)
-class Result:
-    """Result of a worker."""
-
-    rows: list[Row]
-    seconds: float
-    versions: str
 
 
 def units(plan: Plan, seeds: Iterable[int], store: Store) -> list[Unit]:
@@ -105,9 +97,9 @@ def run(
         return
     results = _on_cluster(work, scheduler, function) if scheduler else _here(work, jobs, function)
     done, total = 0, sum(unit.rows for unit in work)
-    for result in results:
-        store.add(result.rows, result.versions, result.seconds)
-        done += len(result.rows)
+    for rows, versions, seconds in results:
+        store.add(rows, versions, seconds)
+        done += len(rows)
         if progress is not None:
             progress(done, total)
 
@@ -146,13 +138,13 @@ def check_jobs(jobs: int) -> None:
         raise InputError(f"jobs: {jobs} given; give a number of processes, or -1 for one per processor")
 
 
-def _timed(function: Evaluate, unit: Unit) -> Result:
+def _timed(function: Evaluate, unit: Unit) -> Timed:
     start = time.process_time()
     rows = function(unit)
-    return Result(rows, time.process_time() - start, versions_in_use())
+    return rows, versions_in_use(), time.process_time() - start
 
 
-def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
+def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Timed]:
     check_jobs(jobs)
     processes = joblib.effective_n_jobs(jobs)
     if processes == 1:
@@ -171,7 +163,7 @@ def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
             ) from None
 
 
-def _on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterator[Result]:
+def _on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterator[Timed]:
     with connected(scheduler) as client:
         ahead = IN_FLIGHT * sum(client.nthreads().values())
         # not pure: Dask would otherwise look the unit's result up by a hash of its input

@@ -247,7 +247,7 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
             odds[:] = -math.inf
             if lost > LEAST_HIDDEN:
                 hide(assignments[k], pixels[pose], missing, images, reaches, in_sight, odds)
-        far = log_of_rates(missing, sizes, matches, nodes, log_nodes, products)
+        far = log_of_rates(missing, matches, nodes, log_nodes, products)
         value = log_of_limits(
             missing, far, matches, sizes, farther, near, least, nodes, log_nodes, limits, products
         )  # fmt: skip
@@ -255,7 +255,7 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
             if odds[kind] > -math.inf:
                 for i in range(n):
                     left[i] = missing[i] * in_sight[kind, i]
-                far = log_of_rates(left, sizes, matches, nodes, log_nodes, products)
+                far = log_of_rates(left, matches, nodes, log_nodes, products)
                 hidden = odds[kind] + log_of_limits(
                     left, far, matches, sizes, farther, near, least, nodes, log_nodes, limits, products
                 )  # fmt: skip

@@ -39,11 +39,10 @@ def deviation(a, b, c, variance, x, y):  # type: ignore[no-untyped-def]
 
 
 @part
-def spread_about(a, b, c, image, j):  # type: ignore[no-untyped-def]
-    """The covariance (a, b; b, c) of a predicted pixel with what detection j adds beyond its σ on all axes."""
-    blur = image[2]
-    if blur.shape[0] > 0:
-        return a + blur[j, 0, 0], b + blur[j, 0, 1], c + blur[j, 1, 1]
+def widened(a, b, c, known, k):  # type: ignore[no-untyped-def]
+    """The covariance (a, b; b, c) of a pixel with the k-th of some others (m, 2, 2), if there are any."""
+    if known.shape[0] > 0:
+        return a + known[k, 0, 0], b + known[k, 0, 1], c + known[k, 1, 1]
     return a, b, c
 
 
@@ -51,7 +50,7 @@ def spread_about(a, b, c, image, j):  # type: ignore[no-untyped-def]
 def gate_about(points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
     """As `gate`."""
     pixels, jacobian, of_points, visible = points
-    target, sigma, _, log_clutter, log_weights = image
+    target, sigma, blur, log_clutter, log_weights = image
     squared_gate, rate, hidden = limits
     candidates, gains, assignment = out
     unique = True
@@ -59,15 +58,14 @@ def gate_about(points, covariance, image, limits, out):  # type: ignore[no-untyp
     for i in range(pixels.shape[0]):
         assignment[i] = -1
         a, b, c = spread_by_pose(jacobian, covariance, i)
-        if of_points.shape[0] > 0:
-            a, b, c = a + of_points[i, 0, 0], b + of_points[i, 0, 1], c + of_points[i, 1, 1]
+        a, b, c = widened(a, b, c, of_points, i)
         a, c = max(a, 0.0), max(c, 0.0)
         chance = min(rate * visible[i], 0.999)
         shown = math.log(chance) - math.log1p(-chance)
         seen = visible[i] > hidden
         for j in range(target.shape[0]):
             x, y = target[j, 0] - pixels[i, 0], target[j, 1] - pixels[i, 1]
-            spread = spread_about(a, b, c, image, j)
+            spread = widened(a, b, c, blur, j)
             squared, determinant = deviation(*spread, sigma[j] * sigma[j], x, y)
             gain = shown - 0.5 * (squared + math.log(determinant)) - LOG_2PI - log_clutter[j]
             near = seen and squared <= squared_gate

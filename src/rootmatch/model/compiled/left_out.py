@@ -9,7 +9,7 @@ import numpy as np
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import LOG_2PI
-from rootmatch.model.compiled.gating import deviation, spread_about, spread_by_pose
+from rootmatch.model.compiled.gating import deviation, spread_by_pose, widened
 
 DETERMINED = 1e-9
 """Determinant of I − H up to which a match alone determines some of the pose: nothing predicts its detection then."""
@@ -23,7 +23,7 @@ def noise_of(view, i, j):  # type: ignore[no-untyped-def]
     b = 0.0
     if of_points.shape[0] > 0:
         a, b, c = a + of_points[k, i, 0, 0], of_points[k, i, 0, 1], c + of_points[k, i, 1, 1]
-    return spread_about(a, b, c, image, j)
+    return widened(a, b, c, image[2], j)
 
 
 @part

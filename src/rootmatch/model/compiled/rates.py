@@ -33,13 +33,13 @@ def products_of(missing, sizes, smallest, rates, products):  # type: ignore[no-u
 
 
 @part
-def log_of_rates(missing, sizes, matches, rates, log_weights, products):  # type: ignore[no-untyped-def]
+def log_of_rates(missing, matches, rates, log_weights, products):  # type: ignore[no-untyped-def]
     """Log-probability that some points are detected and the others are not, the rate integrated out.
 
-    The visibility of the former apart. ``missing`` (n,): that of the latter, zero for the former; ``sizes`` (n,): of
-    any numbers that are not negative; ``products`` (2, Q): scratch.
+    The visibility of the former apart. ``missing`` (n,): that of the latter, zero for the former; ``products`` (2, Q):
+    scratch.
     """
-    products_of(missing, sizes, 0.0, rates, products)
+    products_of(missing, missing, 0.0, rates, products)  # of points of any size
     highest, total = -math.inf, 0.0
     for q in range(rates.shape[0]):
         each = log_weights[q] + matches * math.log(rates[q]) + products[1, q] + math.log(products[0, q])

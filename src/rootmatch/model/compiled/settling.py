@@ -95,10 +95,8 @@ def settle(assignments, at, scene, spread, known, limits, out, after):  # type: 
     images = pixels, jacobian, by_position, seen, cosine, expected
     whole = pixels, jacobian, seen, expected, cosine, np.empty((0, 0), np.int64), np.empty((0, 0))
     n, each = assignments.shape[1], count if spread[0].shape[0] + spread[1].shape[0] > 0 else 0
-    white, room_of_white = (
-        (np.empty((each, n, 2, 6)), np.empty((each, n, 2)), np.empty((each, n))),
-        scratch_for_whitening(image[4].shape[0]),
-    )
+    white = np.empty((each, n, 2, 6)), np.empty((each, n, 2)), np.empty((each, n))
+    room_of_white = scratch_for_whitening(image[4].shape[0])
     room = room_for_terms(known)
     terms = room[0]
     scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0], rates[0].shape[0])

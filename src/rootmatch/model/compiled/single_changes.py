@@ -6,7 +6,7 @@ import math
 
 from rootmatch.jit.decorators import part
 from rootmatch.model.compiled.evidence import LOG_2PI
-from rootmatch.model.compiled.gating import spread_about, spread_by_pose
+from rootmatch.model.compiled.gating import spread_by_pose, widened
 
 NOT_SINGULAR = 1e-9
 """Added to the diagonal of I − H, so that a match which alone determines its prediction has an inverse."""
@@ -35,16 +35,15 @@ def gains_of_matches(assignment, points, covariance, image, rate, gains):  # typ
     gains : (n, n') array
     """
     pixels, jacobian, of_points, visible, seen = points
-    target, sigma, _, log_clutter, log_weights, log_count = image
+    target, sigma, blur, log_clutter, log_weights, log_count = image
     for i in range(pixels.shape[0]):
         a, b, c = spread_by_pose(jacobian, covariance, i)
-        u, v, d, e, f = pixels[i, 0], pixels[i, 1], 0.0, 0.0, 0.0
-        if of_points.shape[0] > 0:
-            d, e, f = of_points[i, 0, 0], of_points[i, 0, 1], of_points[i, 1, 1]
+        u, v = pixels[i, 0], pixels[i, 1]
+        d, e, f = widened(0.0, 0.0, 0.0, of_points, i)
         j = assignment[i]
         if j >= 0:
             variance = sigma[j] * sigma[j]
-            k, m, n = spread_about(d, e, f, image, j)
+            k, m, n = widened(d, e, f, blur, j)
             k, n = k + variance, n + variance
             size = k * n - m * m
             # H by rows, then (I − H)⁻¹
@@ -64,7 +63,7 @@ def gains_of_matches(assignment, points, covariance, image, rate, gains):  # typ
                 gains[i, j] = -math.inf
                 continue
             variance = sigma[j] * sigma[j]
-            p, o, q = spread_about(a, b, c, image, j)
+            p, o, q = widened(a, b, c, blur, j)
             p, q = p + variance, q + variance
             determinant = max(p * q - o * o, variance * variance)  # it is, but for rounding
             x, y = target[j, 0] - u, target[j, 1] - v

@@ -9,7 +9,7 @@ import numpy as np
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import LOG_2PI
-from rootmatch.model.compiled.gating import deviation, spread_about, spread_by_pose
+from rootmatch.model.compiled.gating import deviation, spread_by_pose, widened
 
 HIGHEST = 700.0
 """Logarithm of the largest ratio of densities: that of what is far beyond any doubt, and still a number."""
@@ -23,9 +23,7 @@ def seen_by(jacobian, of_points, about, i):  # type: ignore[no-untyped-def]
     for p in range(6):
         u += jacobian[i, 0, p] * step[p]
         v += jacobian[i, 1, p] * step[p]
-    a, b, c = spread_by_pose(jacobian, covariance, i)
-    if of_points.shape[0] > 0:
-        a, b, c = a + of_points[i, 0, 0], b + of_points[i, 0, 1], c + of_points[i, 1, 1]
+    a, b, c = widened(*spread_by_pose(jacobian, covariance, i), of_points, i)
     return u, v, a, b, c
 
 
@@ -52,7 +50,7 @@ def explained(points, about, image, shown, gains):  # type: ignore[no-untyped-de
                 continue
             variance = sigma[j] * sigma[j]
             x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
-            squared, determinant = deviation(*spread_about(a, b, c, image, j), variance, x, y)
+            squared, determinant = deviation(*widened(a, b, c, image[2], j), variance, x, y)
             # most images have one σ, and a logarithm takes longer than all the rest
             if variance != last or blur.shape[0] > 0:
                 log_determinant, last = math.log(determinant), variance
@@ -101,7 +99,7 @@ def choose_pairs(points, about, image, candidates, limits, out):  # type: ignore
         a, c = max(a, 0.0), max(c, 0.0)
         for j in range(target.shape[0]):
             x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
-            spread = spread_about(a, b, c, image, j)
+            spread = widened(a, b, c, image[2], j)
             near[i, j] = candidates[i, j] and deviation(*spread, sigma[j] * sigma[j], x, y)[0] <= squared_gate
             counts[i] += 1 if near[i, j] else 0
     for i in range(n):
@@ -150,7 +148,7 @@ def update_with_each(points, about, image, candidates, pairs, out):  # type: ign
     for k in range(pairs.shape[0]):
         i, j = pairs[k, 0], pairs[k, 1]
         u, v, a, b, c = seen_by(jacobian, of_points, about, i)
-        a, b, c = spread_about(a, b, c, image, j)
+        a, b, c = widened(a, b, c, image[2], j)
         x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
         variance = sigma[j] * sigma[j]
         determinant = max(a * c - b * b, 0.0) + variance * (a + c + variance)

@@ -26,10 +26,6 @@ class Evaluator:
     source: Measurement
     target: Measurement
 
-    def what(self, kind: str) -> Measurement:
-        """The measurement of a class of quantities."""
-        return self.source if kind[0] == "s" else self.target
-
     def used(self, kind: str) -> list[int]:
         """Numbers of the quantities of a class that are generated."""
         return [k for k in range(self.plan["leaves"][kind]) if f"leaf_{kind}{k}" in self.functions]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats
 from rootmatch.jit.decorators import kernel
-from rootmatch.jit.dispatch import chooses, class_of, field_type
+from rootmatch.jit.dispatch import chooses, class_of
 from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 
@@ -81,7 +81,8 @@ def derived_slab(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: An
 
 
 def _name(tables: Any) -> str:
-    return str(next(iter(field_type(tables, "tag").dtype.fields)))
+    tag = tables.types[DerivedTables._fields.index("tag")]
+    return str(next(iter(tag.dtype.fields)))
 
 
 @chooses(derived_edge)

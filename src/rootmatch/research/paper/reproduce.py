@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +13,13 @@ from rootmatch.research.paper.claims_report import claims_markdown
 from rootmatch.research.paper.curves import curves_csv, scan_csv
 from rootmatch.research.paper.figures import FIGURES, draw, draw_scan
 from rootmatch.research.paper.plan import Table, Variant, plan_of
-from rootmatch.research.paper.rho import RESIDUALS, Rhos, Rule, choose, scan_plan
+from rootmatch.research.paper.rho import RESIDUALS, Rule, choose, scan_plan
 from rootmatch.research.paper.settings import PROBLEMS, SCAN_SEED, Effort
 from rootmatch.research.paper.work_unit import evaluate
 from rootmatch.research.store import Store
 from rootmatch.research.sweep import Evaluate, Stage, accuracies, check_jobs, complete, units
 
 STORE_NAME = "results.sqlite"
-
-
-@dataclass(frozen=True)
-class Reproduction:
-    """The files that were written, and the chosen ρ."""
-
-    files: tuple[Path, ...]
-    rhos: Rhos
 
 
 def reproduce(
@@ -40,8 +32,8 @@ def reproduce(
     scheduler: str | None = None,
     progress: Stage | None = None,
     function: Evaluate = evaluate,
-) -> Reproduction:
-    """Run what is missing of the experiments, then draw the figures and judge the claims.
+) -> tuple[Path, ...]:
+    """Run what is missing of the experiments, draw the figures and judge the claims; the files that are written.
 
     Parameters
     ----------
@@ -86,8 +78,7 @@ def reproduce(
         plan = plan_of(ordered, rhos)
         complete(title, plan, seeds, store, **how)
         table = Table(ordered, seeds, rhos, accuracies(plan, seeds, store))
-        files = write(table, output, claims_markdown(table, store.versions(), store.seconds()))
-    return Reproduction(files, rhos)
+        return write(table, output, claims_markdown(table, store.versions(), store.seconds()))
 
 
 def _is_scanned(problem: str, store: Store, effort: Effort) -> bool:

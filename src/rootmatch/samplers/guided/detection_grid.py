@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.directions import tangent_basis_of
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, median
 from rootmatch.cameras.stereographic import widest_axis
 from rootmatch.jit.decorators import driver, scalar
-from rootmatch.problems.noise import usual_noise
 
 NOBODY = -1
 """Entry of an empty cell."""
@@ -98,7 +97,7 @@ def narrowed(rays: Floats, gate: float) -> float:
 
 def grid_of(rays: Floats, sigma: Floats, *, narrow: bool) -> DetectionGrid:
     """Grid of bearings (3, n') with standard deviations (n',) in radians; its gate may be narrower where they crowd."""
-    gate = GATE * max(usual_noise(sigma), float(sigma.max()) / NOISE_RATIO)
+    gate = GATE * max(median(sigma), float(sigma.max()) / NOISE_RATIO)
     return build_grid(rays, gate * narrowed(rays, gate) if narrow else gate)
 
 

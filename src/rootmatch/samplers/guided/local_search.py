@@ -26,7 +26,7 @@ from rootmatch.samplers.guided.minimal_sets import near_others, nearest
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS
 from rootmatch.samplers.guided.search import Search
-from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, sequential_test
+from rootmatch.samplers.guided.sequential_test import prepare_sets, sequential_test
 from rootmatch.samplers.guided.visibility import FAILURE
 
 LEAST = 50
@@ -200,8 +200,10 @@ class LocalSearch(Search):
         most = batches.verified_of_listed(solved)
         others = near_others(points, self.neighbours)
         sets = prepare_sets(self.tables, points, others, np.zeros(len(others), np.int64))
+        # ever more patient with hidden points
+        test = sequential_test(self.clutter, VISIBLE, level.waves, least=self.minimal + 1, normals=False)
         survivors, ratios, counts = run_local_tests(
-            self.tables, self.grid, self._local_test(level.waves), sets, near=near, allowed=self.allowed,
+            self.tables, self.grid, test, sets, near=near, allowed=self.allowed,
             keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
             threads=threads_worth(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
@@ -244,10 +246,6 @@ class LocalSearch(Search):
                 self.hypotheses.append(found)
                 known.append(found.best[int(found.evidence.argmax())])
         self.leads = []
-
-    def _local_test(self, wave: int) -> SequentialTest:
-        """The sequential test of a wave, ever more patient with hidden points."""
-        return sequential_test(self.clutter, VISIBLE, wave, least=self.minimal + 1, normals=False)
 
     def _grow(self) -> None:
         """Refine the best clusters until they grow no more: each round reaches farther than the one before."""

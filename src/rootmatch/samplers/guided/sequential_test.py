@@ -110,14 +110,6 @@ class PreparedSets(NamedTuple):
     offset: Integers
     """(S,) index into the arrangements where each set begins."""
 
-    def first(self, most: int) -> PreparedSets:
-        """The first ``most`` sets, or fewer."""
-        if most >= len(self.points):
-            return self
-        return PreparedSets(
-            self.points[:most], self.others[:most], self.coordinates[:most], self.own[:most], self.offset[:most]
-        )
-
 
 def prepare_sets(tables: Any, points: Integers, others: Integers, offset: Integers) -> PreparedSets:
     """`PreparedSets` of minimal sets (S, m), the other points (S, n − m) of each and their offsets (S,)."""

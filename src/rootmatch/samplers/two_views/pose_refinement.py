@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from rootmatch.algebra.elimination import solve_in_place
 from rootmatch.algebra.vector import column, combination, cross, dot, slope_about_y, tangent_basis
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, kernel
@@ -51,24 +52,6 @@ def add_square(normal, side, j0, j1, j2, j3, value, weight):  # type: ignore[no-
         side[a] += wa * value
         for b in range(DIMENSIONS):
             normal[a, b] += wa * jacobian[b]
-
-
-@kernel
-def solve_in_place(normal, side):  # type: ignore[no-untyped-def]
-    """The symmetric positive system, solved into ``side`` by elimination."""
-    for a in range(DIMENSIONS):
-        pivot = 1.0 / normal[a, a]
-        for b in range(a + 1, DIMENSIONS):
-            f = normal[b, a] * pivot
-            for d in range(a, DIMENSIONS):
-                normal[b, d] -= f * normal[a, d]
-            side[b] -= f * side[a]
-    for back in range(DIMENSIONS):
-        a = DIMENSIONS - 1 - back
-        total = side[a]
-        for b in range(a + 1, DIMENSIONS):
-            total -= normal[a, b] * side[b]
-        side[a] = total / normal[a, a]
 
 
 @kernel
@@ -118,7 +101,7 @@ def step(views, pose, blur, breadth2, ratios, rows, columns, normal, side):  # t
         normal[a, a] += DAMPING * normal[a, a] + 1e-300
     if views.planar:
         normal[2, 2] = 1.0
-    solve_in_place(normal, side)
+    solve_in_place(normal, side, DIMENSIONS)
     # no more than a radian, and no more than a factor e
     largest = max(max(abs(side[0]), abs(side[3])), max(abs(side[1]), abs(side[2])))
     if not largest < 1e6:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, median
 from rootmatch.deadline import NEVER, Deadline, checkpoint
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.alternatives import best_neighbours
@@ -232,7 +232,7 @@ class MultiStart:
             "matched": float(matched.size),
         }
         wanted = matched.size > 0 and self.options.keep > 0
-        alternatives = self._alternatives(own >= CLAIMED * _median(own[matched])) if wanted else []
+        alternatives = self._alternatives(own >= CLAIMED * median(own[matched])) if wanted else []
         return Solution(
             soft,
             best,
@@ -268,12 +268,6 @@ class MultiStart:
 def _ranked(kept: dict[bytes, tuple[Integers, float]]) -> Alternatives:
     """Assignments and values, best first; equal ones in an order of their own."""
     return [pair for _, pair in sorted(kept.items(), key=lambda item: (-item[1][1], item[0]))]
-
-
-def _median(values: Floats) -> float:
-    """The median of at least one value; that of NumPy takes longer than the ascent of a few points."""
-    ordered, half = np.sort(values), len(values) // 2
-    return float(0.5 * (ordered[half] + ordered[(len(values) - 1) // 2]))
 
 
 def _choose(m: Floats, r: int) -> Floats:
