@@ -208,9 +208,8 @@ def _is_there(finding: Finding) -> bool:
 
 def _could_be_chance(finding: Finding) -> bool:
     """Whether what was found may be there, with less than the probability that was asked for."""
-    facts = finding.facts
-    doubted = facts.present is not None and not _is_there(finding)
-    return doubted and facts.probability is not None and facts.probability >= NOTED
+    facts, chance = finding.facts, finding.facts.probability or 0.0
+    return facts.present is not None and not _is_there(finding) and chance >= NOTED
 
 
 def _told_apart(less: float, more: float) -> tuple[str, str]:
@@ -253,10 +252,13 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
             f"{_given([*to_give, 'fewer stray detections'])}, or {more}"
         )
     prior = ", or give a `prior`" if PRIOR in to_give and to_tell != _given([PRIOR]) else ""
+    of, where = ("points", "`confidence`") if unsure else ("sightings", "`sightings`")  # of points that others show
+    every = np.ones(0) if finding.every_confidence is None else finding.every_confidence
+    unsure = unsure or int((every < MIN_PROBABILITY).sum())
     if unsure and _is_pose_certain(finding):
         return (
-            f"ambiguous: the pose is certain, but for {unsure} of the points it is not certain which detection "
-            f"they have, if any; see `confidence`, or {to_tell}"
+            f"ambiguous: the pose is certain, but for {unsure} of the {of} it is not certain which detection "
+            f"they have, if any; see {where}, or {to_tell}"
         )
     if _is_elsewhere(finding):
         # in a unit that is too small, cameras are as good as in one place, and each shows the object elsewhere
@@ -329,10 +331,9 @@ def _is_unexcluded(finding: Finding) -> bool:
 
 def _is_elsewhere(finding: Finding) -> bool:
     """Whether the best alternative has none of the same detections."""
-    first, of_poses = finding.assignment, finding.task.problem.takes_prior or finding.task.problem.takes_motion_prior
-    if not of_poses or not len(finding.others) or not (first >= 0).any():
-        return False
-    return bool(apart_from(np.array(finding.others[:1]), first)[0])
+    first, problem = finding.assignment, finding.task.problem
+    known = (problem.takes_prior or problem.takes_motion_prior) and len(finding.others) and (first >= 0).any()
+    return bool(known and apart_from(np.array(finding.others[:1]), first)[0])
 
 
 def _is_assignment_certain(finding: Finding) -> bool:
