@@ -261,7 +261,9 @@ class FollowedBody:
 
         From time to time, poses that look the same are followed beside the best one.
         """
-        holds, whole = self.dark.holds, self.left_out[1] if self.left_out and self.left_out[0] is found else found
+        holds, whole = self.dark.holds, found
+        if self.left_out is not None and self.left_out[0].assignment is found.assignment:
+            whole = self.left_out[1]
         if self.belief:  # what is left out as doubtful may be right, and is learned from as such
             self.dark.take(whole, time, self.belief.returned(time))
         self.belief.take(found, time, searched, holds)
