@@ -225,11 +225,13 @@ class FollowedBody:
         certain, why = Certainty(1.0, "")
         if found.status is Status.MATCHED:
             certain, why = certainty_of(self.belief, weighed, time)
-        doubted = certain < found.facts.min_probability
+        sure, least = weighed.confidence, found.facts.min_probability
+        surest = 0.0 if sure is None else float(sure[weighed.assignment >= 0].max(initial=0.0))
+        doubted = certain < least or surest * certain < least <= surest
         whole = weighed.less_certain(certain) if certain < 1.0 - WRONG_MODEL else weighed
-        sure = whole if doubted else sure_of_the_rest(found, whole)
-        self.left_out = sure, whole
-        matched = (weighed if doubted else sure).status is Status.MATCHED
+        rest = whole if doubted else sure_of_the_rest(found, whole)
+        self.left_out = rest, whole
+        matched = (weighed if doubted else rest).status is Status.MATCHED
         if searched:
             agrees = matched and found.prior_holds
             if self.beside or not (agrees and self.appeared(found)):  # else it was among what is left alone
@@ -242,14 +244,14 @@ class FollowedBody:
         if found.status is not Status.UNTRUSTED:
             self.confirmed |= told or (searched and found.facts.missed <= TRUST.missed)
         if not matched:
-            return sure
+            return rest
         self.confirmed = self.confirmed or _is_enough(found, of_several=True)
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
-        unsure = bool(self.belief) and not self.settled and not _is_met(sure)
+        unsure = bool(self.belief) and not self.settled and not _is_met(rest)
         if self.confirmed and not unsure and not doubted:
-            return sure
+            return rest
         reason = f"this frame fits, but by those before {why}" if doubted else UNCERTAIN if unsure else UNSEARCHED
-        return copied(sure.with_facts(contested=True, sure_of_the_rest=False), reason=reason)
+        return copied(rest.with_facts(contested=True, sure_of_the_rest=False), reason=reason)
 
     def acquit(self) -> None:
         """Forget that what is followed did not fit: the noise was larger than it was taken to be."""
