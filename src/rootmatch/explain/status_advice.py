@@ -176,8 +176,8 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             f"{factor:.1f} times the stated noise, which the residuals suggest, this could be chance; "
             f"check {problem.to_check}; set {told} only if that is realistic{causes}"
         )
-    if _could_be_chance(finding) and facts.probability is not None:
-        chance, least = _told_apart(facts.probability, facts.min_probability)
+    if _could_be_chance(finding):
+        chance, least = _told_apart(facts.probability or 0.0, facts.min_probability)
         return (
             f"no trustworthy match: what was found could be chance (probability {chance}, "
             f"`min_probability` {least}); {_given([*_to_give(task), 'fewer stray detections'])}"
@@ -208,9 +208,8 @@ def _is_there(finding: Finding) -> bool:
 
 def _could_be_chance(finding: Finding) -> bool:
     """Whether what was found may be there, with less than the probability that was asked for."""
-    facts = finding.facts
-    doubted = facts.present is not None and not _is_there(finding)
-    return doubted and facts.probability is not None and facts.probability >= NOTED
+    facts, chance = finding.facts, finding.facts.probability or 0.0
+    return facts.present is not None and not _is_there(finding) and chance >= NOTED
 
 
 def _told_apart(less: float, more: float) -> tuple[str, str]:
@@ -253,10 +252,13 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
             f"{_given([*to_give, 'fewer stray detections'])}, or {more}"
         )
     prior = ", or give a `prior`" if PRIOR in to_give and to_tell != _given([PRIOR]) else ""
+    of, where = ("points", "`confidence`") if unsure else ("sightings", "`sightings`")  # of points that others show
+    every = np.ones(1) if finding.every_confidence is None else finding.every_confidence
+    unsure = unsure or int((every < MIN_PROBABILITY).sum())
     if unsure and _is_pose_certain(finding):
         return (
-            f"ambiguous: the pose is certain, but for {unsure} of the points it is not certain which detection "
-            f"they have, if any; see `confidence`, or {to_tell}"
+            f"ambiguous: the pose is certain, but for {unsure} of the {of} it is not certain which detection "
+            f"they have, if any; see {where}, or {to_tell}"
         )
     if _is_elsewhere(finding):
         # in a unit that is too small, cameras are as good as in one place, and each shows the object elsewhere
@@ -318,10 +320,8 @@ def _is_pose_with_larger_noise(finding: Finding) -> bool:
 def _is_unexcluded(finding: Finding) -> bool:
     """Whether an ambiguous finding would be trusted, had its search looked for other poses long enough."""
     facts = finding.facts
-    if facts.missed <= TRUST.missed:
-        return False
-    if finding.posterior is not None:
-        return _is_pose_certain(finding)
+    if facts.missed <= TRUST.missed or finding.posterior is not None:
+        return facts.missed > TRUST.missed and _is_pose_certain(finding)
     if facts.probability is not None:
         return facts.probability >= facts.min_probability
     return facts.lead is None or facts.lead >= TRUST.margin
@@ -329,10 +329,9 @@ def _is_unexcluded(finding: Finding) -> bool:
 
 def _is_elsewhere(finding: Finding) -> bool:
     """Whether the best alternative has none of the same detections."""
-    first, of_poses = finding.assignment, finding.task.problem.takes_prior or finding.task.problem.takes_motion_prior
-    if not of_poses or not len(finding.others) or not (first >= 0).any():
-        return False
-    return bool(apart_from(np.array(finding.others[:1]), first)[0])
+    first, problem = finding.assignment, finding.task.problem
+    known = (problem.takes_prior or problem.takes_motion_prior) and len(finding.others) and (first >= 0).any()
+    return bool(known and apart_from(np.array(finding.others[:1]), first)[0])
 
 
 def _is_assignment_certain(finding: Finding) -> bool:
@@ -344,7 +343,7 @@ def _is_assignment_certain(finding: Finding) -> bool:
 
 def _is_pose_certain(finding: Finding) -> bool:
     """Whether one pose is as probable as a match has to be, whatever its matches."""
+    least, told = finding.facts.min_probability, finding.posterior
     if finding.labellings is not None:
-        return finding.labellings.motion >= finding.facts.min_probability
-    told = finding.posterior
-    return told is not None and bool((told.probabilities[:1] >= finding.facts.min_probability).any())
+        return finding.labellings.motion >= least
+    return told is not None and bool((told.probabilities[:1] >= least).any())

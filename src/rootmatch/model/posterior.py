@@ -144,14 +144,8 @@ class Posterior:
             return None
         first: Integers = self.modes.assignments[0]
         matched = (first >= 0).nonzero()[0]
-        each = (self.confidence * lit)[matched]
-        given_pose = each / self.confidence[matched].max()
-        known = surest(given_pose, 1.0 - min_probability / pose)
-        together = np.minimum(pose * right_together(given_pose[known], min_probability), each[known])
-        count = int(np.count_nonzero(together >= min_probability))
-        kept, out = matched[known[:count]], np.full(len(first), -1)
-        out[kept] = first[kept]
-        return Believed(out, float(together[count - 1]) if count else pose, len(known))
+        sure = float(self.confidence[matched].max())
+        return without_doubtful(first, self.confidence * lit, sure, min_probability, pose=pose)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +194,33 @@ def surest(confidence: Floats, wrong: float) -> Integers:
     """
     order = (-confidence).argsort(kind="stable")
     return np.asarray(order[(1.0 - confidence[order]).cumsum() <= max(wrong, WRONG * len(confidence))])
+
+
+def without_doubtful(
+    assignment: Integers, confidence: Floats, sure: float, min_probability: float, *, pose: float
+) -> Believed:
+    """What is believed of an assignment (n,): its matches that are right together with the least probability.
+
+    Parameters
+    ----------
+    assignment : (n,) int64 array
+    confidence : (n,) float64 array
+        Probability of each match.
+    sure : float
+        That of a match of which nothing but the pose is doubtful.
+    min_probability : float
+    pose : float
+        Probability of the pose, at least ``min_probability``.
+    """
+    matched = (assignment >= 0).nonzero()[0]
+    each = confidence[matched]
+    given_pose = each / sure
+    known = surest(given_pose, 1.0 - min_probability / pose)
+    together = np.minimum(pose * right_together(given_pose[known], min_probability), each[known])
+    count = int(np.count_nonzero(together >= min_probability))
+    kept, out = matched[known[:count]], np.full(len(assignment), -1)
+    out[kept] = assignment[kept]
+    return Believed(out, float(together[count - 1]) if count else pose, len(known))
 
 
 def right_together(confidence: Floats, min_probability: float) -> Floats:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from rootmatch.arrays import Floats
-from rootmatch.explain.decide import Status
+from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_enough
 from rootmatch.explain.rig_triples import search_meets
@@ -18,8 +18,9 @@ from rootmatch.model.priors import PRESENT, WRONG_MODEL
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
-from rootmatch.tracking.certainty import certainty_of
+from rootmatch.tracking.certainty import Certainty, certainty_of
 from rootmatch.tracking.dark_points import DarkPoints
+from rootmatch.tracking.doubtful_matches import sure_of_the_rest
 from rootmatch.tracking.followed_places import RETURN
 from rootmatch.tracking.mistaken_identity import FLOOR
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
@@ -33,6 +34,9 @@ MISSING = 3
 """Largest number of frames between searches for one of several bodies that is missing. A round value: in 15 flights of
 a rig (seeds from 1110) a controller with five LEDs in view was not told in 8 frames, in 14 with 10; the median frame
 takes a tenth longer where one is out of view."""
+
+UNCERTAIN = "this frame fits, but none before was certain of this pose, and of so few points chance may match all"
+UNSEARCHED = "this frame fits, but no search has excluded yet that another pose explains more"
 
 
 class TrackingState(Enum):
@@ -105,13 +109,15 @@ class FollowedBody:
         self.belief, self.dark = Belief(source, options.motion), DarkPoints()
         self.waiting: list[int | None] = []
         """Images that a search under way has not come to: cameras of a rig, None for a single one."""
-        self.detections = self.own = self.searched = self.served = self.confirmed = self.failures = self.agreements = 0
+        self.detections = self.own = self.searched = self.served = self.failures = self.agreements = 0
         self.left = 0
         """Detections that were left unexplained in the frame of the last search."""
         self.beside = False
         """Whether all that there was beside the body when it was found has been searched, if there was anything."""
         self.rest = False
         """Whether the search under way is among what is left, see `appeared`."""
+        self.left_out: tuple[Finding, Finding] | None = None
+        """What a frame was told to show, without the matches that are doubtful by those before, and with them."""
         self.presence: tuple[float, float] | None = None
         """Probability that it is in view after all by the last search for it, and its time; None if it was found."""
         self.forget()
@@ -127,6 +133,8 @@ class FollowedBody:
         self.dark = DarkPoints()
         self.settled, self.matched, self.beside, self.left = False, -math.inf, False, 0
         self.missed = self.agreements = 0
+        self.confirmed = False
+        """Whether poses elsewhere have been excluded since it was found: by a search, or by all that it explains."""
 
     def predicted(self, time: float) -> tuple[Pose, Rivals]:
         """The most probable pose at a time, and what else it may be.
@@ -142,6 +150,7 @@ class FollowedBody:
         """The caller says where the body is: nothing beside it is taken for its points."""
         self.belief.keep_best(time)
         self.dark.forget_lights()
+        self.confirmed = True
 
     @property
     def state(self) -> TrackingState:
@@ -207,34 +216,42 @@ class FollowedBody:
         return self.served == frame and not self.waiting
 
     def checked(self, found: Finding, time: float, frame: int, searched: bool) -> Finding:
-        """What was found in a frame: ambiguous if a pose elsewhere could explain more, and no late search excluded it.
+        """What was found in a frame: ambiguous if a pose elsewhere could explain more, and no search has excluded it.
 
+        A search that met another pose has excluded the rest: the belief weighs what it met from then on.
         ``searched``: whether this frame was searched.
         """
-        if self.belief and found.prior_holds:
-            found = self.dark.weighed(found, time)
+        weighed = self.dark.weighed(found, time) if self.belief and found.prior_holds else found
+        certain, why = Certainty(1.0, "")
+        if found.status is Status.MATCHED:
+            certain, why = certainty_of(self.belief, weighed, time)
+        sure, least = weighed.confidence, found.facts.min_probability
+        surest = 0.0 if sure is None else float(sure[weighed.assignment >= 0].max(initial=0.0))
+        doubted = certain < least or surest * certain < least <= surest
+        whole = weighed.less_certain(certain) if certain < 1.0 - WRONG_MODEL else weighed
+        rest = whole if doubted else sure_of_the_rest(found, whole)
+        self.left_out = rest, whole
+        matched = (weighed if doubted else rest).status is Status.MATCHED
         if searched:
-            agrees = found.status is Status.MATCHED and found.prior_holds
+            agrees = matched and found.prior_holds
             if self.beside or not (agrees and self.appeared(found)):  # else it was among what is left alone
                 self.agreements = self.agreements + 1 if agrees else 0
-            self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
+            self.failures = 0 if matched else self.failures + 1
             # a search for the body itself ends with it, whatever else there is
             self.searched, self.beside = frame, bool(self.belief) or _left(found) <= found.task.minimal
             self.left = _left(found) if self.beside else 0
-        if found.status is not Status.MATCHED:
-            return found
-        if searched or _is_enough(found, of_several=True):
-            self.confirmed = frame
+        told = bool(found.prior_holds) and not self.belief  # by the caller
+        if found.status is not Status.UNTRUSTED:
+            self.confirmed |= told or (searched and found.facts.missed <= TRUST.missed)
+        if not matched:
+            return rest
+        self.confirmed = self.confirmed or _is_enough(found, of_several=True)
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
-        unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        certain, why = certainty_of(self.belief, found, time)
-        doubted = certain < found.facts.min_probability
-        unsure |= doubted
-        found = found.less_certain(certain) if certain < 1.0 - WRONG_MODEL else found
-        found = copied(found, reason=f"this frame fits, but by those before {why}") if doubted else found
-        if unsure or frame - self.confirmed > self._interval:
-            return found.with_facts(contested=True, sure_of_the_rest=False)
-        return found
+        unsure = bool(self.belief) and not self.settled and not _is_met(rest)
+        if self.confirmed and not unsure and not doubted:
+            return rest
+        reason = f"this frame fits, but by those before {why}" if doubted else UNCERTAIN if unsure else UNSEARCHED
+        return copied(rest.with_facts(contested=True, sure_of_the_rest=False), reason=reason)
 
     def acquit(self) -> None:
         """Forget that what is followed did not fit: the noise was larger than it was taken to be."""
@@ -246,9 +263,11 @@ class FollowedBody:
 
         From time to time, poses that look the same are followed beside the best one.
         """
-        holds = self.dark.holds
-        if self.belief:
-            self.dark.take(found, time, self.belief.returned(time))
+        holds, whole = self.dark.holds, found
+        if self.left_out is not None and self.left_out[0].assignment is found.assignment:
+            whole = self.left_out[1]
+        if self.belief:  # what is left out as doubtful may be right, and is learned from as such
+            self.dark.take(whole, time, self.belief.returned(time))
         self.belief.take(found, time, searched, holds)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:
@@ -267,7 +286,7 @@ class FollowedBody:
                 self._lose(1.0 - (found.facts.present or 0.0) if searched else self.belief.absent)
             return
         self.belief.leave_before(time - self.options.coasting)
-        self.missed, self.detections, self.own = 0, found.task.shape[1], int((found.assignment >= 0).sum())
+        self.missed, self.detections, self.own = 0, found.task.shape[1], int((whole.assignment >= 0).sum())
         least = found.facts.min_probability
         if self.belief and 1.0 - self.belief.unfollowed < least and frame - self.searched >= self.options.search_every:
             self._lose(absent=0.0)  # what is not followed can only be found anew
