@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding
+from rootmatch.model.image_alike import LOG_INEXACT, OWN
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
 
 MOST_INFLATION = 4.0
@@ -82,16 +84,41 @@ class Misfit(NamedTuple):
         chance = float(fdtrc(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
         return beside + float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
 
+    def for_points_off(self, log_inexact: Sequence[float] = ()) -> Floats:
+        """Log-odds (OWN,) of the body with points that are off, of the body as given, with their prior.
 
-def doubted_by_fit(found: Finding, fault: Misfit, of_rig: bool = False, alike: float = 0.0) -> Finding:
+        ``log_inexact``: see `MatchingTask.log_inexact`.
+        """
+        before = LOG_INEXACT + np.array(log_inexact or (0.0,) * OWN)
+        return np.full(OWN, -np.inf) if self.alike is None else before + self.alike[:OWN]
+
+    def most_off(self, log_inexact: Sequence[float] = ()) -> float:
+        """The largest of these without their prior, if that is the most probable of the body; 0 if it is as given."""
+        odds = self.for_points_off(log_inexact)
+        which = int(odds.argmax())
+        return float(self.alike[which]) if self.alike is not None and odds[which] > 0.0 else 0.0
+
+
+def doubted_by_fit(
+    found: Finding, fault: Misfit, of_rig: bool = False, *, alike: float = 0.0, as_off: float = 0.0
+) -> Finding:
     """A finding that is less probable by how its residuals speak for something else; a wrong model is allowed for.
 
-    ``alike``: share of what else there is that has nearly the shape, as where a scene repeats itself.
+    Parameters
+    ----------
+    found : Finding
+    fault : Misfit
+    of_rig : bool
+        Whether it is of several cameras.
+    alike : float
+        Share of what else there is that has nearly the shape, as where a scene repeats itself.
+    as_off : float
+        Odds of the body with points that are off, of the body as given: that is the body, too.
     """
     if found.facts.probability is None or (fault.alike is None and not fault.sigma > 1.0):
         return found
     odds = WRONG_MODEL + alike
-    own = min((1.0 + odds) / (1.0 + odds * fault.for_something_else(of_rig)), 1.0)
+    own = min((1.0 + odds) / (1.0 + odds * fault.for_something_else(of_rig) / (1.0 + as_off)), 1.0)
     present = None if found.facts.present is None else own * found.facts.present
     return found.with_facts(present=present).less_certain(own)
 

@@ -22,7 +22,7 @@ from rootmatch.model.evidence import residuals_of
 from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, LOG_PRIOR, OWN, gains_of_residuals, off_by
 from rootmatch.model.mode_search import HOPELESS, modes_of
 from rootmatch.model.modes import no_modes
-from rootmatch.model.priors import WRONG_MODEL, probability
+from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL, probability
 from rootmatch.model.smooth_errors import log_odds_if_smooth
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -75,7 +75,12 @@ def error_if_alike(found: Finding) -> float:
 
 
 def gains_of_errors(found: Finding) -> Floats:
-    """Log-odds (E,) by the residuals of a finding that points are off by each of `ERRORS`, to first order."""
+    """Log-odds (E,) that points are off by each of `ERRORS`, by the residuals of a finding, to first order.
+
+    Between two point sets, where something is near a point without a match, by that as well.
+    """
+    if found.labellings is not None:
+        return _between_sets(found)
     model, told, misfit = found.model, found.posterior, _misfit(found)
     if model is None or told is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
@@ -83,7 +88,21 @@ def gains_of_errors(found: Finding) -> Floats:
     if k >= len(modes.log_odds):
         return np.zeros(OWN)
     _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
-    return gains_of_residuals(model, (misfit.squared, moved), misfit.dof, errors)
+    return gains_of_residuals(model.noise_freedom, (misfit.squared, moved), misfit.dof, errors)
+
+
+def _between_sets(found: Finding) -> Floats:
+    """The same between two point sets."""
+    points, own = found.task.points, found.assignment >= 0
+    if found.alike is not None:
+        return found.alike[:OWN]
+    if not found.noise_dof or found.noise_factor is None:
+        return np.zeros(OWN)
+    clouds = found.task.problem.point_clouds(points)
+    assert clouds is not None
+    moved = float((1.0 / (clouds.source_variance[own] + clouds.target_variance[found.assignment[own]])).mean())
+    squared, errors = found.noise_dof * found.noise_factor**2, ERRORS[:OWN] * body_radius(points.source)
+    return gains_of_residuals(NOISE_FREEDOM, (squared, moved), found.noise_dof, errors)
 
 
 def noise_factor(found: Finding) -> float | None:

@@ -16,7 +16,7 @@ from rootmatch.explain.continued_sets import beside_sets
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
-from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
+from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import BY_ITS_LAW, lead_by_odds
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
@@ -27,6 +27,7 @@ from rootmatch.model.displaced_motions import with_displaced
 from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances, with_errors_of_source
 from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.model.point_set_model import Judged, PointSetModel
+from rootmatch.model.point_set_off import log_odds_off
 from rootmatch.model.point_set_posterior import PointSetPosterior, mixed, posterior
 from rootmatch.model.priors import PRESENT
 from rootmatch.model.repetition import Repeated, with_repetition
@@ -271,10 +272,23 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
     if task.noise_is_estimated:
         return told
     # what is left out as unsure may be what does not fit
-    whole = model.judged_one(found.assignments[0]).fit
-    doubted = doubted_by_fit(told, Misfit.of(float(whole.chi2[0]), int(whole.dof[0])), alike=model.clutter.repeats)
+    whole = _misfit_of(model, found, taken)
+    told = replace(told, alike=whole.alike)
+    as_off = float(np.exp(np.minimum(whole.for_points_off(task.log_inexact), MOST_ALIKE)).sum())
+    doubted = doubted_by_fit(told, whole, alike=model.clutter.repeats, as_off=as_off)
     # something is there that does not fit, which the advice says
     return doubted.with_facts(present=present) if does_not_fit(fault) else doubted
+
+
+def _misfit_of(model: PointSetModel, found: PointSetPosterior, taken: Bools | None) -> Misfit:
+    """The misfit of the first hypothesis, by its residuals and by what is beside its points without a match."""
+    first = found.assignments[0]
+    whole = model.judged_one(first)
+    fault = Misfit.of(float(whole.fit.chi2[0]), int(whole.fit.dof[0]))
+    if not found.present >= LIKELY or (first >= 0).all():
+        return fault
+    log_mass = float(whole.log_odds[0]) + math.log(found.motion / max(float(found.probabilities[0]), 1e-300))
+    return fault._replace(alike=log_odds_off(model, first, log_mass, taken))
 
 
 def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pose | None:

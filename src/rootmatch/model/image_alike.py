@@ -73,7 +73,7 @@ def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
     before, out = float(mode.log_odds[0] - mode.log_mass[0]), np.full(len(errors), -np.inf)
     if gains.any():
         counts = log_odds_of_counts((-(-free // images),), gains.shape[1])[0, 1:]
-        most = before + gains_of_residuals(model, residuals, freedom, errors)
+        most = before + gains_of_residuals(model.noise_freedom, residuals, freedom, errors)
         most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
         for one in (most + LOG_PRIOR >= LEAST).nonzero()[0].tolist():
             out[one] = _settled(model, mode, errors[one], taken) - mode.log_mass[0]
@@ -82,12 +82,12 @@ def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
     return out if (out + LOG_PRIOR >= LEAST).any() else None
 
 
-def gains_of_residuals(model: DetectionModel, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
+def gains_of_residuals(given: float, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
     """Log-odds (W,) that points are off by errors (W,), by `residuals_of` their matches alone, to first order.
 
-    ``freedom``: degrees of freedom of the squared deviation.
+    ``given``: residuals by which σ is known; ``freedom``: degrees of freedom of the squared deviation.
     """
-    (squared, moved), given = residuals, model.noise_freedom
+    squared, moved = residuals
     ratio = 1.0 + errors**2 * moved
     less = np.log1p(squared / given) - np.log1p(squared / ratio / given)
     return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))

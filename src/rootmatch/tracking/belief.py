@@ -206,7 +206,10 @@ class Belief:
         """Take in a frame's posterior; whether it has something beside what is followed."""
         told, model = found.posterior, found.model
         if found.task.problem.takes_motion_prior:
-            self.poses = after_motion(self.poses, found, time, (self.source, self.motion))
+            of_body = self.source, self.motion
+            every = after_motion(self.poses, found, time, of_body, self.given_up, weight=TEMPER)
+            self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)
+            self.poses = [one for one in every if one.log_other < GIVEN_UP]
         elif self.poses and (told is None or not len(told.probabilities)):
             self.time = time  # it does not show what is followed
         if told is None or model is None or not len(told.probabilities):

@@ -6,7 +6,9 @@ import math
 from typing import NamedTuple
 
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.point_set_decision import pose_alone
 from rootmatch.model.priors import COPY, probability
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_places import chance_returned, log_back, share_unseen
 from rootmatch.tracking.mistaken_identity import log_other_in_sight
@@ -40,7 +42,12 @@ def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
                 -belief.poses[0].log_other
             ),
         }
-    elif found.pose is not None and belief.given_up is not None:
-        other = log_other_in_sight(belief.given_up, found.pose, time)
+    elif belief.given_up is not None and (pose := found.pose or _pose_in_space(found)) is not None:
+        other = log_other_in_sight(belief.given_up, pose, time, in_space=found.labellings is not None)
         sure["what was followed in its line of sight a moment ago did not fit"] = probability(-other)
     return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))
+
+
+def _pose_in_space(found: Finding) -> Pose | None:
+    """The pose of a finding of two point sets, which has none of its own where no prediction holds."""
+    return None if found.labellings is None else pose_alone(found)

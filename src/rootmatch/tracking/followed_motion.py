@@ -5,20 +5,61 @@ from __future__ import annotations
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.point_set_decision import pose_alone
+from rootmatch.frozen import copied
 from rootmatch.tracking.followed_pose import FollowedPose
+from rootmatch.tracking.mistaken_identity import FLOOR, after_frame, log_other_in_sight
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
+
+SURE = 2.0 * FLOOR
+"""Log-odds of something else from which what is followed is the body, as long as each frame shows it. Nothing else
+comes to be where points of space are predicted, to the noise, and a marker may be bent meanwhile. A round value."""
 
 
 def after_motion(
-    followed: list[FollowedPose], found: Finding, time: float, of_body: tuple[Floats, MotionOptions]
+    followed: list[FollowedPose],
+    found: Finding,
+    time: float,
+    of_body: tuple[Floats, MotionOptions],
+    given_up: MotionFilter | None,
+    *,
+    weight: float,
 ) -> list[FollowedPose]:
-    """Hypotheses after a match of two point sets: only one that is trusted tells a pose; ``of_body``: of a new one."""
-    if found.status is not Status.MATCHED:
-        return followed[:1]
-    if found.prior_holds and found.pose is not None and followed:
+    """Hypotheses after a match of two point sets: only one that is trusted tells a pose.
+
+    Whether what is followed is something else, each frame tells that shows it where it was expected.
+
+    Parameters
+    ----------
+    followed : list of FollowedPose
+    found : Finding
+    time : float
+    of_body : (source, motion)
+        Points of the body, and how fast it may move: of a new hypothesis.
+    given_up : MotionFilter, optional
+        What was followed and did not fit.
+    weight : float
+        Of a frame's evidence that it is something else.
+    """
+    matched, holds = found.status is Status.MATCHED, bool(found.prior_holds and found.pose is not None and followed)
+    if holds and found.pose is not None:
         (best,) = [*(one for one in followed if one.filter.is_near(found.pose, time)), *followed][:1]
-        best.filter.update(found.pose, time)
-        return [best]
-    pose, (source, motion) = pose_alone(found), of_body
-    return followed[:1] if pose is None else [FollowedPose(MotionFilter(source, pose, time, motion))]
+        if matched:
+            best.filter.update(found.pose, time)
+        return [copied(best, log_other=_log_other(best.log_other, found, weight))]
+    if not matched or (pose := pose_alone(found)) is None:
+        # what comes into view next may be something else
+        return [copied(one, log_other=max(one.log_other, FLOOR)) for one in followed[:1]]
+    log_other = FLOOR if given_up is None else log_other_in_sight(given_up, pose, time, in_space=True)
+    filter_ = MotionFilter(of_body[0], pose, time, of_body[1])
+    return [FollowedPose(filter_, log_other=_log_other(log_other, found, weight))]
+
+
+def _log_other(log_odds: float, found: Finding, weight: float) -> float:
+    """Log-odds after a frame that it shows something else, of the body as it most probably is: with points off."""
+    factor = found.noise_factor
+    if log_odds <= SURE or factor is None or not (found.log_odds or 0.0) > 0.0:
+        return log_odds
+    misfit = Misfit(factor**2, factor, found.noise_dof, found.alike)
+    return after_frame(log_odds, misfit, weight, as_off=misfit.most_off(found.task.log_inexact), least=SURE)

@@ -44,9 +44,9 @@ class InexactPoints:
         stays : float, optional
             Log-odds, by the residuals of this frame and those of the one before, that they stay.
         """
-        if found is None or found.model is None or found.status is not Status.MATCHED:
+        if found is None or found.status is not Status.MATCHED or self.error is not None:
             return
-        if self.error is not None or len(found.model.images) > 1:
+        if found.labellings is None and (found.model is None or len(found.model.images) > 1):
             return
         if not found.point_error and found.task.points.source_covariance is not None:
             return

@@ -27,17 +27,19 @@ STAYS = 1.0
 """Seconds within which something else leaves its place. A round value, that of a body."""
 
 
-def log_other_in_sight(given_up: MotionFilter, pose: Pose, time: float) -> float:
+def log_other_in_sight(given_up: MotionFilter, pose: Pose, time: float, *, in_space: bool = False) -> float:
     """Log-odds that what is found with a pose is what was given up, by where it is seen.
 
     They begin anew with those at which it was given up, whatever they have become: the body may have come there since.
     """
-    if not given_up.is_in_sight(pose, time):
+    if not given_up.is_in_sight(pose, time, in_space=in_space):
         return FLOOR
     return float(np.logaddexp(GIVEN_UP - (time - given_up.time) / STAYS, FLOOR))
 
 
-def after_frame(log_odds: float, misfit: Misfit, weight: float, of_rig: bool = False) -> float:
+def after_frame(
+    log_odds: float, misfit: Misfit, weight: float, of_rig: bool = False, *, as_off: float = 0.0, least: float = FLOOR
+) -> float:
     """Log-odds, after a frame, that what is followed is something else.
 
     Parameters
@@ -50,8 +52,12 @@ def after_frame(log_odds: float, misfit: Misfit, weight: float, of_rig: bool = F
         Of a frame's evidence, as what spoils one fit may spoil the next.
     of_rig : bool
         Whether the frame is of several cameras.
+    as_off : float
+        Log-odds of the body with points that are off, of that as given, if it is the former.
+    least : float
+        Least log-odds.
     """
     if not misfit.dof and misfit.alike is None:
         return log_odds
-    other = misfit.for_something_else(of_rig)
-    return max(log_odds + weight * math.log(other / (1.0 - WRONG_MODEL + WRONG_MODEL * other)), FLOOR)
+    other = misfit.for_something_else(of_rig) * math.exp(-as_off)
+    return max(log_odds + weight * math.log(other / (1.0 - WRONG_MODEL + WRONG_MODEL * other)), least)

@@ -170,11 +170,16 @@ class MotionFilter:
         off = pose.t + pose.scale * pose.R @ self.middle - self._middle(R, t)
         return bool((R * pose.R).sum() > ALIKE) and float(np.linalg.norm(off)) <= self.radius
 
-    def is_in_sight(self, pose: Pose, time: float) -> bool:
-        """Whether a pose at a time is where the body is expected to be seen, however it is turned, near or far."""
+    def is_in_sight(self, pose: Pose, time: float, *, in_space: bool = False) -> bool:
+        """Whether a pose at a time is where the body is expected to be seen, however it is turned, near or far.
+
+        ``in_space``: whether it is where the body is expected, as points of a space have no line of sight.
+        """
         R, t, _, _ = self._at(time)
-        t = self._middle(R, t)
-        off = np.cross(pose.t + pose.scale * pose.R @ self.middle, t)
+        t, middle = self._middle(R, t), pose.t + pose.scale * pose.R @ self.middle
+        if in_space:
+            return float(np.linalg.norm(middle - t)) <= self.radius
+        off = np.cross(middle, t)
         return float(np.linalg.norm(off)) <= self.radius * float(np.linalg.norm(t))
 
     def predicted(self, time: float) -> Pose:

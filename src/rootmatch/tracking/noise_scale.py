@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Hashable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -157,14 +158,13 @@ class NoiseScale:
         """Take in the residuals of a frame's finding, which was made with σ times a factor.
 
         They count if the pose is certain, whether or not it fits: that no pose fits as well says that σ is too small.
-        Those of points in space do not: they are weighed with σ as it was stated.
         """
-        if not found.task.problem.takes_prior:
-            return
         facts, dof, ratio = found.facts, found.noise_dof, found.noise_factor
         sure = facts.sure_of_the_rest and facts.present is not None and facts.present >= facts.min_probability
         most = MOST if found.task.rig is None else MOST_OF_RIG
         if found.point_error:  # one frame does not tell which of both it is
+            return
+        if found.labellings is not None and found.alike is not None:  # they may be those of something else
             return
         if not sure or not dof or ratio is None or not ratio * factor <= most:
             return
@@ -244,6 +244,15 @@ class NoiseScale:
             self.changes.take(chi2, freedom)
         if self.log_new < LOG_CHANGED:
             self.new, self.log_new = Scale.vague(), LOG_CHANGED
+
+
+def scaled(noise: Any, factor: float) -> Any:
+    """A noise that is so many times as large: standard deviations, covariances, or a pair of these for point sets."""
+    if isinstance(noise, str):  # it is estimated in each frame
+        return noise
+    if isinstance(noise, tuple | list) and len(noise) == 2:
+        return tuple(scaled(one, factor) for one in noise)
+    return np.asarray(noise) * factor ** (1 if np.ndim(noise) < 3 else 2)
 
 
 def _fits_badly(found: Finding, factor: float) -> bool:

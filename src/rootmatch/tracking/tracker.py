@@ -36,7 +36,7 @@ from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, Trac
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.inexact_points import InexactPoints
-from rootmatch.tracking.noise_scale import NoiseScale
+from rootmatch.tracking.noise_scale import NoiseScale, scaled
 from rootmatch.tracking.search_schedule import RepeatedSearch, budget_of, found_lately, is_of_a_row, left_by, next_part
 from rootmatch.tracking.turns import Turns
 
@@ -268,14 +268,14 @@ max_evaluations
                 poses[label] = told
         of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
         present = {label: chance for label, body in self._bodies.items() if (chance := body.present(when)) is not None}
-        factor = self.noise_factor if of_images else 1.0
+        factor = self.noise_factor
         stated = self.matcher.noise if noise is None else noise
         gap = 0.0 if self.time is None else when - self.time
         # the first frame is limited only as `rootmatch.match` is
         budget = None if self.time is None else budget_of(self.tracking.search_budget, gap)
 
         def explained(searching: bool | Choice, factor: float = factor) -> Finding:
-            noise = stated if factor == 1.0 else np.asarray(stated) * factor ** (1 if np.ndim(stated) < 3 else 2)
+            noise = stated if factor == 1.0 else scaled(stated, factor)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,

@@ -1,0 +1,97 @@
+"""Trees of markers in space: another one of nearly the shape, a bent one, and noise that is larger than stated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.arrays import Floats
+from rootmatch.model.image_alike import ERRORS
+from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_off import log_odds_off
+from rootmatch.problems.points import PointClouds
+from rootmatch.problems.pose_fit.reference_point import body_radius
+
+SIGMA = 0.25
+TREE = np.array([[0.0, 0.0, 0.0], [50.0, 5.0, -8.0], [-6.0, 70.0, 9.0], [42.0, 92.0, 3.0], [20.0, 41.0, 17.0]])
+SEEDS = (0, 10, 16, 25)
+FREE = np.array([[-200.0, -150.0, 800.0], [200.0, 150.0, 1300.0]])
+
+
+def flight(frames: int, rng: np.random.Generator) -> list[tuple[Floats, Floats]]:
+    """Motions (R, t) of a hand with a tree, in millimetres."""
+    start, turn = rng.normal(0.0, 3.0, 3), rng.normal(0.0, 0.01, 3)
+    place, speed = np.array([20.0, -10.0, 1000.0]), rng.normal(0.0, 1.0, 3)
+    turns = [Rotation.from_rotvec(k * turn) * Rotation.from_rotvec(start) for k in range(frames)]
+    return [(one.as_matrix(), place + k * speed) for k, one in enumerate(turns)]
+
+
+def cloud(
+    tree: Floats, motion: tuple[Floats, Floats], strays: Floats, rng: np.random.Generator, sigma: float = SIGMA
+) -> Floats:
+    """What a tracker sees of a tree, and of strays that stay."""
+    points = np.concatenate([tree @ motion[0].T + motion[1], strays])
+    return points + rng.normal(0.0, sigma, points.shape)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.03])
+def test_the_odds_are_the_evidence_of_points_that_are_off_with_all_that_is_near(scale: float) -> None:
+    rng = np.random.default_rng(3)
+    tree, off = scale * TREE[:4], np.zeros((4, 3))
+    off[3] = scale * np.array([3.0, -2.0, 2.0])
+    seen = np.concatenate([tree + off, scale * rng.uniform(-300.0, 300.0, (4, 3))])
+    seen = seen + rng.normal(0.0, scale * SIGMA, seen.shape)
+    clouds = PointClouds(tree, seen, np.zeros(4), np.full(8, (scale * SIGMA) ** 2), scaled=False, mirror=False)
+    model, own = PointSetModel(clouds), np.array([0, 1, 2, -1])
+    mass = float(model.judged_one(own).log_odds[0])
+    odds = log_odds_off(model, own, mass)
+    assert odds is not None
+    for error, told in zip(ERRORS[2:] * body_radius(tree), odds[2:], strict=True):
+        wide = PointSetModel(clouds.off_by(np.full(4, error)))
+        assert told == pytest.approx(float(wide.judged(np.arange(4)[None]).log_odds[0]) - mass, abs=1e-6)
+    assert odds[2] > 2.0, "a target beside the place of the fourth is nothing by chance"
+    taken = np.arange(8) == 3
+    assert log_odds_off(model, own, mass, taken) is None, "it is a marker of another body"
+
+
+def another_tree(seed: int) -> tuple[int, int]:
+    """Frames in which another tree is taken for one that left, and those before in which that is trusted."""
+    rng = np.random.default_rng(seed)
+    tree, strays = TREE[:4], rng.uniform(*FREE, (4, 3))
+    other = tree + rng.normal(0.0, 1.5, tree.shape)
+    tracker, before, after = rm.Tracker(tree, rm.Rigid(), noise=(0.0, SIGMA)), 0, 0
+    for motion in flight(30, rng):
+        before += bool(tracker.update(cloud(tree, motion, strays, rng)))
+    for _ in range(12):
+        tracker.update(strays + rng.normal(0.0, SIGMA, strays.shape))
+    for motion in flight(50, rng):
+        after += bool(tracker.update(cloud(other, motion, strays, rng)))
+    return after, before
+
+
+def test_another_tree_of_nearly_the_shape_is_not_followed() -> None:
+    wrong, right = np.sum([another_tree(seed) for seed in SEEDS], axis=0)
+    assert right >= 29 * len(SEEDS)
+    assert wrong <= 12, "of 200; 133 where each frame is weighed by its matches alone"
+
+
+def test_a_tree_that_is_bent_while_it_is_followed_stays_trusted() -> None:
+    rng = np.random.default_rng(5)
+    strays, bent = rng.uniform(*FREE, (4, 3)), TREE.copy()
+    bent[1] += (1.5, -1.0, 1.0)
+    tracker = rm.Tracker(TREE, rm.Rigid(), noise=(0.0, SIGMA))
+    shown = [TREE if k < 60 else bent for k in range(110)]
+    matched = [bool(tracker.update(cloud(*one, strays, rng))) for one in zip(shown, flight(110, rng), strict=True)]
+    assert sum(matched[:60]) >= 59
+    assert sum(matched[60:]) >= 40
+
+
+def test_noise_of_twice_the_size_is_learned_in_space() -> None:
+    rng = np.random.default_rng(7)
+    strays = rng.uniform(*FREE, (4, 3))
+    tracker = rm.Tracker(TREE, rm.Rigid(), noise=(0.0, SIGMA))
+    matched = [bool(tracker.update(cloud(TREE, one, strays, rng, 2.0 * SIGMA))) for one in flight(60, rng)]
+    assert sum(matched[30:]) >= 29
+    assert 1.3 < tracker.noise_factor < 2.0
