@@ -27,7 +27,7 @@ from rootmatch.model.priors import WRONG_MODEL, probability
 from rootmatch.model.smooth_errors import log_odds_if_smooth
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
-SIZES = np.geomspace(*(ERRORS[[0, -1]] * [10.0**-0.2, 10.0**0.2]), 4 * len(ERRORS))
+SIZES = np.geomspace(float(ERRORS[0]) * 10.0**-0.2, float(ERRORS[-1]) * 10.0**0.2, 4 * len(ERRORS))
 """Sizes of errors, over the body's root mean square radius, by which a pose is told: four about each of `ERRORS`, each
 as probable as the others. If these were only those that `ERRORS` allows a body, poses would be told too sure."""
 
