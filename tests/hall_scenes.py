@@ -30,8 +30,8 @@ def images(rng: np.random.Generator, built: Floats, shown: float | Floats) -> tu
     for k, turn in enumerate(TURNS):
         own = np.flatnonzero(rng.random(len(built)) < shown)
         image = CAMERA.project((built[own] @ R.T + t) @ turn.T + AWAY)
-        strays = rng.uniform((0.0, 0.0), SIZE, (4, 2))
-        target.append(np.vstack([image + rng.normal(0.0, SIGMA, image.shape), strays]))
+        seen = image + rng.normal(0.0, SIGMA, image.shape)
+        target.append(np.vstack([seen, rng.uniform((0.0, 0.0), SIZE, (4, 2))]))
         truth[k, own] = count + np.arange(len(own))
         count += len(own) + 4
     return target, truth

@@ -68,20 +68,21 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
         return found  # the pose has taken up more of such errors than its residuals tell
     own = _chance(found, again, before, which)
     present = None if again.facts.present is None else own * again.facts.present
-    return _with_size(again.with_facts(present=present).less_certain(own), task, model)
+    return _with_size(again.with_facts(present=present).less_certain(own), task, model, error)
 
 
-def _with_size(again: Finding, task: MatchingTask, exact: DetectionModel) -> Finding:
+def _with_size(again: Finding, task: MatchingTask, exact: DetectionModel, least: float) -> Finding:
     """A finding of a body with points that are off, in its pose by all sizes of these errors.
 
-    The few of `ERRORS` decide what is in view. How large the errors are is what the matches tell. ``exact``: without.
+    The few of `ERRORS` decide what is in view. How large the errors are is what the matches tell; but as a pose takes
+    up what is off alike, they are as large as decided (``least``) or larger. ``exact``: the model without errors.
     """
     assert again.posterior is not None
     modes, k, sizes = again.posterior.modes, again.mode, SIZES * exact.radius
     own = modes.take(slice(k, k + 1))
     pose = own.assignments, own.rotation, own.position
     odds = np.array([settled_about(off_by(exact, one), *pose)[0].log_odds[0] for one in sizes.tolist()])
-    error = float(np.sqrt(np.exp(odds - np.logaddexp.reduce(odds)) @ sizes**2))
+    error = max(float(np.sqrt(np.exp(odds - np.logaddexp.reduce(odds)) @ sizes**2)), least)
     model = off_by(exact, error)
     found, at = settled_about(model, *pose)
     own = own._replace(rotation=at.rotation, position=at.position, covariance=found.covariance)
