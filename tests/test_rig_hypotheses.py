@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from hall_scenes import RIG, SIGMA, cluster, images
 
 CAMERA = rm.Camera(1000.0, 1000.0, 640.0, 512.0)
 SIDE = Rotation.from_euler("y", -90.0, degrees=True).as_matrix()
@@ -28,5 +29,17 @@ def test_two_sightings_among_strays_go_with_five_of_another_camera(seed: int) ->
         truth[k, own] = count + np.arange(shown)
         count += shown + strays
     match = rm.match(points, (np.concatenate(target), np.concatenate(camera)), rm.P3P(rm.Rig(VIEWS)), noise=0.3)
+    assert match.sightings is not None
+    np.testing.assert_array_equal(match.sightings.assignment, truth)
+
+
+@pytest.mark.parametrize("seed", [1010, 1022, 1029])
+def test_a_pose_that_gathers_something_wrong_is_narrowed_though_another_one_fits(seed: int) -> None:
+    """Four or five sightings of one camera tell the rotation to some degrees: others gather wrong matches at once."""
+    rng = np.random.default_rng(seed)
+    points = cluster(rng, 5)
+    target, truth = images(rng, points, 0.45)
+    match = rm.match(points, target, rm.P3P(RIG), noise=SIGMA)
+    assert match
     assert match.sightings is not None
     np.testing.assert_array_equal(match.sightings.assignment, truth)

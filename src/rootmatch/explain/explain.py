@@ -162,5 +162,6 @@ def _one_motion(task: MatchingTask, judging: bool) -> Finding:
         return replace(found, left=every)
     if not found.status and every is not None:
         again = _explained(every)
-        return replace(again, task=task, evaluated=again.evaluated + sampled.evaluated)
+        same = replace(task, points=again.task.points)  # which may be off though nobody said so
+        return replace(again, task=same, evaluated=again.evaluated + sampled.evaluated)
     return found

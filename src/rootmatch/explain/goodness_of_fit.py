@@ -39,6 +39,8 @@ class Misfit(NamedTuple):
     alike: Floats | None = None
     """Log-odds (W,) of points that are off, see `rootmatch.model.image_alike`; None if nothing is near any that has no
     match."""
+    another: float = -math.inf
+    """Log-odds of something else that shares some of the points, see `rootmatch.model.elsewhere`."""
 
     @classmethod
     def of(cls, chi2: float, freedom: int) -> Misfit:
@@ -115,10 +117,12 @@ def doubted_by_fit(
     as_off : float
         Odds of the body with points that are off, of the body as given: that is the body, too.
     """
-    if found.facts.probability is None or (fault.alike is None and not fault.sigma > 1.0):
+    as_given = fault.alike is None and fault.another == -math.inf and not fault.sigma > 1.0
+    if found.facts.probability is None or as_given:
         return found
     odds = WRONG_MODEL + alike
-    own = min((1.0 + odds) / (1.0 + odds * fault.for_something_else(of_rig) / (1.0 + as_off)), 1.0)
+    against = odds * fault.for_something_else(of_rig) + math.exp(min(fault.another, MOST_ALIKE))
+    own = min((1.0 + odds) / (1.0 + against / (1.0 + as_off)), 1.0)
     present = None if found.facts.present is None else own * found.facts.present
     return found.with_facts(present=present).less_certain(own)
 

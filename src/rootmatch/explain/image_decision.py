@@ -28,6 +28,7 @@ from rootmatch.frozen import copied
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.elsewhere import log_odds_of_another
 from rootmatch.model.evidence import residuals_of
 from rootmatch.model.image_alike import log_odds_alike
 from rootmatch.model.modes import Modes
@@ -148,7 +149,8 @@ def told_by(
         confidence, probability = confidence * surest[1], probability * float(surest[1].prod())
     fault = misfit_of(model, modes, k)
     if beside and present >= LIKELY:
-        fault = fault._replace(alike=log_odds_alike(model, modes, k, of_others))
+        alike, another = log_odds_alike(model, modes, k, of_others), log_odds_of_another(model, modes, k, of_others)
+        fault = fault._replace(alike=alike, another=another)
     prediction = -1 if told.origins is None else int(told.origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     missed = missed_as_known if holds else missed
@@ -204,7 +206,8 @@ def beside_of(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
     told, model = found.posterior, found.model
     if told is None or model is None or found.noise_factor is None or not told.probabilities.sum() >= LIKELY:
         return False
-    return log_odds_alike(model, told.modes, found.mode, of_others) is not None
+    at = model, told.modes, found.mode, of_others
+    return log_odds_alike(*at) is not None or log_odds_of_another(*at) > -math.inf
 
 
 def with_parts(told: Posterior, model: DetectionModel, base: Finding, taken: NDArray[np.bool_] | None) -> Posterior:

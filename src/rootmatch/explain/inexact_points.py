@@ -14,17 +14,22 @@ from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
-from rootmatch.explain.image_decision import misfit_of, told_by
+from rootmatch.explain.image_decision import misfit_of, pose_of_mode, told_by
 from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
-from rootmatch.model.evidence import residuals_of
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import residuals_of, settled_about
 from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, LOG_PRIOR, OWN, gains_of_residuals, off_by
 from rootmatch.model.mode_search import HOPELESS, modes_of
 from rootmatch.model.modes import no_modes
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL, probability
 from rootmatch.model.smooth_errors import log_odds_if_smooth
 from rootmatch.problems.pose_fit.reference_point import body_radius
+
+SIZES = np.geomspace(float(ERRORS[0]) * 10.0**-0.2, float(ERRORS[-1]) * 10.0**0.2, 4 * len(ERRORS))
+"""Sizes of errors, over the body's root mean square radius, by which a pose is told: four about each of `ERRORS`, each
+as probable as the others. If these were only those that `ERRORS` allows a body, poses would be told too sure."""
 
 
 def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0.0) -> Finding:
@@ -63,7 +68,29 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
         return found  # the pose has taken up more of such errors than its residuals tell
     own = _chance(found, again, before, which)
     present = None if again.facts.present is None else own * again.facts.present
-    return copied(again.with_facts(present=present).less_certain(own), point_error=error)
+    return _with_size(again.with_facts(present=present).less_certain(own), task, model, error)
+
+
+def _with_size(again: Finding, task: MatchingTask, exact: DetectionModel, least: float) -> Finding:
+    """A finding of a body with points that are off, in its pose by all sizes of these errors.
+
+    The few of `ERRORS` decide what is in view. How large the errors are is what the matches tell; but as a pose takes
+    up what is off alike, they are as large as decided (``least``) or larger. ``exact``: the model without errors.
+    """
+    assert again.posterior is not None
+    modes, k, sizes = again.posterior.modes, again.mode, SIZES * exact.radius
+    own = modes.take(slice(k, k + 1))
+    pose = own.assignments, own.rotation, own.position
+    odds = np.array([settled_about(off_by(exact, one), *pose)[0].log_odds[0] for one in sizes.tolist()])
+    error = max(float(np.sqrt(np.exp(odds - np.logaddexp.reduce(odds)) @ sizes**2)), least)
+    model = off_by(exact, error)
+    found, at = settled_about(model, *pose)
+    own = own._replace(rotation=at.rotation, position=at.position, covariance=found.covariance)
+    told = copied(again.posterior, modes=modes.take(slice(k)).and_(own).and_(modes.take(slice(k + 1, None))))
+    noisy = copied(again.task, points=task.problem.with_source_noise(task.points, error))
+    return copied(
+        again, task=noisy, model=model, posterior=told, pose=pose_of_mode(model, told.modes, k), point_error=error
+    )
 
 
 def error_if_alike(found: Finding) -> float:

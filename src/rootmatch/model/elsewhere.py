@@ -1,0 +1,145 @@
+"""Points of a body that no camera shows, while several cameras see others beside it: the same points elsewhere.
+
+A point without a detection in any image is dark or covered, and what else there is about the body is clutter of each
+image. Or it is elsewhere on the body: then several cameras see it in one place of space. Something else that shares a
+few of the body's points has its other points elsewhere, as a body seldom has.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.copy_or_alike import ANOTHER
+from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
+from rootmatch.model.evidence import settled_about
+from rootmatch.model.image_alike import REACH, off_by
+from rootmatch.model.linearised import Linearised
+from rootmatch.model.modes import Modes
+from rootmatch.model.prediction import HIDDEN
+from rootmatch.model.priors import INEXACT, WRONG_MODEL
+
+LEAST, MOST = 2, 4
+"""Points that are elsewhere, at least and at most: of a single one the body is a hundred times as probable as anything
+else, and four decide. Round values."""
+
+
+def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> float:
+    """Log-odds of something else whose other points are elsewhere, of the body in one of its modes.
+
+    Of the body as it is, or with its own points there.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    modes : Modes
+    k : int
+        Which of them.
+    taken : (n',) bool array, optional
+        Detections of other bodies.
+
+    Returns
+    -------
+    float
+        −∞ if fewer than two points are seen elsewhere, each by two cameras or more.
+    """
+    rows = np.arange(model.shape[0]).reshape(max(len(model.images), 1), -1)
+    shown = modes.visible[k][rows] > HIDDEN
+    own = np.array(modes.assignments[k])
+    (dark,) = ((own[rows] < 0).all(axis=0) & (shown.sum(axis=0) > 1)).nonzero()
+    free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
+    free[own[own >= 0]] = False
+    if len(dark) < LEAST or free.sum() < 2 * LEAST or model.resolution or not np.isfinite(modes.covariance[k]).all():
+        return -math.inf
+    key = (
+        "elsewhere",
+        model.prior,
+        own.tobytes(),
+        modes.rotation[k].tobytes(),
+        modes.position[k].tobytes(),
+        free.tobytes(),
+    )
+    if key not in model.alike:
+        model.alike[key] = _of_another(model, modes.take(slice(k, k + 1)), dark, free)
+    own_log_odds, other = np.asarray(model.alike[key]) - modes.log_mass[k]
+    return float(other - np.logaddexp(0.0, own_log_odds))
+
+
+def _of_another(model: DetectionModel, mode: Modes, dark: Integers, free: Bools) -> tuple[float, float]:
+    """Log-odds, against clutter alone, of the body with points elsewhere and of something else; see above."""
+    images = max(len(model.images), 1)
+    n = model.shape[0] // images
+    at, own, off = model.linearised(mode.rotation, mode.position), mode.assignments.copy(), np.zeros(n, np.bool_)
+    place, free, left, body, other = _Place(model, at, mode.covariance[0]), free.copy(), set(dark.tolist()), [], []
+    for count in range(1, min(len(dark), MOST) + 1):
+        lit = mode.visible[0]
+        each = [(*place.seen(np.arange(images) * n + one, lit, free), one) for one in sorted(left)]
+        _, rows, detections, point = max(each, key=lambda one: one[0])
+        if len(rows) < 2:
+            break
+        left.discard(point)
+        own[0, rows], free[detections], off[point] = detections, False, True
+        wide = off_by(model, model.radius, np.tile(off, images))
+        found, _ = settled_about(wide, own, mode.rotation, mode.position)
+        log_odds = float(found.log_odds[0]) - math.log(math.comb(n, count))
+        body.append(log_odds + count * math.log(INEXACT))
+        other.append(log_odds + math.log(WRONG_MODEL) + count * math.log(ANOTHER))
+    if len(other) < LEAST:
+        return -math.inf, -math.inf
+    return float(np.logaddexp.reduce(body)), float(np.logaddexp.reduce(other))
+
+
+class _Place:
+    """Where a pose with its covariance (6, 6) has points that may be anywhere on the body."""
+
+    def __init__(self, model: DetectionModel, at: Linearised, covariance: Floats) -> None:
+        self.model, self.at = model, at
+        self.spread = np.zeros((9, 9))
+        self.spread[:6, :6], self.spread[6:, 6:] = covariance, model.radius**2 * np.eye(3)
+
+    def seen(self, rows: Integers, lit: Floats, free: Bools) -> tuple[float, Integers, Integers]:
+        """The likeliest detections of a point that has these rows: log-odds against clutter, rows, and detections."""
+        possible = {row: self._near(row, image, free) for image, row in enumerate(rows.tolist()) if lit[row] > HIDDEN}
+        best = -math.inf, np.empty(0, np.int64), np.empty(0, np.int64)
+        for row, near in possible.items():
+            others = [(one, own) for one, own in possible.items() if one != row and len(own)]
+            for first in near.tolist() if others else []:
+                one = self._grown([(row, np.array([first])), *others], lit)
+                if len(one[1]) > 1 and one[0] > best[0]:
+                    best = one
+        return best
+
+    def _near(self, row: int, image: int, free: Bools) -> Integers:
+        """Detections of an image that may be of a row's point."""
+        (own,) = (free & (self.model.image_of == image)).nonzero()
+        squared, _, _ = self._apart(row, own, np.zeros(9), self.spread)
+        return np.asarray(own[squared < REACH**2])
+
+    def _apart(self, row: int, own: Integers, step: Floats, spread: Floats) -> tuple[Floats, Floats, Floats]:
+        """Squared deviations (m,) of detections, their covariance (2, 2), and the gain (9, 2) by one of them."""
+        jacobian = np.hstack([self.at.jacobian[0, row], self.at.jacobian[0, row][:, 3:]])
+        sigma = float(self.model.sigma[own].max(initial=0.0)) + 1e-300
+        across = jacobian @ spread @ jacobian.T + sigma**2 * np.eye(2)
+        off = self.model.target[own] - self.at.pixels[0, row] - jacobian @ step
+        inverse = np.linalg.inv(across)
+        return (off @ inverse * off).sum(axis=1), across, spread @ jacobian.T @ inverse
+
+    def _grown(self, possible: list[tuple[int, Integers]], lit: Floats) -> tuple[float, Integers, Integers]:
+        """What a point has in each image in turn, as far as those before tell where it is."""
+        step, spread, total, pairs = np.zeros(9), self.spread, 0.0, list[tuple[int, int]]()
+        for row, own in possible:
+            squared, across, gain = self._apart(row, own, step, spread)
+            chance = USUAL_RATE * float(lit[row])
+            worth = math.log(chance / (1.0 - chance)) - self.model.clutter.log_density[own] - 0.5 * squared
+            worth -= 0.5 * float(np.linalg.slogdet(2.0 * np.pi * across)[1])
+            one = int(worth.argmax())
+            if worth[one] > 0.0 or not pairs:
+                jacobian = np.hstack([self.at.jacobian[0, row], self.at.jacobian[0, row][:, 3:]])
+                off = self.model.target[own[one]] - self.at.pixels[0, row] - jacobian @ step
+                step, spread = step + gain @ off, spread - gain @ jacobian @ spread
+                total += float(worth[one])
+                pairs.append((row, int(own[one])))
+        rows, detections = np.array(pairs, np.int64).reshape(-1, 2).T
+        return total, rows, detections
