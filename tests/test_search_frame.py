@@ -56,27 +56,6 @@ def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkey
     assert all(one.log_mass[0] > 0.0 for one in twins)
 
 
-def test_what_is_wrong_in_part_is_looked_at_only_for_places_that_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    points, normals, _ = controllers()
-    leds, rig, fits, looked = len(points) // 2, headset(), list[Any](), list[tuple[int, int]]()
-    scene, refitted, narrowed = frame(0, 0, rig, clutter=2), rig_search.refitted, rig_search._narrowed
-
-    def fitting(model: Any, led: Any) -> Any:
-        fits.append(refitted(model, led))
-        return fits[-1]
-
-    def looking(model: Any, sets: Any, most: int) -> Any:
-        looked.append((int((fits[-1][1].log_odds > 0.0).sum()), most))
-        return narrowed(model, sets, most)
-
-    monkeypatch.setattr(rig_search, "refitted", fitting)
-    monkeypatch.setattr(rig_search, "_narrowed", looking)
-    rm.match(points[:leds], scene.rows, rm.P3P(rig), noise=NOISE, normals=normals[:leds], view_angle=np.radians(VIEW))
-    kept = rig_search.LIMITS[1]
-    assert any(good for good, _ in looked)
-    assert all(count == kept - good for good, count in looked)
-
-
 def test_a_trackers_search_of_one_camera_does_not_narrow_poses(monkeypatch: pytest.MonkeyPatch) -> None:
     points, normals, _ = controllers()
     leds, rig, looked, camera = len(points) // 2, headset(), list[int | None](), list[int | None]([None])

@@ -26,6 +26,9 @@ from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, COUNTS, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.model.unrecognised import unrecognised
 
+IN_PLACE = 0.25
+"""Distance of a body's points from where they are in another pose, over its radius, below which all are in one place.
+A round value."""
 KEPT = 16
 """Modes of each body that are weighed together. A round value."""
 
@@ -113,11 +116,11 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | No
     body is absent then, or where it is expected and shows too little. ``uses`` (M, n'): the detections of each mode;
     ``of``: as of `_origins`.
     """
-    mass, prior = modes.log_mass, of_itself(model.prior)
-    if (of is None or (of >= 0).all()) and (uses @ uses.T).all():
+    mass, prior, together = modes.log_mass, of_itself(model.prior), ~(uses @ uses.T)
+    if (of is None or (of >= 0).all()) and not together.any():
         return None
     if of is None or not isinstance(prior, Doubted):
-        return np.asarray(mass + math.log(COPY))
+        return _apart(model, modes, together, mass + math.log(COPY))
     at = model.linearised(modes.rotation, modes.position)
     anywhere = evidence(model, modes.assignments, at, prior.without).log_odds
     as_copy = np.asarray(mass - modes.log_odds + anywhere + math.log(COPY))
@@ -127,12 +130,27 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | No
         more[-1, elsewhere] = np.log1p((1.0 - prior.doubt) * math.exp(PRESENT_ODDS) * hidden)
         as_copy = as_copy + more
     if len(prior.predictions) == 1:
-        return np.asarray(as_copy)
+        return _apart(model, modes, together, as_copy)
     places = np.array(prior.places)
     share = (places[:, None] == places) @ np.exp(prior.log_shares)  # of all that is followed in the place of each
     expected = mass - np.log(np.where(of >= 0, share[of], 1.0)) + math.log(COPY)
     known = np.append((same_place(uses) & (of >= 0)).any(axis=1), False)  # of what is followed, maybe in another pose
-    return np.where((of >= 0) & known[:, None], expected, as_copy)
+    return _apart(model, modes, together, np.where((of >= 0) & known[:, None], expected, as_copy))
+
+
+def _apart(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats) -> Floats:
+    """Log-odds as of `_as_copy` in which a body and its copy are not in one place: their points would be in each other.
+
+    Cameras of a rig that are off see a body in several poses, each with detections of its own. ``together`` (M, M):
+    modes that share none.
+    """
+    if not together.any():
+        return as_copy
+    placed = np.einsum("kij,nj->kni", modes.rotation, model.points) + modes.position[:, None]
+    apart = np.linalg.norm(placed[:, None] - placed, axis=-1).max(axis=-1) >= IN_PLACE * model.radius
+    if not (together & ~apart).any():
+        return as_copy
+    return np.where(np.append(apart, np.ones((1, len(apart)), np.bool_), axis=0), as_copy, -np.inf)
 
 
 def _is_disputed(shares: Floats, uses: Bools) -> bool:
