@@ -462,11 +462,11 @@ def test_several_ways_to_look_alike_are_taken_one_by_one() -> None:
 
 
 def made_modes(log_odds: list[float], assignments: list[list[int]]) -> Modes:
-    """Modes of a body of which only evidence and detections matter."""
+    """Modes of a body of which only evidence and detections matter, each in a place of its own."""
     count, n = len(log_odds), len(assignments[0])
-    value = np.array(log_odds)
+    value, places = np.array(log_odds), np.arange(count)[:, None] + [0.0, 0.0, 1.0]
     return Modes(
-        np.array(assignments), np.repeat(np.eye(3)[None], count, 0), np.tile([0.0, 0.0, 1.0], (count, 1)),
+        np.array(assignments), np.repeat(np.eye(3)[None], count, 0), places,
         np.repeat(np.eye(6)[None], count, 0), value, value, np.ones((count, n)), np.zeros(count),
         np.ones((count, n)), np.zeros(count), np.zeros((count, n)), np.ones(count, np.bool_), none_near(count, n),
     )  # fmt: skip

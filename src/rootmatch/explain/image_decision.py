@@ -149,10 +149,11 @@ def told_by(
         confidence, probability = confidence * surest[1], probability * float(surest[1].prod())
     fault = misfit_of(model, modes, k)
     if beside and present >= LIKELY:
-        alike, another = log_odds_alike(model, modes, k, of_others), log_odds_of_another(model, modes, k, of_others)
-        fault = fault._replace(alike=alike, another=another)
+        fault = fault._replace(alike=log_odds_alike(model, modes, k, of_others))
     prediction = -1 if told.origins is None else int(told.origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
+    if beside and present >= LIKELY and not holds:  # what is followed was asked when it was found
+        fault = fault._replace(another=log_odds_of_another(model, modes, k, of_others))
     missed = missed_as_known if holds else missed
     trusted = told.believed(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
     sure = None if trusted is None else trusted.assignment
@@ -207,7 +208,7 @@ def beside_of(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
     if told is None or model is None or found.noise_factor is None or not told.probabilities.sum() >= LIKELY:
         return False
     at = model, told.modes, found.mode, of_others
-    return log_odds_alike(*at) is not None or log_odds_of_another(*at) > -math.inf
+    return log_odds_alike(*at) is not None or (not found.prior_holds and log_odds_of_another(*at) > -math.inf)
 
 
 def with_parts(told: Posterior, model: DetectionModel, base: Finding, taken: NDArray[np.bool_] | None) -> Posterior:

@@ -34,14 +34,15 @@ from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.samplers.guided.stopping import StoppingOptions, false_alarm_level
 
-LIMITS, LIMITS_OF_BOUNDED = (100, 16), (100, 8)
+LIMITS, LIMITS_OF_BOUNDED, LIMITS_OF_FRAME = (100, 16), (100, 8), (100, 3)
 """Hypotheses of each camera, those of the highest evidence, that are verified in all, and of all of them those kept, by
 what they gather (benchmarks/rigs.py). Round values: of 40 scenes with four of ten detections right in each camera (σ 1,
-seeds from 2000) three are right, with 30 one. A search that is bounded, as those for bodies and of a tracker are, keeps
-fewer, as they are fitted with what other searches propose. With 30 verified it is as fast, and the pose of a small body
-of five points, of which chance explains as many in one camera, was not among them (three actors before two cameras).
-With 5 kept a tracker's flights find the same (benchmarks/flights.py, rig, 6 flights from 1100). As many are narrowed
-from match to match: of wristbands and their mirror images 1,193 sightings are right, with three kept 1,173."""
+seeds from 2000) three are right, with 30 one. A search that is bounded, as those for bodies are, keeps fewer, as they
+are fitted with what other searches propose. With 30 verified it is as fast, and the pose of a small body of five
+points, of which chance explains as many in one camera, was not among them (three actors before two cameras). As many
+are narrowed from match to match: of wristbands and their mirror images 1,193 sightings are right, with three kept
+1,173. A tracker's search of one camera goes on in others: with 5 kept its flights find the same
+(benchmarks/flights.py, rig, 6 flights from 1100)."""
 BUDGET = 3_000_000
 """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
 SEARCHED = 0.75
@@ -53,7 +54,8 @@ def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
 
     `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
     """
-    sampled, whole = _searched(task, model_of(task), LIMITS if task.budget is None else LIMITS_OF_BOUNDED)
+    bounded = LIMITS_OF_BOUNDED if task.search_camera is None else LIMITS_OF_FRAME
+    sampled, whole = _searched(task, model_of(task), LIMITS if task.budget is None else bounded)
     found = allowing_for_errors(assessed(task, sampled, judging=judging), task, missed=sampled.missed)
     return copied(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
