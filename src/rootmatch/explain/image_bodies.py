@@ -9,7 +9,7 @@ everything that any of the searches proposed, including look-alikes of other bod
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -182,9 +182,8 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
     def search(body: _Body, budget: int, task: MatchingTask = task) -> None:
         before = body.candidate
         body.search(task, solve, budget)
-        new, own = body.candidate is not before and body.found.posterior is None, body.candidate.modes.assignments[:1]
-        taken = sum((one.told.used(task.shape[1]) for one in bodies if one is not body), np.zeros(task.shape[1]))
-        if new and bool((taken[own[own >= 0]] >= SURE).any()):
+        new = body.candidate is not before and body.found.posterior is None
+        if new and _is_taken(body, bodies):
             # what others explain is weighed against them before its twins are proposed
             told = competing([one.candidate for one in bodies])[body.number]
             new = float(told.probabilities.sum()) > math.exp(-NEGLIGIBLE)
@@ -242,6 +241,13 @@ def shows_most(told: Posterior, mode: int = 0) -> bool:
         return False
     matched = np.count_nonzero(told.modes.assignments[mode] >= 0)
     return bool(matched >= COMPLETE * float(told.modes.visible[mode].sum()))
+
+
+def _is_taken(body: _Body, bodies: Sequence[_Body]) -> bool:
+    """Whether other bodies certainly have a detection of its first mode."""
+    count, own = body.candidate.model.shape[1], body.candidate.modes.assignments[:1]
+    used = sum((one.told.used(count) for one in bodies if one is not body), np.zeros(count))
+    return bool((used[own[own >= 0]] >= SURE).any())
 
 
 def _body(task: MatchingTask, number: int) -> _Body:

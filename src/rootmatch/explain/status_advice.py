@@ -16,7 +16,7 @@ from rootmatch.explain.predicted_poses import agrees_with_prior
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import obvious_fault
 from rootmatch.hypergraph.assignment import apart_from
-from rootmatch.model.priors import PRESENT_ODDS
+from rootmatch.model.priors import PRESENT_ODDS, probability
 from rootmatch.problems.base import Problem
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.pose import Pose
@@ -313,15 +313,16 @@ def _is_pose_with_larger_noise(finding: Finding) -> bool:
     if factor is None or log_odds is None:
         return True
     odds = PRESENT_ODDS + Misfit(factor**2, factor, finding.noise_dof).log_odds_if_larger(log_odds)
-    least = finding.facts.min_probability
-    return odds >= math.log(least) - math.log1p(-least)
+    return probability(odds) >= finding.facts.min_probability
 
 
 def _is_unexcluded(finding: Finding) -> bool:
     """Whether an ambiguous finding would be trusted, had its search looked for other poses long enough."""
     facts = finding.facts
-    if facts.missed <= TRUST.missed or finding.posterior is not None:
-        return facts.missed > TRUST.missed and _is_pose_certain(finding)
+    if facts.missed <= TRUST.missed:
+        return False
+    if finding.posterior is not None:
+        return _is_pose_certain(finding)
     if facts.probability is not None:
         return facts.probability >= facts.min_probability
     return facts.lead is None or facts.lead >= TRUST.margin

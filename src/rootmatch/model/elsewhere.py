@@ -29,21 +29,8 @@ else, and four decide. Round values."""
 def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> float:
     """Log-odds of something else whose other points are elsewhere, of the body in one of its modes.
 
-    Of the body as it is, or with its own points there.
-
-    Parameters
-    ----------
-    model : DetectionModel
-    modes : Modes
-    k : int
-        Which of them.
-    taken : (n',) bool array, optional
-        Detections of other bodies.
-
-    Returns
-    -------
-    float
-        −∞ if fewer than two points are seen elsewhere, each by two cameras or more.
+    Of the body as it is, or with its own points there. −∞ if fewer than two points are seen elsewhere, each by two
+    cameras or more. Parameters are those of `rootmatch.model.image_alike.log_odds_alike`.
     """
     rows = np.arange(model.shape[0]).reshape(max(len(model.images), 1), -1)
     shown = modes.visible[k][rows] > HIDDEN
@@ -53,14 +40,8 @@ def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bool
     free[own[own >= 0]] = False
     if len(dark) < LEAST or free.sum() < 2 * LEAST or model.resolution or not np.isfinite(modes.covariance[k]).all():
         return -math.inf
-    key = (
-        "elsewhere",
-        model.prior,
-        own.tobytes(),
-        modes.rotation[k].tobytes(),
-        modes.position[k].tobytes(),
-        free.tobytes(),
-    )
+    parts = own, modes.rotation[k], modes.position[k], free
+    key = "elsewhere", model.prior, *(one.tobytes() for one in parts)
     if key not in model.alike:
         model.alike[key] = _of_another(model, modes.take(slice(k, k + 1)), dark, free)
     own_log_odds, other = np.asarray(model.alike[key]) - modes.log_mass[k]
@@ -73,8 +54,8 @@ def _of_another(model: DetectionModel, mode: Modes, dark: Integers, free: Bools)
     n = model.shape[0] // images
     at, own, off = model.linearised(mode.rotation, mode.position), mode.assignments.copy(), np.zeros(n, np.bool_)
     place, free, left, body, other = _Place(model, at, mode.covariance[0]), free.copy(), set(dark.tolist()), [], []
+    lit = mode.visible[0]
     for count in range(1, min(len(dark), MOST) + 1):
-        lit = mode.visible[0]
         each = [(*place.seen(np.arange(images) * n + one, lit, free), one) for one in sorted(left)]
         _, rows, detections, point = max(each, key=lambda one: one[0])
         if len(rows) < 2:
