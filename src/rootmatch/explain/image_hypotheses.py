@@ -27,7 +27,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor, strongest
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import Evidence
+from rootmatch.model.evidence import NO_CHANGE, Evidence
 from rootmatch.model.exact_shapes import grown_in_place_of
 from rootmatch.model.exchanged import beside_others, marked
 from rootmatch.model.gathering import gathered
@@ -150,9 +150,9 @@ class Candidate:
 
         ``few``: of those that clutter explains worse and that are not `HOPELESS`, and later of the best one alone.
         """
-        known = set[bytes]()  # of which twins were proposed
-        while len(modes.log_odds) and modes.rotation[0].tobytes() not in known:
-            masses = modes.log_mass[:TWINS]
+        known, best = set[bytes](), -math.inf  # of which twins were proposed
+        while len(modes.log_mass) and modes.log_mass[0] > best + NO_CHANGE:
+            masses, best = modes.log_mass[:TWINS], float(modes.log_mass[0])
             most = TWINS if not few else 1 if known else int((masses > max(masses[0] - HOPELESS, 0.0)).sum())
             poses = [one.tobytes() for one in modes.rotation[:most]]
             new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
