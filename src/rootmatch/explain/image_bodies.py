@@ -56,6 +56,13 @@ class SearchPart(NamedTuple):
     """Of a rig; None for one image. A single body is searched for in all."""
     rest: bool = False
     """Whether among those detections only that its prediction leaves."""
+    share: float = 1.0
+    """Share of its budget that it may take."""
+
+    def of(self, task: MatchingTask) -> MatchingTask:
+        """The part of a task."""
+        budget = None if task.budget is None else round(self.share * task.budget)
+        return copied(task, search_camera=self.camera, budget=budget)
 
 
 Choice = Callable[[Finding], SearchPart | None]
@@ -208,7 +215,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
                 # and what another one holds on to with a few of its points is not its own for certain
                 taken = [one.used for one in bodies if one is not body and shows_most(one.told)]
                 body.free = np.sum(taken, axis=0, initial=0.0) + np.zeros(task.shape[1]) < SURE
-            before, budget, of_part = body.candidate, budgets_of(task)[0], copied(task, search_camera=part.camera)
+            before, budget, of_part = body.candidate, budgets_of(task)[0], part.of(task)
             search(body, budget, of_part)
             for rival in bodies:
                 if body.candidate is not before and body.is_new and rival.is_lost:

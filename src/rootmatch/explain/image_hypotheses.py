@@ -148,13 +148,12 @@ class Candidate:
     def _with_twins(self, modes: Modes, searched: bool = True, few: bool = False) -> Modes:
         """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off.
 
-        ``few``: of those that clutter explains worse and that are not `HOPELESS`, and later of the best one alone.
+        ``few``: of the best one alone.
         """
         known, best = set[bytes](), -math.inf  # of which twins were proposed
         while len(modes.log_mass) and modes.log_mass[0] > best + NO_CHANGE:
-            masses, best = modes.log_mass[:TWINS], float(modes.log_mass[0])
-            most = TWINS if not few else 1 if known else int((masses > max(masses[0] - HOPELESS, 0.0)).sum())
-            poses = [one.tobytes() for one in modes.rotation[:most]]
+            best = float(modes.log_mass[0])
+            poses = [one.tobytes() for one in modes.rotation[: 1 if few else TWINS]]
             new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
             known.update(poses)
             twins = self.twins(modes.take(new)) if searched else twins_about_predictions(self.task, self.model, modes)

@@ -60,6 +60,7 @@ def match_predicted(
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
+    task = part.of(task)
     if part.rest and found.posterior is not None:
         columns = np.flatnonzero(found.posterior.used(task.shape[1]) < SURE)
         if len(columns) < task.problem.order:

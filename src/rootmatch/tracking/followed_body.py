@@ -35,6 +35,9 @@ MISSING = 3
 a rig (seeds from 1110) a controller with five LEDs in view was not told in 8 frames, in 14 with 10; the median frame
 takes a tenth longer where one is out of view."""
 
+DOUBTED = 0.5
+"""Share of the evaluations of a search for a body that is found where it is expected. A round value."""
+
 UNCERTAIN = "this frame fits, but none before was certain of this pose, and of so few points chance may match all"
 UNSEARCHED = "this frame fits, but no search has excluded yet that another pose explains more"
 
@@ -198,6 +201,10 @@ class FollowedBody:
         """Whether more is left beside a body that holds than at the last search: that is searched by itself."""
         holds = bool(self.belief) and found.status is not Status.UNTRUSTED
         return holds and _left(found) - self.left > found.task.minimal
+
+    def share_of_search(self, found: Finding) -> float:
+        """Share of `TrackingOptions.search_budget` for a search: what a frame shows where it is expected can wait."""
+        return DOUBTED if self.belief and found.status is Status.MATCHED else 1.0
 
     @property
     def _interval(self) -> int:

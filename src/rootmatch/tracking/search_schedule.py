@@ -71,7 +71,8 @@ def next_part(
     """What a frame searches, judged by the findings about predicted poses; None for nothing.
 
     A frame searches one image for one body. The search for a body goes on in the next frames until it has come to all
-    images; bodies take turns.
+    images; bodies take turns. Where all have been searched while the body was followed, the next search is of one image,
+    and that after it of another: a pose elsewhere that explains more is seen in several.
     """
     each = list(bodies.values())
     explained, taken = np.zeros((2, next(iter(parts.values())).task.shape[1]), np.bool_)
@@ -83,13 +84,17 @@ def next_part(
     free = int(np.count_nonzero(~taken))
     for body, part in zip(each, parts.values(), strict=True):
         if not body.waiting and body.wants_search_of_several(part, frame, free):
-            body.waiting, body.rest = images_of(part, explained), body.appeared(part)
+            images, matched = images_of(part, explained), part.status is Status.MATCHED
+            if images and matched and body.confirmed and body.beside:  # all of them have been searched before
+                images = [images[body.agreements % len(images)]]
+            body.waiting, body.rest = images, body.appeared(part)
     waiting = [number for number, body in enumerate(each) if body.waiting]
     if not waiting:
         return None
     number = min(waiting, key=lambda k: each[k].served)
     each[number].served = frame
-    return SearchPart(number, each[number].waiting.pop(0), each[number].rest)
+    share = each[number].share_of_search(list(parts.values())[number])
+    return SearchPart(number, each[number].waiting.pop(0), each[number].rest, share)
 
 
 def left_by(parts: Mapping[Label | None, Finding]) -> dict[Label | None, int]:

@@ -298,7 +298,8 @@ max_evaluations
                 if self._noise.waiting or not self._bodies[None].wants_search(near, self._frame):
                     return None
                 searched.add(None)
-                return SearchPart(0, rest=self._bodies[None].appeared(near))
+                body = self._bodies[None]
+                return SearchPart(0, rest=body.appeared(near), share=body.share_of_search(near))
 
             found = explained(choice)
         for label, told in given.items():
