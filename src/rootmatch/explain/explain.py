@@ -61,7 +61,7 @@ def _searched(task: MatchingTask, searching: bool | Choice) -> Finding:
             if task.prior_pose is not None:
                 return match_predicted(task, _named, searching)
             found = _predicted(task)
-            return found if searching(found) is None else _explained(task)
+            return found if (part := searching(found)) is None else _explained(part.of(task))
     with task.deadline.with_grace().enforced():
         return solve_with_estimated_noise(task, _explained) if task.estimates_noise else _explained(task)
 

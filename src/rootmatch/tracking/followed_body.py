@@ -112,6 +112,8 @@ class FollowedBody:
         self.belief, self.dark = Belief(source, options.motion), DarkPoints()
         self.waiting: list[int | None] = []
         """Images that a search under way has not come to: cameras of a rig, None for a single one."""
+        self.looked: list[int | None] = []
+        """Images that it has come to."""
         self.detections = self.own = self.searched = self.served = self.failures = self.agreements = 0
         self.left = 0
         """Detections that were left unexplained in the frame of the last search."""
@@ -217,10 +219,6 @@ class FollowedBody:
             return self.is_due(frame) and self.wants_search(found, frame, free)
         known = self.settled and _is_enough(found, of_several=True)
         return not known and self.wants_search(found, frame)
-
-    def ends_search(self, frame: int) -> bool:
-        """Whether a search for the body came to its last image in this frame."""
-        return self.served == frame and not self.waiting
 
     def checked(self, found: Finding, time: float, frame: int, searched: bool) -> Finding:
         """What was found in a frame: ambiguous if a pose elsewhere could explain more, and no search has excluded it.

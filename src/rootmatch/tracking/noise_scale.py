@@ -246,6 +246,11 @@ class NoiseScale:
             self.new, self.log_new = Scale.vague(), LOG_CHANGED
 
 
+def is_of_a_row(frame: int, every: int) -> bool:
+    """Whether a frame does what takes long and compares a frame with the one before: the first half of ``every`` do."""
+    return 2 * (frame % every) < every
+
+
 def scaled(noise: Any, factor: float) -> Any:
     """A noise that is so many times as large: standard deviations, covariances, or a pair of these for point sets."""
     if isinstance(noise, str):  # it is estimated in each frame

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from rootmatch.arrays import Bools
 from rootmatch.explain.body_labels import Label
-from rootmatch.explain.decide import Status
+from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import SearchPart, shows_most
 from rootmatch.explain.match_options import MatchOptions
@@ -48,11 +49,6 @@ def budget_of(evaluations: int, gap: float) -> int:
     return round(evaluations * min(max(gap / INTERVAL, 1.0), LONGEST_INTERVAL))
 
 
-def is_of_a_row(frame: int, every: int) -> bool:
-    """Whether a frame does what takes long and compares a frame with the one before: the first half of ``every`` do."""
-    return 2 * (frame % every) < every
-
-
 def found_lately(
     bodies: Mapping[Label | None, FollowedBody], predicted: Iterable[Label | None], frame: int, *, doubted: bool
 ) -> list[Label | None]:
@@ -71,7 +67,7 @@ def next_part(
     """What a frame searches, judged by the findings about predicted poses; None for nothing.
 
     A frame searches one image for one body. The search for a body goes on in the next frames until it has come to all
-    images; bodies take turns. Where all have been searched while the body was followed, the next search is of one image,
+    images; bodies take turns. If all have been searched while the body was followed, the next search is of one image,
     and that after it of another: a pose elsewhere that explains more is seen in several.
     """
     each = list(bodies.values())
@@ -87,14 +83,48 @@ def next_part(
             images, matched = images_of(part, explained), part.status is Status.MATCHED
             if images and matched and body.confirmed and body.beside:  # all of them have been searched before
                 images = [images[body.agreements % len(images)]]
-            body.waiting, body.rest = images, body.appeared(part)
+            body.waiting, body.rest, body.looked = images, body.appeared(part), []
     waiting = [number for number, body in enumerate(each) if body.waiting]
     if not waiting:
         return None
     number = min(waiting, key=lambda k: each[k].served)
-    each[number].served = frame
-    share = each[number].share_of_search(list(parts.values())[number])
-    return SearchPart(number, each[number].waiting.pop(0), each[number].rest, share)
+    body = each[number]
+    body.served, image = frame, body.waiting.pop(0)
+    body.looked.append(image)
+    return SearchPart(number, image, body.rest, body.share_of_search(list(parts.values())[number]))
+
+
+def ended(
+    bodies: Mapping[Label | None, FollowedBody], parts: Mapping[Label | None, Finding], frame: int
+) -> set[Label | None]:
+    """The bodies whose searches end in a frame: with the last image, or if hardly anything as good is left to meet."""
+    out = set[Label | None]()
+    for label, body in bodies.items():
+        if body.served == frame:
+            matched = parts[label].status is Status.MATCHED
+            if body.waiting and matched and chance_unmet(parts[label], body.looked) <= TRUST.missed:
+                body.waiting = []
+            if not body.waiting:
+                out.add(label)
+    return out
+
+
+def chance_unmet(found: Finding, looked: Sequence[int | None]) -> float:
+    """Probability that none of some images shows enough of a pose elsewhere for a search in it to meet that.
+
+    It has as many sightings as what was found, of as many that are visible, and any of these with the same chance.
+    """
+    assert found.posterior is not None
+    cameras = 1 if found.task.rig is None else len(found.task.rig.views)
+    visible = found.posterior.modes.visible[found.mode].reshape(cameras, -1)
+    used = (found.assignment >= 0).reshape(cameras, -1)
+    each = np.maximum(visible.sum(axis=1).round().astype(int), used.sum(axis=1)).tolist()
+    total, matched, few = sum(each), int(used.sum()), range(found.task.minimal + 1)
+    unmet = 1.0
+    for own in (each[k or 0] for k in looked):
+        ways = sum(math.comb(own, k) * math.comb(total - own, matched - k) for k in few if k <= matched)
+        unmet *= ways / math.comb(total, matched)
+    return unmet
 
 
 def left_by(parts: Mapping[Label | None, Finding]) -> dict[Label | None, int]:

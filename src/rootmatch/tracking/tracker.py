@@ -36,8 +36,8 @@ from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, Trac
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.inexact_points import InexactPoints
-from rootmatch.tracking.noise_scale import NoiseScale, scaled
-from rootmatch.tracking.search_schedule import RepeatedSearch, budget_of, found_lately, is_of_a_row, left_by, next_part
+from rootmatch.tracking.noise_scale import NoiseScale, is_of_a_row, scaled
+from rootmatch.tracking.search_schedule import RepeatedSearch, budget_of, ended, found_lately, left_by, next_part
 from rootmatch.tracking.turns import Turns
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
@@ -286,9 +286,9 @@ max_evaluations
         searched: set[Label | None] = set(self._bodies)
         if not of_images or (not poses and self.time is None):
             found = explained(True)
-        elif self.labels is not None:
+        elif self.labels is not None or self.matcher.problem.rig is not None:
             found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame))
-            searched = {label for label, body in self._bodies.items() if body.ends_search(self._frame)}
+            searched = ended(self._bodies, self._parts(found), self._frame)
         elif not poses and not self._noise.waiting:
             found = explained(True)
         else:
@@ -298,8 +298,7 @@ max_evaluations
                 if self._noise.waiting or not self._bodies[None].wants_search(near, self._frame):
                     return None
                 searched.add(None)
-                body = self._bodies[None]
-                return SearchPart(0, rest=body.appeared(near), share=body.share_of_search(near))
+                return SearchPart(0, None, self._bodies[None].appeared(near), self._bodies[None].share_of_search(near))
 
             found = explained(choice)
         for label, told in given.items():
