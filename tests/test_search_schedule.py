@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import hall_scenes
 import rootmatch as rm
 from rootmatch.arrays import Integers
 from rootmatch.cameras.brown import Brown
@@ -19,7 +20,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.proposals import Proposals
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.tracking.followed_body import FollowedBody
-from rootmatch.tracking.search_schedule import LATELY, RepeatedSearch, found_lately
+from rootmatch.tracking.search_schedule import LATELY, RepeatedSearch, chance_unmet, found_lately
 from rootmatch.tracking.tracker import TRACKING
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -150,3 +151,66 @@ def test_more_noise_is_asked_for_only_of_what_was_found_lately() -> None:
     assert found_lately(bodies, bodies, 8, doubted=True) == [0, 1, 2]
     assert found_lately(bodies, [1], 8, doubted=True) == [1]
     assert not found_lately(bodies, bodies, 7, doubted=True)  # which is searched
+
+
+def in_hall(rng: np.random.Generator, built: np.ndarray, k: int, shown: float) -> tuple[list[np.ndarray], np.ndarray]:
+    """Detections of a cluster that drifts through the hall, and which of them (6, n) each marker has."""
+    R, t = Rotation.from_rotvec([0.02 * k, 0.4, 0.01 * k]).as_matrix(), np.array([0.01 * k, 0.2, 0.0])
+    target, truth, count = [], np.full((6, len(built)), -1), 0
+    for camera, turn in enumerate(hall_scenes.TURNS):
+        own = np.flatnonzero(rng.random(len(built)) < shown)
+        image = hall_scenes.CAMERA.project((built[own] @ R.T + t) @ turn.T + hall_scenes.AWAY)
+        seen = image + rng.normal(0.0, hall_scenes.SIGMA, image.shape)
+        target.append(np.vstack([seen, rng.uniform((0.0, 0.0), hall_scenes.SIZE, (4, 2))]))
+        truth[camera, own] = count + np.arange(len(own))
+        count += len(own) + 4
+    return target, truth
+
+
+def test_one_body_before_six_cameras_is_searched_for_in_one_of_them_a_frame() -> None:
+    rng = np.random.default_rng(3)
+    built = hall_scenes.cluster(rng, 5)
+    tracker = rm.Tracker(built, rm.P3P(hall_scenes.RIG), noise=hall_scenes.SIGMA)
+    body, back = tracker._bodies[None], []
+    for k in range(60):
+        target, truth = in_hall(rng, built, k, 0.85 if k < 5 or k >= 40 else 0.0)
+        match = tracker.update(target)
+        assert k == 0 or match.evaluated < 1.5 * TRACKING.search_budget
+        assert body.served != k + 1 or len(body.looked) <= 6
+        if k >= 40 and match:
+            assert match.sightings is not None
+            assert not ((match.sightings.assignment >= 0) & (match.sightings.assignment != truth)).any()
+            back.append(k)
+    assert back[0] <= 46
+    assert len(back) >= 14
+
+
+@pytest.mark.parametrize("looked", [[0], [0, 1], [5]])
+def test_what_images_show_too_little_of_is_as_probable_as_in_draws(looked: list[int | None]) -> None:
+    rng = np.random.default_rng(4)
+    built = hall_scenes.cluster(rng, 5)
+    target, _ = in_hall(rng, built, 0, 0.7)
+    tracker = rm.Tracker(built, rm.P3P(hall_scenes.RIG), noise=hall_scenes.SIGMA)
+    found = tracker.matcher.explained(target)
+    assert found.posterior is not None
+    visible = found.posterior.modes.visible[found.mode].reshape(6, 5).sum(axis=1).round().astype(int)
+    sightings = np.repeat(np.arange(6), visible)
+    matched = int((found.assignment >= 0).sum())
+    draws = np.array([np.bincount(rng.permutation(sightings)[:matched], minlength=6) for _ in range(4000)])
+    each = (draws[:, looked] <= 3).mean(axis=0)
+    assert 0.02 < each.prod() < 0.98
+    np.testing.assert_allclose(chance_unmet(found, looked), each.prod(), atol=0.03)
+
+
+def test_a_body_that_is_followed_is_searched_for_with_half_the_budget() -> None:
+    rng = np.random.default_rng(6)
+    points = rng.uniform(-0.08, 0.08, (8, 3))
+    tracker, searches = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3), list[tuple[bool, int]]()
+    for k in range(30):
+        clutter = rng.uniform((0.0, 0.0), (1280.0, 960.0), (40, 2))
+        followed_before = tracker.state is rm.TrackingState.TRACKING
+        match = tracker.update(np.vstack([seen(points, k, rng)[: 8 if k < 20 else 0], clutter]))
+        if k and match.evaluated:
+            searches.append((followed_before and bool(match), match.evaluated))
+    half, whole = (max(count for held, count in searches if held is one) for one in (True, False))
+    assert half < 0.7 * TRACKING.search_budget < whole

@@ -109,7 +109,8 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
             more, their_odds = _verified(model, hypotheses[met:], limits)
             verified = np.concatenate([verified, more])[np.argsort(-np.append(log_odds, their_odds), kind="stable")]
     tensor = joined_tensor(tensors, task.row_shape, task.row_weights)
-    missed = 0.0 if all_triples else _missed(verified, missed_by)
+    # nor is what one of them misses: its tracker knows when the search has come to enough of them
+    missed = 0.0 if all_triples or not narrowing else _missed(verified, missed_by)
     return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
 
 

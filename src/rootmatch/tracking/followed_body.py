@@ -138,6 +138,8 @@ class FollowedBody:
         self.dark = DarkPoints()
         self.settled, self.matched, self.beside, self.left = False, -math.inf, False, 0
         self.missed = self.agreements = 0
+        self.excluded = False
+        """Whether a search has ended since it was found, whatever it showed then."""
         self.confirmed = False
         """Whether poses elsewhere have been excluded since it was found: by a search, or by all that it explains."""
 
@@ -247,7 +249,8 @@ class FollowedBody:
             self.left = _left(found) if self.beside else 0
         told = bool(found.prior_holds) and not self.belief  # by the caller
         if found.status is not Status.UNTRUSTED:
-            self.confirmed |= told or (searched and found.facts.missed <= TRUST.missed)
+            self.excluded |= searched
+            self.confirmed |= told or (self.excluded and found.facts.missed <= TRUST.missed)
         if not matched:
             return rest
         self.confirmed = self.confirmed or _is_enough(found, of_several=True)

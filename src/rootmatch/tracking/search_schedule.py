@@ -79,7 +79,8 @@ def next_part(
             taken[own] = part.posterior is None or shows_most(part.posterior, part.mode)
     free = int(np.count_nonzero(~taken))
     for body, part in zip(each, parts.values(), strict=True):
-        if not body.waiting and body.wants_search_of_several(part, frame, free):
+        wants = body.wants_search_of_several if len(each) > 1 else body.wants_search
+        if not body.waiting and wants(part, frame, free):
             images, matched = images_of(part, explained), part.status is Status.MATCHED
             if images and matched and body.confirmed and body.beside:  # all of them have been searched before
                 images = [images[body.agreements % len(images)]]
