@@ -149,7 +149,7 @@ class Rhos:
         return np.stack([self.by_seed(residual, problem, rule, solver), *tested], axis=1)
 
     def _best(self, means: Floats, rule: Rule) -> Integers:
-        """Index (…) of the ρ that is chosen by means (…, 1 + k, len(grid)): most conditions met, then accuracy, then size."""
+        """Index (…) of the ρ that means (…, 1 + k, len(grid)) choose: most conditions met, then accuracy, then size."""
         # Means of the same hits added up in another order must count as equal.
         curve, *tested = np.moveaxis(np.round(means, 9), -2, 0)
         if rule == "paper":
