@@ -173,7 +173,7 @@ def test_a_camera_that_gives_the_principal_point_first_is_asked_about() -> None:
 
 def test_a_camera_refuses_rows_of_another_length() -> None:
     camera = Camera(800.0, 800.0, 640.0, 480.0)
-    with pytest.raises(InputError, match=r"points of shape \(2,\) given, \(…, 3\) expected"):
+    with pytest.raises(InputError, match=r"points of shape \(2,\) given; give \(…, 3\)"):
         camera.project([1.0, 2.0])
-    with pytest.raises(InputError, match=r"pixels of shape \(4, 3\) given, \(…, 2\) expected"):
+    with pytest.raises(InputError, match=r"pixels of shape \(4, 3\) given; give \(…, 2\)"):
         camera.bearings(np.zeros((4, 3)))

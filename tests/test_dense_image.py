@@ -16,6 +16,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.explain import dense_image
 from rootmatch.research.blind.run import ROTATION
 from rootmatch.research.blind.scenes import surface_scene
+from rootmatch.samplers.densities import alignment
 from rootmatch.samplers.densities.alignment import (
     LEAST_POSES,
     LEVELS,
@@ -155,15 +156,16 @@ def test_a_histogram_keeps_count_and_centre() -> None:
     assert histogram(np.array([[9.0, 0.0], [0.0, -9.0]]), ORIGIN, CELL, (30, 40)).sum() == 0.0
 
 
-def test_few_poses_climb_where_the_image_has_many_cells() -> None:
+def test_few_poses_climb_where_the_image_has_many_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     """A blur that is small for the body would take many seconds."""
+    monkeypatch.setattr(alignment, "POSES_CELLS", alignment.POSES_CELLS // 25)
     points, R, t, _ = scene(2)
     seen = points @ R.T + t
     detections = seen[:, :2] / seen[:, 2:]
     starts = Aligned(np.tile(R, (30, 1, 1)), np.tile(t, (30, 1)))
     blob = Blob.of(detections, 1e-4, len(points))
     size = math.sqrt(0.5 * float(np.trace(blob.covariance)))
-    for fineness, expected in ((10.0, 30), (250.0, LEAST_POSES)):
+    for fineness, expected in ((10.0, 30), (50.0, LEAST_POSES)):
         found = _climbed(points, detections, starts, blob, blur=size / fineness, false=1.0, level=LEVELS[-1])
         assert len(found.rotation) == expected
         np.testing.assert_allclose(found.rotation, np.tile(R, (expected, 1, 1)), atol=0.02)

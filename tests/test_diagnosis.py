@@ -114,11 +114,10 @@ def test_a_view_angle_in_the_wrong_unit_is_told_before_the_normals() -> None:
     assert "--view-angle 68.8" in found.fits[0].remedy
 
 
-@pytest.mark.parametrize("in_fractions", [False, True])
-@pytest.mark.parametrize("sigma_too", [False, True])
+@pytest.mark.parametrize(("in_fractions", "sigma_too"), [(False, True), (True, False)])
 def test_an_image_that_is_not_in_pixels(in_fractions: bool, sigma_too: bool) -> None:
     camera = replace(BROWN, size=(1280.0, 960.0))
-    given = scene(3, CAMERA if not in_fractions else BROWN, count=10)
+    given = scene(3, CAMERA if not in_fractions else BROWN)
     scale, offset = ((1280.0, 960.0), (0.0, 0.0)) if in_fractions else ((900.0, 900.0), (640.0, 480.0))
     given |= {"target": (given["target"] - offset) / scale, "problem": rm.P3P(camera)}
     if sigma_too:
@@ -128,7 +127,7 @@ def test_an_image_that_is_not_in_pixels(in_fractions: bool, sigma_too: bool) -> 
     first = match.diagnose(SECONDS).fits[0]
     told = "the image is in fractions of its size" if in_fractions else "the image is in normalised coordinates"
     assert first.mistake.startswith(told)
-    assert first.matched == 10
+    assert first.matched == 8
     assert ("give the noise in pixels too" in first.remedy) == sigma_too
 
 
@@ -186,13 +185,13 @@ def test_exchanged_cameras_of_a_rig_are_named() -> None:
     rng, turn = np.random.default_rng(2), Rotation.from_euler("y", 25.0, degrees=True).as_matrix()
     places = [(np.eye(3), np.zeros(3)), (turn, np.array([-0.3, 0.0, 0.0])), (np.eye(3), np.array([0.0, -0.3, 0.0]))]
     views = [(CAMERA, R, t) for R, t in places]
-    points = rng.uniform(-0.2, 0.2, (10, 3))
+    points = rng.uniform(-0.2, 0.2, (7, 3))
     seen = points @ Rotation.random(random_state=2).as_matrix().T + (0.1, 0.0, 1.5)
-    pixels = np.vstack([CAMERA.project(seen @ R.T + t) for _, R, t in views]) + rng.normal(0.0, 0.3, (30, 2))
+    pixels = np.vstack([CAMERA.project(seen @ R.T + t) for _, R, t in views]) + rng.normal(0.0, 0.3, (21, 2))
     given = rm.Rig([views[1], views[0], views[2]])
-    match = rm.match(points, (pixels, np.repeat([0, 1, 2], 10)), rm.P3P(given), noise=0.3)
+    match = rm.match(points, (pixels, np.repeat([0, 1, 2], 7)), rm.P3P(given), noise=0.3)
     first = match.diagnose(SECONDS).fits[0]
-    assert (first.mistake, first.matched) == ("cameras 0 and 1 are exchanged", 10)
+    assert (first.mistake, first.matched) == ("cameras 0 and 1 are exchanged", 7)
     assert "diagnose" in match.advice
 
 
@@ -200,10 +199,10 @@ def test_exchanged_cameras_of_a_rig_are_named() -> None:
 def test_a_camera_that_was_knocked_is_named(knocked: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
     rng, turn = np.random.default_rng(4), Rotation.from_euler("y", 25.0, degrees=True).as_matrix()
     places = [(np.eye(3), np.zeros(3)), (turn, np.array([-0.3, 0.0, 0.0])), (np.eye(3), np.array([0.0, -0.3, 0.0]))]
-    points = rng.uniform(-0.2, 0.2, (10, 3))
+    points = rng.uniform(-0.2, 0.2, (7, 3))
     seen = points @ Rotation.random(random_state=2).as_matrix().T + (0.1, 0.0, 1.5)
-    pixels = [np.vstack([CAMERA.project(seen @ R.T + t), rng.uniform(0.0, 640.0, (4, 2))]) for R, t in places]
-    target = np.vstack(pixels) + rng.normal(0.0, 0.3, (42, 2)), np.repeat([0, 1, 2], 14)
+    pixels = [np.vstack([CAMERA.project(seen @ R.T + t), rng.uniform(0.0, 640.0, (2, 2))]) for R, t in places]
+    target = np.vstack(pixels) + rng.normal(0.0, 0.3, (27, 2)), np.repeat([0, 1, 2], 9)
     if knocked is not None:
         R, t = places[knocked]
         places[knocked] = Rotation.from_rotvec([0.03, -0.04, 0.02]).as_matrix() @ R, t + np.array([0.01, 0.0, -0.01])
@@ -222,18 +221,18 @@ def test_a_camera_that_was_knocked_is_named(knocked: int | None, monkeypatch: py
 def test_a_model_in_millimetres_before_a_rig_in_metres() -> None:
     rng, turn = np.random.default_rng(0), Rotation.from_rotvec([0.0, 0.1, 0.0]).as_matrix()
     rig = rm.Rig([(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, turn, np.array([-0.3, 0.0, 0.0]))])
-    points = rng.uniform(-0.3, 0.3, (12, 3))
+    points = rng.uniform(-0.3, 0.3, (8, 3))
     seen = points @ Rotation.random(random_state=0).as_matrix().T + (0.05, -0.08, 1.0)
     pixels = np.vstack([CAMERA.project(seen @ np.transpose(R) + t) for _, R, t in rig.views]) + rng.normal(
-        0, 0.3, (24, 2)
+        0, 0.3, (16, 2)
     )
-    given = (pixels, np.repeat([0, 1], 12)), rm.P3P(rig)
+    given = (pixels, np.repeat([0, 1], 8)), rm.P3P(rig)
     assert rm.match(points, *given, noise=0.3)
     match = rm.match(1000.0 * points, *given, noise=0.3)
     assert not match
     assert match.status is not rm.Status.AMBIGUOUS or "check that points and rig are in one unit" in match.advice
     (first,) = match.diagnose(SECONDS).fits
-    assert (first.mistake, first.matched) == ("the model is in millimetres, the rig in metres", 12)
+    assert (first.mistake, first.matched) == ("the model is in millimetres, the rig in metres", 8)
 
 
 @pytest.mark.parametrize("kind", ["pose", "parts"])

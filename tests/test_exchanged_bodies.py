@@ -63,7 +63,7 @@ def told(seed: int, changed: int, exchanged: bool) -> tuple[list[tuple[int, int]
 @pytest.mark.parametrize("exchanged", [False, True])
 def test_a_body_in_the_place_of_its_like_is_told_at_once(changed: int, exchanged: bool) -> None:
     """Its prediction kept the other one there, on the points that they share; told .997 in frame after frame."""
-    for seed in (1000, 1001, 1002):
+    for seed in (1000, 1001):
         right, wrong = told(seed, changed, exchanged)
         assert not wrong
         late = [body for frame, body in right if frame >= CHANGE]

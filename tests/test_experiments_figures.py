@@ -203,35 +203,27 @@ def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worke
     assert again == {name: before[name] for name in ("figure-4-up2p.csv", "rho-scan.csv")}
 
 
-def test_one_problem_alone_scans_no_other_and_its_one_rho_is_chosen_on_it(tmp_path, monkeypatch):
+def test_one_problem_alone_in_a_quick_run(tmp_path, monkeypatch):
+    """It scans no other, its one ρ is chosen on it, and it stops at the samples that it names."""
     monkeypatch.setattr("rootmatch.research.paper.reproduce.draw", draw_none)
-    met = set()
+    met, most = set(), set()
 
     def noted(unit):
         met.update(task.setting.problem for task in unit.tasks)
+        most.update(size for task in unit.tasks for _, sizes in task.methods for size in sizes)
         return fake(unit)
 
-    reproduce(("up2p",), tmp_path, effort=Effort(1), jobs=1, function=noted)
+    done = reproduce(("up2p",), tmp_path, effort=Effort(1, quick=True), jobs=1, function=noted)
     assert met == {"up2p"}
+    assert max(most) == 100_000
+    assert "figure-4-up2p-published.svg" in {path.name for path in done}
     lines = list(csv.DictReader(io.StringIO((tmp_path / "rho-scan.csv").read_text())))
     assert {line["problem"] for line in lines} == {"all", "up2p"}
-    rhos = (tmp_path / "claims.md").read_text(encoding="utf-8").split("## ρ")[1].split("## Accuracy")[0]
+    claims = (tmp_path / "claims.md").read_text(encoding="utf-8")
+    assert "**A quick run.**" in claims
+    rhos = claims.split("## ρ")[1].split("## Accuracy")[0]
     assert "| power-l1 | qr | one ρ, chosen freely | all | 1e-02 " in rhos
     assert "P3P |" not in rhos
-
-
-def test_a_quick_reproduction_stops_at_the_samples_it_names(tmp_path, monkeypatch):
-    monkeypatch.setattr("rootmatch.research.paper.reproduce.draw", draw_none)
-    met = set()
-
-    def noted(unit):
-        met.update(size for task in unit.tasks for _, sizes in task.methods for size in sizes)
-        return fake(unit)
-
-    done = reproduce(("up2p",), tmp_path, effort=Effort(2, quick=True), jobs=1, function=noted)
-    assert max(met) == 100_000
-    assert "figure-4-up2p-published.svg" in {path.name for path in done}
-    assert "**A quick run.**" in (tmp_path / "claims.md").read_text(encoding="utf-8")
 
 
 def test_writing_replaces_and_leaves_no_parts(tmp_path):

@@ -36,15 +36,15 @@ def units_done(path):
             return 0
 
 
-def start(path, jobs, pause):
-    command = [sys.executable, str(Path(__file__).with_name("tiny_sweep.py")), str(path), str(jobs), str(pause)]
+def start(path, pause):
+    command = [sys.executable, str(Path(__file__).with_name("tiny_sweep.py")), str(path), "1", str(pause)]
     return subprocess.Popen(command, start_new_session=True)
 
 
-def kill_once_some_are_done(path, more, jobs=1):
+def kill_once_some_are_done(path, more):
     """Start the sweep, kill it the hard way when it has done so many more units, and say how many are kept."""
     before = units_done(path)
-    process = start(path, jobs, 0.15)
+    process = start(path, 0.15)
     deadline = time.monotonic() + 60
     while units_done(path) < before + more:
         assert process.poll() is None, "the sweep ended before it was killed"
@@ -63,17 +63,14 @@ def test_unbroken_sweep_has_every_row(unbroken):
 def test_killed_twice_and_resumed_gives_the_same_rows_bit_for_bit(tmp_path, unbroken):
     path = tmp_path / "results.sqlite"
     first = kill_once_some_are_done(path, more=2)
-    second = kill_once_some_are_done(path, more=2, jobs=2)
+    second = kill_once_some_are_done(path, more=2)
     assert 2 <= first < second < UNITS
     # Nothing is worked out twice: what was done before a kill was kept.
     with Store(path) as store:
         assert len(units(PLAN, SEEDS, store)) == UNITS - second
-    assert sweep(path) == unbroken
+    # Two processes give the rows of one.
+    assert sweep(path, jobs=2) == unbroken
     assert units_done(path) == UNITS
-
-
-def test_two_processes_give_the_rows_of_one(tmp_path, unbroken):
-    assert sweep(tmp_path / "results.sqlite", jobs=2) == unbroken
 
 
 def test_dask_with_two_workers_gives_the_same_rows(tmp_path, unbroken, monkeypatch):

@@ -87,10 +87,16 @@ def test_jit_uses_them() -> None:
 
 
 WITHOUT = """
-import builtins, json, sys, types as python_types, warnings
+import builtins, json, os, sys, types as python_types, warnings
 import numba, numba.core.typing.templates, numba.extending
 
-GONE, CHANGED, WORK = json.loads(sys.argv[1])
+for GONE, CHANGED, MATCHES in json.loads(sys.argv[1]):
+    if child := os.fork():  # each case is told of the same Numba, which takes as long to import as all the rest
+        assert os.waitpid(child, 0)[1] == 0
+    else:
+        break
+else:
+    sys.exit()
 original = builtins.__import__
 
 
@@ -115,25 +121,15 @@ found = {}
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     import rootmatch as rm, rootmatch.api
-    from rootmatch.hypergraph.affinity import Affinity, Residual
-    from rootmatch.problems.residual_kinds import Joint
-    from rootmatch.samplers.exhaustive import exhaustive_tensor
-    from rootmatch.solvers import get_solver
     from rootmatch.precompile.scenes import sample
-    scene = sample("similarity") if WORK else None  # of all problems its kernels are the quickest to compile
-    if WORK == "match":
+    if MATCHES:
+        scene = sample("similarity")  # of all problems its kernels are the quickest to compile
         match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, seed=1)
         found["match"] = match.assignment.tolist(), list(range(8)), match.score
-    elif WORK:  # the kernels of one stage after another
-        affinity = Affinity(Residual("joint"), 1.0, 3.5)
-        tables = scene.problem.prepare(scene.source, scene.target, scene.noise)
-        sizes = (tables, Joint(), affinity, (len(scene.source), len(scene.target)), 3)
-        tensor, _ = exhaustive_tensor(*sizes)
-        solution = get_solver("power-l1")(tensor)
-        found["match"] = solution.assignment.tolist(), list(range(8)), solution.score
 found["warnings"] = [str(one.message) for one in caught if issubclass(one.category, RuntimeWarning)]
 print(json.dumps(found))
 """
+needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
 DISPATCHER = ["numba.core.registry", "CPUDispatcher"]
 COMPILER = ["numba.core", "compiler"]
 TEMPLATE = ["numba.core.typing.templates", "AbstractTemplate"]
@@ -144,50 +140,51 @@ INLINED, ENTRIES, BETWEEN, COUNTED = "need not be inlined", "compiled for Python
 KEPT = "come with it cannot be used"
 
 
-def without(folder: Path, gone: list[list[str]], changed: list[list[str]] = [], work: str | None = None) -> dict:  # noqa: B006
-    """What a process finds to which insides of Numba are not there."""
+def without(folder: Path, *cases: tuple[list[list[str]], list[list[str]], bool]) -> list[dict]:
+    """What processes find to which insides of Numba are gone or changed, and whether they are to match."""
     # compiled code would be found on disk, whatever it was compiled with; optimising it takes longer than running it
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
     environment["NUMBA_OPT"] = "0"
-    program = [sys.executable, "-c", WITHOUT, json.dumps([gone, changed, work])]
+    program = [sys.executable, "-c", WITHOUT, json.dumps(cases)]
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
-    found: dict = json.loads(done.stdout)
-    return found
+    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-@pytest.mark.parametrize(
-    ("gone", "changed", "losses"),
-    [
-        ([], [], []),
-        ([DISPATCHER], [], [ENTRIES, KEPT]),
-        ([], [DISPATCHER], [ENTRIES, KEPT]),
-        ([RUNTIME], [], [KEPT]),
-        ([COMPILER], [], [INLINED, ENTRIES]),
-        ([TEMPLATE], [], [BETWEEN]),
-        ([MODEL], [], [COUNTED]),
-        ([LOWER], [], [BETWEEN, COUNTED]),
-    ],
-)
-def test_each_loss_is_told_once(
-    tmp_path: Path, gone: list[list[str]], changed: list[list[str]], losses: list[str]
-) -> None:
-    told = without(tmp_path, gone, changed)["warnings"]
+LOSSES: dict[str, tuple[list[list[str]], list[list[str]], list[str]]] = {
+    "nothing": ([], [], []),
+    "dispatcher": ([DISPATCHER], [], [ENTRIES, KEPT]),
+    "dispatcher changed": ([], [DISPATCHER], [ENTRIES, KEPT]),
+    "runtime": ([RUNTIME], [], [KEPT]),
+    "compiler": ([COMPILER], [], [INLINED, ENTRIES]),
+    "template": ([TEMPLATE], [], [BETWEEN]),
+    "model": ([MODEL], [], [COUNTED]),
+    "lower": ([LOWER], [], [BETWEEN, COUNTED]),
+}
+"""What is gone, what is changed, and what is told then."""
+
+
+@pytest.fixture(scope="module")
+def told_of_each(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """The warnings of each loss."""
+    cases = [(gone, changed, False) for gone, changed, _ in LOSSES.values()]
+    found = without(tmp_path_factory.mktemp("losses"), *cases)
+    return {name: one["warnings"] for name, one in zip(LOSSES, found, strict=True)}
+
+
+@needs_fork
+@pytest.mark.parametrize("name", LOSSES)
+def test_each_loss_is_told_once(told_of_each: dict[str, list[str]], name: str) -> None:
+    told, losses = told_of_each[name], LOSSES[name][2]
     assert len(told) == len(losses)
     for loss in losses:
         assert sum(loss in one for one in told) == 1
 
 
-@pytest.mark.parametrize(
-    ("gone", "work"),
-    [
-        ([DISPATCHER, MODEL], "sweep"),
-        ([COMPILER, TEMPLATE], "match"),
-    ],
-    ids=["entries and borrowed", "options and calls"],
-)
-def test_matching_works_without(tmp_path: Path, gone: list[list[str]], work: str) -> None:
-    found = without(tmp_path, gone, work=work)
+@needs_fork
+def test_matching_works_without(tmp_path: Path) -> None:
+    """Without any of them: to compile the match takes most of the time, and each has a fallback of its own."""
+    (found,) = without(tmp_path, ([DISPATCHER, MODEL, COMPILER, TEMPLATE], [], True))
     assignment, truth, score = found["match"]
     assert assignment == truth
     assert score > 7.0

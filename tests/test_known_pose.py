@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -120,20 +121,25 @@ def test_all_parts_together_are_a_pose() -> None:
     np.testing.assert_allclose(np.diag(both.covariance)[:3], TURN**2, rtol=3e-3)
 
 
+@cache
+def found_blindly() -> int:
+    """How many of six scenes are matched where nothing is known."""
+    return sum(scene.is_right(scene.match(seed=k)) for k, scene in enumerate(map(Scene, range(6))))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_more_is_found_with_what_is_known(kind: str) -> None:
     right = wrong = 0
-    for seed in range(20):
+    for seed in range(12):
         scene = Scene(seed)
         match = scene.match(scene.prior(kind), seed=seed)
         right += scene.is_right(match)
         wrong += bool(match) and not scene.is_right(match)
         if match:
             assert match.prior_holds
-    blind = sum(scene.is_right(scene.match(seed=k)) for k, scene in enumerate(map(Scene, range(6))))
-    assert right >= 18
+    assert right >= 11
     assert wrong == 0
-    assert right / 20 >= blind / 6
+    assert right / 12 >= found_blindly() / 6
 
 
 @pytest.mark.parametrize("kind", ["vertical", "rotation", "position"])

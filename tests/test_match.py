@@ -40,7 +40,7 @@ def test_three_plus_one_at_the_small_baseline() -> None:
 
 
 def test_prior_of_a_small_baseline_helps_where_it_holds() -> None:
-    scenes = [three_plus_one_scene(noise=1.0, seed=seed, baseline=1.0) for seed in SEEDS]
+    scenes = [three_plus_one_scene(noise=1.0, seed=seed, baseline=1.0) for seed in SEEDS[:15]]
     told = [replace(scene, problem=replace(scene.problem, small_baseline=3e-8)) for scene in scenes]
     assert accuracy(told) >= max(0.98, accuracy(scenes))
 

@@ -114,21 +114,29 @@ def test_a_file_name_is_no_command_to_the_terminal(forked: Callable[..., Command
 
 
 @UNIX
-@pytest.mark.parametrize(
-    "environment", [{"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}, {"COLUMNS": "20"}]
-)
-def test_plain_terminals(scene: Path, tmp_path: Path, environment: dict[str, str]) -> None:
+@pytest.mark.parametrize("narrow", [False, True])
+def test_plain_terminals(
+    forked: Callable[..., Command], scene: Path, tmp_path: Path, narrow: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     model = tmp_path / "model.csv"
     text = (scene / "model.csv").read_text(encoding="utf-8").replace("=1+1", "λ-9")
     model.write_text(text, encoding="utf-8")
     command = arguments(scene)
     command[1] = str(model)
-    found = run(command, env={**os.environ, **environment, "FORCE_COLOR": "1", "NO_COLOR": "1"})
-    assert found.returncode == 0, found.stderr
-    shown = "".join(found.stdout.split())
+    for name in ("FORCE_COLOR", "NO_COLOR"):
+        monkeypatch.setenv(name, "1")
+    if narrow:
+        monkeypatch.setenv("COLUMNS", "20")
+        child = forked(command)
+        code, stdout, stderr = child.code, child.stdout, child.stderr
+    else:
+        done = run(command, env={**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"})
+        code, stdout, stderr = done.returncode, done.stdout, done.stderr
+    assert code == 0, stderr
+    shown = "".join(stdout.split())
     assert "matched" in shown
-    assert ("λ-9" if "COLUMNS" in environment else r"\u03bb-9") in shown
-    assert "\x1b[3" not in found.stdout  # no colour
+    assert ("λ-9" if narrow else r"\u03bb-9") in shown
+    assert "\x1b[3" not in stdout  # no colour
 
 
 @UNIX

@@ -13,7 +13,7 @@ from pose_scenes import CAMERA, SCENES, PoseScene, p3p, point_sets, three_plus_o
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.simulation import p3p_scene
 
-SHARE, COUNT = 0.95, 20
+SHARE, COUNT = 0.95, 12
 
 
 @pytest.mark.parametrize("name", list(SCENES))

@@ -84,7 +84,7 @@ def test_a_board_at_a_grazing_angle_is_found_by_the_search_itself(seed: int, vie
     assert claimed.sum() >= 14
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_plate_with_two_sides_is_found_at_a_grazing_angle(seed: int) -> None:
     """All points of the side that is seen are seen edge-on, and those of the other side are not."""
     front, normals, pixels, truth = board(seed, 78.5)

@@ -24,8 +24,8 @@ from test_tracker import BODY, frame
 from tiny_sweep import UNITS, sweep
 
 LONG = bool(os.environ.get("ROOTMATCH_TORTURE"))
-KILLS = int(os.environ.get("ROOTMATCH_KILLS", "100")) if LONG else 10
-FRAMES = 10_000 if LONG else 300
+KILLS = int(os.environ.get("ROOTMATCH_KILLS", "100")) if LONG else 6
+FRAMES = 10_000 if LONG else 200
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes are killed otherwise there")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.arrays import Bools, Floats, Integers, as_floats, kept_by_values
 from rootmatch.cameras.base import CameraModel, tangent_axes
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -220,7 +220,7 @@ class Camera(CameraModel):
 
     def project(self, points: ArrayLike) -> Floats:
         """Pixels (…, 2) of points (…, 3) in the camera frame; does not check that the camera `sees` them."""
-        xyz = _rows(points, 3, "points")
+        xyz = rows_of(points, 3, "camera", "points")
         if self.lens is not None:
             return np.asarray(self.lens.image(xyz) * (self.fx, self.fy) + (self.cx, self.cy))
         return np.stack(
@@ -262,7 +262,7 @@ class Camera(CameraModel):
 
     def _rays(self, pixels: ArrayLike) -> Floats:
         """Rays (…, 3) of pixels (…, 2): to the plane z = 1, or of any length where there is a lens."""
-        points = _rows(pixels, 2, "pixels")
+        points = rows_of(pixels, 2, "camera", "pixels")
         if self.lens is None:
             rays = np.empty((*points.shape[:-1], 3))
             rays[..., 0] = (points[..., 0] - self.cx) / self.fx
@@ -290,11 +290,11 @@ def _lens_rays(lens: Lens, image: Floats) -> Floats:
     return lens.rays(image)
 
 
-def _rows(values: ArrayLike, size: int, name: str) -> Floats:
-    """Rows (…, size) of numbers."""
-    rows = np.asarray(values, dtype=float)
+def rows_of(values: ArrayLike, size: int, to: str, name: str) -> Floats:
+    """Rows (…, size) of numbers; what they are given to, and their name, go into the error."""
+    rows = as_floats(values, to, f"{name} (…, {size})")
     if rows.shape[-1:] != (size,):
-        raise InputError(f"camera: {name} of shape {rows.shape} given, (…, {size}) expected")
+        raise InputError(f"{to}: {name} of shape {rows.shape} given; give (…, {size})")
     return rows
 
 

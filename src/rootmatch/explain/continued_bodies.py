@@ -219,7 +219,6 @@ def _continued(beside: Beside, mode: Modes) -> tuple[float, float] | None:
     if not (more >= 0).any():
         return -math.inf, instead
     both = about(beside.whole, np.concatenate([own, more], axis=1).reshape(1, -1), *pose)[0]
-    if not np.isfinite(both.log_odds[0]):  # places are told about another pose, and some cannot be seen from this one
-        return -math.inf, instead
     shown = about(beside.outside, more[:, places.beyond].reshape(1, -1), *pose)[0].detected + mode.detected
-    return float((both.log_odds - both.detected + shown - mode.log_odds)[0]), instead
+    # −∞ where some of the places, which are told about another pose, cannot be seen from this one
+    return float((both.of_places + shown - mode.log_odds)[0]), instead

@@ -154,13 +154,13 @@ def _log_factor(beside: Beside, mode: Modes, there: Floats) -> float:
     own, more = mode.assignments.reshape(beside.images, -1), more.reshape(beside.images, -1)
     labels = np.concatenate([own, more], axis=1)
     found = about(beside.whole, labels.reshape(1, -1), mode.rotation, mode.position)[0]
-    if not np.isfinite(found.log_odds[0]):  # a place that cannot be seen
+    density = found.of_places - (mode.log_odds - mode.detected)
+    if not np.isfinite(density[0]):  # a place that cannot be seen
         return 0.0
     chance = np.concatenate([np.ones(own.shape[1]), there])
     chances, (rates, log_weights) = found.visible[0].reshape(beside.images, -1) * chance, beside.model.rates
     none = np.concatenate([own, np.full_like(more, -1)], axis=1)
     shown = [log_of_shown(chances.ravel(), one.ravel() >= 0, rates, log_weights) for one in (labels, none)]
-    density = (found.log_odds - found.detected) - (mode.log_odds - mode.detected)
     return float(np.logaddexp(0.0, density[0] + shown[0] - shown[1]))
 
 

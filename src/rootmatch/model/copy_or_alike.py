@@ -17,7 +17,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence, settled_about
-from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, REACH, log_odds_alike, off_by
+from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, REACH, asked_once, log_odds_alike, off_by
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN
@@ -84,10 +84,7 @@ def log_odds_some_off(model: DetectionModel, modes: Modes, k: int, taken: Bools)
     if model.resolution:
         return -math.inf, np.empty((0, len(FAR)))
     mode = modes.assignments[k], modes.rotation[k : k + 1], modes.position[k : k + 1]
-    key = model.prior, *(one.tobytes() for one in (*mode, taken))
-    if key not in model.alike:
-        model.alike[key] = _some_off(model, mode, ~taken)
-    given, off = model.alike[key]
+    given, off = asked_once(_some_off, model, mode, ~taken)
     return float(given - modes.log_mass[k]), np.asarray(off - modes.log_mass[k])
 
 

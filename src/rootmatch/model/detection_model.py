@@ -319,7 +319,7 @@ class DetectionModel:
 
     @once
     def alike(self) -> dict[tuple[Any, ...], Any]:
-        """What `rootmatch.model.image_alike` and `copy_or_alike` told of modes: a search asks again of those it had."""
+        """What `rootmatch.model.image_alike` and others told of modes, see `asked_once` there."""
         return {}
 
     @once

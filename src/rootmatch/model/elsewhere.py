@@ -8,6 +8,7 @@ few of the body's points has its other points elsewhere, as a body seldom has.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.copy_or_alike import ANOTHER
 from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import settled_about
-from rootmatch.model.image_alike import REACH, off_by
+from rootmatch.model.image_alike import REACH, asked_once, off_by
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN
@@ -40,21 +41,19 @@ def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bool
     free[own[own >= 0]] = False
     if len(dark) < LEAST or free.sum() < 2 * LEAST or model.resolution or not np.isfinite(modes.covariance[k]).all():
         return -math.inf
-    parts = own, modes.rotation[k], modes.position[k], free
-    key = "elsewhere", model.prior, *(one.tobytes() for one in parts)
-    if key not in model.alike:
-        model.alike[key] = _of_another(model, modes.take(slice(k, k + 1)), dark, free)
-    own_log_odds, other = np.asarray(model.alike[key]) - modes.log_mass[k]
+    mode = modes.take(slice(k, k + 1))
+    told = asked_once(_of_another, model, (*mode[:4], mode.visible), dark, free)
+    own_log_odds, other = np.asarray(told) - mode.log_mass[0]
     return float(other - np.logaddexp(0.0, own_log_odds))
 
 
-def _of_another(model: DetectionModel, mode: Modes, dark: Integers, free: Bools) -> tuple[float, float]:
+def _of_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers, free: Bools) -> tuple[float, float]:
     """Log-odds, against clutter alone, of the body with points elsewhere and of something else; see above."""
     images = max(len(model.images), 1)
     n = model.shape[0] // images
-    at, own, off = model.linearised(mode.rotation, mode.position), mode.assignments.copy(), np.zeros(n, np.bool_)
-    place, free, left, body, other = _Place(model, at, mode.covariance[0]), free.copy(), set(dark.tolist()), [], []
-    lit = mode.visible[0]
+    assignments, rotation, position, (covariance,), (lit,) = mode
+    at, own, off = model.linearised(rotation, position), assignments.copy(), np.zeros(n, np.bool_)
+    place, free, left, body, other = _Place(model, at, covariance), free.copy(), set(dark.tolist()), [], []
     for count in range(1, min(len(dark), MOST) + 1):
         each = [(*place.seen(np.arange(images) * n + one, lit, free), one) for one in sorted(left)]
         _, rows, detections, point = max(each, key=lambda one: one[0])
@@ -63,7 +62,7 @@ def _of_another(model: DetectionModel, mode: Modes, dark: Integers, free: Bools)
         left.discard(point)
         own[0, rows], free[detections], off[point] = detections, False, True
         wide = off_by(model, model.radius, np.tile(off, images))
-        found, _ = settled_about(wide, own, mode.rotation, mode.position)
+        found, _ = settled_about(wide, own, rotation, position)
         log_odds = float(found.log_odds[0]) - math.log(math.comb(n, count))
         body.append(log_odds + count * math.log(INEXACT))
         other.append(log_odds + math.log(WRONG_MODEL) + count * math.log(ANOTHER))

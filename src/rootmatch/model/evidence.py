@@ -88,6 +88,11 @@ class Evidence(NamedTuple):
     decrement: Floats
     detected: Floats
 
+    @property
+    def of_places(self) -> Floats:
+        """Part (K,) of log B that tells where the detections are; −∞ where log B is."""
+        return np.subtract(self.log_odds, self.detected, out=self.log_odds.copy(), where=np.isfinite(self.log_odds))
+
     def take(self, which: Integers | NDArray[np.bool_] | slice) -> Evidence:
         """Select some of the hypotheses."""
         return Evidence._make([one[which] for one in self])
@@ -144,16 +149,8 @@ def most_evidence(model: DetectionModel, minimal: int) -> float:
 
 def unweighed(count: int, n: int) -> Evidence:
     """Room for the evidence of so many hypotheses of n points."""
-    return Evidence(
-        log_odds=np.empty(count),
-        step=np.empty((count, 6)),
-        covariance=np.empty((count, 6, 6)),
-        squared=np.empty(count),
-        freedom=np.empty(count),
-        visible=np.empty((count, n)),
-        decrement=np.empty(count),
-        detected=np.empty(count),
-    )
+    shapes = (count,), (count, 6), (count, 6, 6), (count,), (count,), (count, n), (count,), (count,)
+    return Evidence._make(map(np.empty, shapes))
 
 
 def mixture_of(model: DetectionModel, prior: PoseDensity | None = None) -> Mixture | None:

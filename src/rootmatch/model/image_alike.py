@@ -10,6 +10,8 @@ exact costs log τ² / σ².
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from rootmatch.model.evidence import evidence, residuals_of, settled_about
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN, Settled, settle
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
+
+Told = TypeVar("Told")
 
 ERRORS, OWN = np.array([3e-3, 1e-2, 3e-2, 1e-1]), 2
 """Standard deviations of a coordinate of points that are off, over the body's root mean square radius: those of what is
@@ -76,10 +80,18 @@ def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
         most = before + gains_of_residuals(model.noise_freedom, residuals, freedom, errors)
         most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
         for one in (most + LOG_PRIOR >= LEAST).nonzero()[0].tolist():
-            out[one] = _settled(model, mode, errors[one], taken) - mode.log_mass[0]
+            out[one] = asked_once(_settled, model, mode[:4], errors[one], taken) - mode.log_mass[0]
     if shared and residuals[0] > freedom:
         out = np.maximum(out, before + _of_sightings(model, mode, errors))
     return out if (out + LOG_PRIOR >= LEAST).any() else None
+
+
+def asked_once(answer: Callable[..., Told], model: DetectionModel, mode: tuple[Any, ...], *more: Any) -> Told:
+    """What a function tells of a model, arrays of a mode and more, kept by their values: a search asks it again."""
+    key = answer, model.prior, *(one.tobytes() if isinstance(one, np.ndarray) else one for one in (*mode, *more))
+    if key not in model.alike:
+        model.alike[key] = answer(model, mode, *more)
+    return model.alike[key]  # type: ignore[no-any-return]
 
 
 def gains_of_residuals(given: float, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
@@ -138,17 +150,11 @@ def _near(model: DetectionModel, modes: Modes, k: int, errors: Floats, taken: Bo
     return gains[:, :missed], free
 
 
-def _settled(model: DetectionModel, mode: Modes, error: float, taken: Bools | None) -> float:
+def _settled(model: DetectionModel, mode: tuple[Any, ...], error: float, taken: Bools | None) -> float:
     """Log-odds of the body with points that are off, with all that is near them."""
-    parts = mode.assignments, mode.rotation, mode.position, mode.covariance, taken
-    key = model.prior, error, *(None if one is None else one.tobytes() for one in parts)
-    if key in model.alike:
-        return float(model.alike[key])
     wide = off_by(model if taken is None or not taken.any() else _without(model, taken), error)
     known: dict[bytes, Settled] = {}
-    pose = mode.rotation, mode.position
-    settle(wide, pose, mode.covariance[0], known=known)
-    matched = evidence(wide, mode.assignments, wide.linearised(*pose))
-    best = max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])
-    model.alike[key] = best
-    return best
+    assignments, rotation, position, (covariance,) = mode
+    settle(wide, (rotation, position), covariance, known=known)
+    matched = evidence(wide, assignments, wide.linearised(rotation, position))
+    return max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])

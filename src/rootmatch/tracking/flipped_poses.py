@@ -27,14 +27,12 @@ def flipped_poses(found: Finding) -> list[tuple[Pose, float]]:
     few = joined([first, poses_of_few(model, modes.assignments), reversed_in_depth(model, first)])
     of_few, at = settled_about(model, *few, prior)
     rotation, position = stepped(of_few, at)
-    if not np.isfinite(of_few.log_odds[0]):
+    lead = of_few.of_places
+    if not np.isfinite(lead[0]):
         return []
-    lead = np.full(len(of_few.log_odds), -np.inf)
-    possible = np.isfinite(of_few.log_odds)
-    lead[possible] = of_few.log_odds[possible] - of_few.detected[possible]
     lead -= lead[0]
     every = []
-    for k in np.argsort(-lead, kind="stable")[: possible.sum()].tolist():
+    for k in np.argsort(-lead, kind="stable")[: np.isfinite(lead).sum()].tolist():
         at_origin = about_point(rotation[k], position[k], of_few.covariance[k], -model.centre)
         every.append((Pose.unchecked(rotation[k], *at_origin), float(lead[k])))
     return every

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers, as_floats
+from rootmatch.cameras.pinhole import rows_of
 from rootmatch.errors import InputError, quoted
 from rootmatch.problems.pose_fit.pose_checks import (
     AXES,
@@ -20,7 +21,6 @@ from rootmatch.problems.pose_fit.pose_checks import (
     checked_rotation,
     nearest_covariance,
     numbers,
-    points_of,
     rotation_of_quaternion,
 )
 from rootmatch.problems.pose_fit.registration_error import RegistrationError, registration_error
@@ -289,7 +289,7 @@ class Pose:
         InputError
             If the points do not have k coordinates.
         """
-        return np.asarray(self.scale * points_of(points, len(self.R)) @ self.R.T + self.t)
+        return np.asarray(self.scale * rows_of(points, len(self.R), "pose", "points") @ self.R.T + self.t)
 
     def in_axes(self, axes: Literal["opencv", "opengl", "openxr", "ros"]) -> Pose:
         """The pose with the camera axes of another library; the covariance is converted too.

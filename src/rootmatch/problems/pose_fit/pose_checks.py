@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Floats, as_floats
+from rootmatch.arrays import Floats
 from rootmatch.errors import InputError, quoted
 
 AXES = {
@@ -56,14 +56,6 @@ def numbers(value: ArrayLike, name: str, expected: str) -> Floats:
     if not np.all(np.isfinite(array)):
         raise InputError(f"pose: {name} holds NaN or infinity; give {expected}")
     return array
-
-
-def points_of(value: ArrayLike, k: int) -> Floats:
-    """Points (…, k) that a pose moves."""
-    points = as_floats(value, "pose", f"points (…, {k})")
-    if points.shape[-1:] != (k,):
-        raise InputError(f"pose: points of shape {points.shape} given; give (…, {k}), with {k} coordinates each")
-    return points
 
 
 def checked_rotation(value: ArrayLike, mirrored: bool) -> Floats:

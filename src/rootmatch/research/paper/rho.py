@@ -25,7 +25,7 @@ from typing import Literal
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.research.bootstrap import bootstrap_means
 from rootmatch.research.paper.settings import (
     BASELINES,
@@ -136,7 +136,7 @@ class Rhos:
         key = residual, problem, rule, solver
         if key not in self._chosen:  # asked for with every cell of every table
             stack = self._stack(*key)
-            self._chosen[key] = self.effort.grid[self._best(stack.mean(axis=0), rule)]
+            self._chosen[key] = self.effort.grid[int(self._best(stack.mean(axis=0), rule))]
         return self._chosen[key]
 
     @cached_property
@@ -148,19 +148,19 @@ class Rhos:
         tested = [self.clean[key] for key in self._keys(residual, solver)] if rule == "paper" else []
         return np.stack([self.by_seed(residual, problem, rule, solver), *tested], axis=1)
 
-    def _best(self, means: Floats, rule: Rule) -> int:
-        """Index of the ρ that is chosen by means (1 + k, len(grid)): most conditions met, then accuracy, then size."""
+    def _best(self, means: Floats, rule: Rule) -> Integers:
+        """Index (…) of the ρ that means (…, 1 + k, len(grid)) choose: most conditions met, then accuracy, then size."""
         # Means of the same hits added up in another order must count as equal.
-        curve = np.round(means[0], 9)
+        curve, *tested = np.moveaxis(np.round(means, 9), -2, 0)
         if rule == "paper":
-            tested = zip(self.problems, means[1:], strict=True)
-            curve = curve + 2.0 * np.sum([CONDITIONS[p][1](np.round(mean, 9)) for p, mean in tested], axis=0)
-        return int(np.argmax(curve))
+            met = [CONDITIONS[p][1](mean) for p, mean in zip(self.problems, tested, strict=True)]
+            curve = curve + 2.0 * np.sum(met, axis=0)
+        return np.asarray(np.argmax(curve, axis=-1))
 
     def choices(self, residual: str, problem: str, rule: Rule, solver: str = SPARSE) -> dict[float, float]:
         """Each ρ that is chosen on resampled seeds, and on what share of them, the most frequent first."""
         resampled = bootstrap_means(self._stack(residual, problem, rule, solver))
-        found, counts = np.unique([self._best(means, rule) for means in resampled], return_counts=True)
+        found, counts = np.unique(self._best(resampled, rule), return_counts=True)
         shares = {self.effort.grid[k]: float(count) / len(resampled) for k, count in zip(found, counts, strict=True)}
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
