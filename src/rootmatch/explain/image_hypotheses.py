@@ -32,7 +32,6 @@ from rootmatch.model.exact_shapes import grown_in_place_of
 from rootmatch.model.exchanged import beside_others, marked
 from rootmatch.model.gathering import gathered
 from rootmatch.model.known_density import Known
-from rootmatch.model.left_out import without_each
 from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, with_sums
@@ -304,8 +303,7 @@ def with_poses(task: MatchingTask, assignments: Sequence[Integers]) -> Integers:
 def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
     """Poses in which the body looks as in its best modes, whether the search met them or not."""
     first = best_of(modes)
-    parts = [reversed_in_depth(model, first), *few_twins(task, model, first)]
-    parts += [line_readings(model, first.assignments), without_each(model, modes.first(TWINS))]
+    parts = [reversed_in_depth(model, first), *few_twins(task, model, first), line_readings(model, first.assignments)]
     parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(task)]
     further = in_succession(task.points.source, task.points.normals)
     parts.append(moved_along(first, further, task.sightings_of(further.image), model.points.mean(axis=0)))
