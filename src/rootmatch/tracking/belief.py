@@ -27,7 +27,6 @@ from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
-from rootmatch.tracking.flipped_poses import flipped_poses
 from rootmatch.tracking.followed_motion import after_motion
 from rootmatch.tracking.followed_places import (
     ANYTHING,
@@ -173,16 +172,6 @@ class Belief:
         if len(self.poses) < MOST and not any(one.filter.is_near(pose, filter_.time) for one in self.poses):
             log_weight = self.poses[0].log_weight + math.log(DOUBTED)
             self.poses.append(copied(self.poses[0], filter=filter_, log_weight=log_weight))
-
-    def add_flipped(self, found: Finding, time: float) -> None:
-        """Also follow the other poses of the best one's matches that may fit them equally well.
-
-        Four points in an image, or any number in a plane, may have two poses, and a prediction stays with one of them.
-        """
-        if self.best.time == time:
-            for pose, lead in flipped_poses(found):
-                if math.log(DOUBTED) + TEMPER * lead > -NEGLIGIBLE:
-                    self._add(MotionFilter(self.source, pose, time, self.motion), math.log(DOUBTED) + TEMPER * lead)
 
     def _add(self, filter_: MotionFilter, log_share: float) -> None:
         """Follow another pose, unless one like it is followed, or as many as are followed at once."""

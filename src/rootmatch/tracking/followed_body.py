@@ -292,7 +292,6 @@ class FollowedBody:
             self._lose(absent=0.0)  # what is not followed can only be found anew
             return
         if frame % self.options.search_every == 0 and self.belief and not in_space:
-            self.belief.add_flipped(found, time)
             self.belief.add_turned(self.symmetries)
 
 
