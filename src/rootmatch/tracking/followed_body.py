@@ -260,10 +260,9 @@ class FollowedBody:
 
         From time to time, poses that look the same are followed beside the best one.
         """
-        holds = self.dark.holds
         if self.belief:
             self.dark.take(found, time, self.belief.returned(time))
-        self.belief.take(found, time, searched, holds)
+        self.belief.take(found, time, searched)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:
             self.presence = None
