@@ -16,15 +16,12 @@ from rootmatch.model.modes import same_place
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.priors import COPY, IN_VIEW
 from rootmatch.tracking.followed_places import (
-    CLUTTER_GOES,
-    RETURN,
     GonePlaces,
     chance_absent,
     chance_of_copy,
     chance_returned,
     log_absent,
     log_back,
-    log_gone,
     log_returned,
     log_weight,
     places_of,
@@ -157,9 +154,6 @@ def test_weights_are_those_of_copies_and_clutter_enumerated() -> None:
     told = np.exp([log_weight(math.log(one)) for one in odds])
     np.testing.assert_allclose(told / told.sum(), each / each.sum(), rtol=1e-9)
     np.testing.assert_allclose([chance_of_copy(math.log(one)) for one in odds], COPY * odds / (1.0 + COPY * odds))
-    assert log_gone(50.0, 1.0 / 60.0) == pytest.approx(0.0, abs=1e-6)  # a copy leaves as the body does
-    leaves = (1.0 - IN_VIEW) * -math.expm1(-1.0)  # of the chain that has .8 of its time in view
-    assert log_gone(-50.0, RETURN) == pytest.approx(math.log(leaves / CLUTTER_GOES))  # and clutter for no reason
 
 
 def test_what_came_in_since_a_search_may_be_the_body_or_a_copy() -> None:

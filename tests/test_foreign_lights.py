@@ -139,7 +139,7 @@ def test_which_points_are_shown_is_no_reason_for_a_place() -> None:
 
 
 def test_what_is_kept_between_two_questions_is_of_the_last_frame() -> None:
-    """A frame asks twice what holds and how probable its matches can be; the next one finds it out anew."""
+    """A frame asks twice how probable its matches can be; the next one finds it out anew."""
     found, lit, lights = found_of(3), np.full(7, 0.05), ForeignLights(7)
     assert lights.holds == 1.0, "nothing was matched: as much as is asked for"
     for k, given in enumerate((0.7, 0.9, 0.4)):

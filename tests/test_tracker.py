@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import oracles
@@ -260,32 +259,6 @@ def test_two_visible_points_keep_a_body_that_is_followed() -> None:
         assert match.prior_holds
     assert spreads[0] < 0.5 * spreads[1]
     assert sum(searched) == 2  # the first frames
-
-
-def test_a_flipped_pose_is_followed_too() -> None:
-    """An oracle without a formula: least squares from a hundred rotations finds the two minima of five flat points."""
-    points = np.column_stack([np.random.default_rng(5).uniform(-0.06, 0.06, (5, 2)), 1e-3 * np.arange(5)])
-    R, t = Rotation.from_rotvec([0.35, 0.0, 0.0]).as_matrix(), np.array([0.0, 0.0, 3.0])
-    target = CAMERA.project(points @ R.T + t) + np.random.default_rng(6).normal(0.0, 0.2, (5, 2))
-
-    def residuals(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        seen = points @ Rotation.from_rotvec(x[:3]).as_matrix().T + x[3:]
-        return ((CAMERA.project(seen) - target) / 0.2).ravel()
-
-    minima: list[NDArray[np.float64]] = []
-    for start in Rotation.random(100, random_state=np.random.RandomState(0)).as_rotvec():
-        fit = least_squares(residuals, np.concatenate([start, [0.0, 0.0, 3.0]]))
-        one = Rotation.from_rotvec(fit.x[:3]).as_matrix()
-        if fit.x[5] > 1.0 and 2.0 * fit.cost < 100.0 and all(np.trace(other.T @ one) < 2.99 for other in minima):
-            minima.append(one)
-    assert len(minima) == 2
-    flipped = min(minima, key=lambda one: float(np.trace(one.T @ R)))
-    tracker, belief = following(points, [MotionFilter(points, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0)])
-    found = tracker.update(target).finding
-    belief.poses = belief.poses[:1]
-    belief.add_flipped(found, INTERVAL)
-    assert any(np.trace(one.filter.R.T @ flipped) > 2.99 for one in belief.poses[1:])
-    assert belief.shares[1:].sum() < 0.05
 
 
 def test_a_filter_that_takes_a_pose_with_a_probability() -> None:

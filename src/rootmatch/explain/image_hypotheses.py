@@ -20,7 +20,6 @@ from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.likeness import copies_of, likenesses, place_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rivals import DOUBT
-from rootmatch.explain.similar_subsets import twins_of_few
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.hypergraph.tensor import AffinityTensor, strongest
@@ -32,7 +31,6 @@ from rootmatch.model.exact_shapes import grown_in_place_of
 from rootmatch.model.exchanged import beside_others, marked
 from rootmatch.model.gathering import gathered
 from rootmatch.model.known_density import Known
-from rootmatch.model.left_out import without_each
 from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, with_sums
@@ -43,7 +41,6 @@ from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import (
-    FEW,
     Proposals,
     fitted,
     joined,
@@ -303,8 +300,7 @@ def with_poses(task: MatchingTask, assignments: Sequence[Integers]) -> Integers:
 def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
     """Poses in which the body looks as in its best modes, whether the search met them or not."""
     first = best_of(modes)
-    parts = [reversed_in_depth(model, first), *few_twins(task, model, first)]
-    parts += [line_readings(model, first.assignments), without_each(model, modes.first(TWINS))]
+    parts = [reversed_in_depth(model, first), line_readings(model, first.assignments)]
     parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(task)]
     further = in_succession(task.points.source, task.points.normals)
     parts.append(moved_along(first, further, task.sightings_of(further.image), model.points.mean(axis=0)))
@@ -329,16 +325,6 @@ def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Mo
 def best_of(modes: Modes) -> Proposals:
     """The poses of which twins are proposed."""
     return Proposals(modes.assignments[:TWINS], modes.rotation[:TWINS], modes.position[:TWINS])
-
-
-def few_twins(task: MatchingTask, model: DetectionModel, found: Proposals) -> list[Proposals]:
-    """Poses in which a few other points of the body lie where the few that are matched do."""
-    parts = []
-    for k, assignment in enumerate(found.assignments):
-        few = np.flatnonzero((assignment.reshape(-1, task.shape[0]) >= 0).any(axis=0))
-        if task.minimal <= len(few) <= FEW and len(images := task.sightings_of(twins_of_few(task.points.source, few))):
-            parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, images))
-    return parts
 
 
 def symmetries(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:

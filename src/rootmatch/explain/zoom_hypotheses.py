@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.detection_odds import candidate_log_odds
-from rootmatch.explain.image_hypotheses import Candidate, best_of, few_twins, symmetries, with_poses
+from rootmatch.explain.image_hypotheses import Candidate, best_of, symmetries, with_poses
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.depth_reversal import reversed_in_depth
@@ -79,7 +79,7 @@ class ZoomCandidate(Candidate):
         images, parts = symmetries(self.task), [no_proposals(self.task.rows)]
         for k in range(len(level)):
             first = best._replace(rotation=level).take(slice(k, k + 1))
-            twins = [reversed_in_depth(self.model, first), *few_twins(self.task, self.model, first)]
+            twins = [reversed_in_depth(self.model, first)]
             twins += [look_alikes(first, self.model.points, self.model.points, image[None]) for image in images]
             every = joined(twins)
             along = (every.rotation @ upright.world[1] * upright.camera[1]).sum(axis=1)

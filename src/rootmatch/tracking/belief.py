@@ -27,7 +27,6 @@ from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
 from rootmatch.tracking.averaged_pose import averaged_pose
-from rootmatch.tracking.flipped_poses import flipped_poses
 from rootmatch.tracking.followed_motion import after_motion
 from rootmatch.tracking.followed_places import (
     ANYTHING,
@@ -38,7 +37,6 @@ from rootmatch.tracking.followed_places import (
     chance_of_copy,
     log_absent,
     log_back,
-    log_gone,
     log_returned,
     overlooked,
 )
@@ -174,35 +172,25 @@ class Belief:
             log_weight = self.poses[0].log_weight + math.log(DOUBTED)
             self.poses.append(copied(self.poses[0], filter=filter_, log_weight=log_weight))
 
-    def add_flipped(self, found: Finding, time: float) -> None:
-        """Also follow the other poses of the best one's matches that may fit them equally well.
-
-        Four points in an image, or any number in a plane, may have two poses, and a prediction stays with one of them.
-        """
-        if self.best.time == time:
-            for pose, lead in flipped_poses(found):
-                if math.log(DOUBTED) + TEMPER * lead > -NEGLIGIBLE:
-                    self._add(MotionFilter(self.source, pose, time, self.motion), math.log(DOUBTED) + TEMPER * lead)
-
     def _add(self, filter_: MotionFilter, log_share: float) -> None:
         """Follow another pose, unless one like it is followed, or as many as are followed at once."""
         known = any(float((filter_.R * one.filter.R).sum()) > ALIKE for one in self.poses)
         if len(self.poses) < MOST and not known:
             self.poses.append(copied(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
 
-    def take(self, found: Finding, time: float, searched: bool = False, holds: float = 1.0) -> None:
+    def take(self, found: Finding, time: float, searched: bool = False) -> None:
         """Take in a frame's posterior: its modes continue the hypotheses about which they lie, or are new ones.
 
         A hypothesis that no mode continues stays as predicted; for it, the frame counts as one that does not show the
-        body. ``searched``: whether a search for the body ended in this frame; ``holds``: see `DarkPoints.holds`.
+        body. ``searched``: whether a search for the body ended in this frame.
         """
-        others = self._take(found, time, holds)
+        others = self._take(found, time)
         if searched and not others:
             self.excluded = time
         if self.poses:  # were it not seen again where it is followed
             self.absent = chance_absent(1.0, time - self.best.time)
 
-    def _take(self, found: Finding, time: float, holds: float) -> bool:
+    def _take(self, found: Finding, time: float) -> bool:
         """Take in a frame's posterior; whether it has something beside what is followed."""
         told, model = found.posterior, found.model
         if found.task.problem.takes_motion_prior:
@@ -222,12 +210,12 @@ class Belief:
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
         weighed, self.most = weighed_modes(
-            found, origin, log_shares, (first, often), poses=self.poses, most=self.most, holds=holds, time=time
+            found, origin, log_shares, (first, often), poses=self.poses, most=self.most, time=time
         )
         nothing = float(log_chance(np.array(told.clutter))) - self.returned(time)
         go_on = weighed.steps(found, model, nothing, log_shares)
         own = (log_chance(shares) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
-        stay = [self._stays(k, often * nothing, go_on, own, time) for k in range(len(self.poses))]
+        stay = [self._stays(k, often * nothing, go_on, own) for k in range(len(self.poses))]
         stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
         self._follow(found, weighed, sorted([*stay, *go_on], key=lambda one: -one.total), time)
         return weighed.others
@@ -261,7 +249,7 @@ class Belief:
             self.gone.fade(time - self.time)
         self.time = time
 
-    def _stays(self, k: int, more: float, go_on: Sequence[Step], log_shares: Sequence[float], time: float) -> Step:
+    def _stays(self, k: int, more: float, go_on: Sequence[Step], log_shares: Sequence[float]) -> Step:
         """A hypothesis that no mode continues; ``more``: what the frame adds to its log-weight, if it tells of it.
 
         It does not where what is followed elsewhere explains the frame as well if the body is hidden.
@@ -270,8 +258,6 @@ class Belief:
         lead = next((step for step in go_on if step.origin >= 0), None)
         if lead is not None and all(step.place != last.place for step in go_on):
             more, shown = lead.log_weight - lead.more - log_shares[lead.origin], lead.shown
-            if last.filter.time == self.time:
-                more += log_gone(last.alone, time - last.filter.time)
         return Step(log_shares[k] + more, shown, k, None, 0.0, place=last.place, alone=last.alone)
 
     def log_absent(self, found: Finding, mode: int, time: float, seen: bool) -> float:

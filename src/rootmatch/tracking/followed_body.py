@@ -121,8 +121,6 @@ class FollowedBody:
         """Whether all that there was beside the body when it was found has been searched, if there was anything."""
         self.rest = False
         """Whether the search under way is among what is left, see `appeared`."""
-        self.left_out: tuple[Finding, Finding] | None = None
-        """What a frame was told to show, without the matches that are doubtful by those before, and with them."""
         self.presence: tuple[float, float] | None = None
         """Probability that it is in view after all by the last search for it, and its time; None if it was found."""
         self.forget()
@@ -237,7 +235,6 @@ class FollowedBody:
         doubted = certain < least or surest * certain < least <= surest
         whole = weighed.less_certain(certain) if certain < 1.0 - WRONG_MODEL else weighed
         rest = whole if doubted else sure_of_the_rest(found, whole)
-        self.left_out = rest, whole
         matched = (weighed if doubted else rest).status is Status.MATCHED
         if searched:
             agrees = matched and found.prior_holds
@@ -271,12 +268,9 @@ class FollowedBody:
 
         From time to time, poses that look the same are followed beside the best one.
         """
-        holds, whole = self.dark.holds, found
-        if self.left_out is not None and self.left_out[0].assignment is found.assignment:
-            whole = self.left_out[1]
-        if self.belief:  # what is left out as doubtful may be right, and is learned from as such
-            self.dark.take(whole, time, self.belief.returned(time))
-        self.belief.take(found, time, searched, holds)
+        if self.belief:
+            self.dark.take(found, time, self.belief.returned(time))
+        self.belief.take(found, time, searched)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:
             self.presence = None
@@ -294,13 +288,12 @@ class FollowedBody:
                 self._lose(1.0 - (found.facts.present or 0.0) if searched else self.belief.absent)
             return
         self.belief.leave_before(time - self.options.coasting)
-        self.missed, self.detections, self.own = 0, found.task.shape[1], int((whole.assignment >= 0).sum())
+        self.missed, self.detections, self.own = 0, found.task.shape[1], int((found.assignment >= 0).sum())
         least = found.facts.min_probability
         if self.belief and 1.0 - self.belief.unfollowed < least and frame - self.searched >= self.options.search_every:
             self._lose(absent=0.0)  # what is not followed can only be found anew
             return
         if frame % self.options.search_every == 0 and self.belief and not in_space:
-            self.belief.add_flipped(found, time)
             self.belief.add_turned(self.symmetries)
 
 

@@ -8,8 +8,7 @@ With O, the odds of what was seen in a place at best, without a prediction, agai
     P(the body is in X) ∝ O_X Π_Y≠X (1 + κ O_Y) ∝ 1 / (κ + 1 / O_X)
 
 Frames repeat this evidence rather than add to it, so a place has the largest of them. Beyond 1 / κ all are alike.
-A place that is no longer seen keeps its share: the body may have left the view, as well as a copy. Clutter also goes
-for no reason.
+A place that is no longer seen keeps its share: the body may have left the view, as well as a copy.
 
 A place that is met while another one is followed has the body if that was not in view when the other one was found and
 has not come back before. A body leaves the view and comes back at a rate: for how long something is followed alone
@@ -41,8 +40,6 @@ markers, three of them in view among four strays, 7 of 186 trusted matches of on
 in six flights with it none of 1,080."""
 LOOKED_AT = 8
 """Largest number of modes of a frame that are considered. A round value."""
-CLUTTER_GOES = 0.5
-"""Probability that clutter which was taken for a body is not there in the next frame. A round value."""
 
 
 class GonePlaces:
@@ -255,19 +252,6 @@ def log_back(followed: FollowedPose, now: float) -> float:
     return followed.log_absent - IN_VIEW / RETURN * (now - followed.since)
 
 
-def log_lost(holds: float, alone: float) -> float:
-    """What `log_back` is if what is followed may be other lights by now, which need not be a copy of the body.
-
-    Parameters
-    ----------
-    holds : float
-        Probability that its matches are right.
-    alone : float
-        Log-odds that the place had alone.
-    """
-    return math.log(max(1.0 - holds, 1e-300)) - math.log(max(holds, 1e-300)) + log_weight(alone)
-
-
 def met_beside(model: DetectionModel, modes: Modes, each: Floats, alone: Floats, first: int) -> Floats:
     """Log-weights (M,) of modes in other places relative to the followed one, whose first mode is given.
 
@@ -281,12 +265,3 @@ def met_beside(model: DetectionModel, modes: Modes, each: Floats, alone: Floats,
     without = np.log(np.maximum((same * told.probabilities).max(axis=1), 1e-300))
     shared = each - each[first] - (without - without[first])
     return np.asarray(own - own[first] + np.minimum(shared, 0.0))
-
-
-def log_gone(alone: float, seconds: float) -> float:
-    """Change of a place's log-weight where nothing is seen there any more, since so many seconds.
-
-    The body leaves the view as a copy does, now and then; clutter often does.
-    """
-    copy, leaves = chance_of_copy(alone), (1.0 - IN_VIEW) * -math.expm1(-seconds / RETURN)
-    return math.log(leaves / (copy * leaves + (1.0 - copy) * CLUTTER_GOES))

@@ -49,17 +49,11 @@ class ForeignLights:
         """Probability (n,) that the last match was right; that the point was lit when it was met; its time."""
         self.time = self.since = -math.inf
         """Of the last frame; of the first one in which it was found again after frames that did not show the body."""
-        self._holds: float | None = None
         self._most: tuple[Finding, float, Floats] | None = None
 
     @property
     def holds(self) -> float:
         """Probability that the last pose was that of the body: that the right matches determine it."""
-        if self._holds is None:  # asked for before a frame and after it
-            self._holds = self._chance_to_hold()
-        return self._holds
-
-    def _chance_to_hold(self) -> float:
         each: list[float] = self.own[self.seen >= max(self.time - RECENT, self.since)].tolist()
         if len(each) <= DETERMINE:
             return math.prod(each)
@@ -112,7 +106,7 @@ class ForeignLights:
             matched = matched | possible
         self.own, self.met = np.where(matched, given, self.own), np.where(matched, met, self.met)
         self.seen, self.time = np.where(matched, time, self.seen), time
-        self._holds = self._most = None
+        self._most = None
 
 
 def _tell_the_same(first: Finding, second: Finding) -> bool:

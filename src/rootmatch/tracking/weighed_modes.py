@@ -16,7 +16,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.tracking.followed_places import LOOKED_AT, in_places, log_back, log_lost, met_beside, odds_alone
+from rootmatch.tracking.followed_places import LOOKED_AT, in_places, log_back, met_beside, odds_alone
 from rootmatch.tracking.followed_pose import FollowedPose, Step, tempered
 from rootmatch.tracking.two_states import log_chance
 
@@ -82,7 +82,6 @@ def weighed_modes(
     *,
     poses: Sequence[FollowedPose],
     most: int,
-    holds: float,
     time: float,
 ) -> tuple[WeighedModes, int]:
     """The modes of a frame with their weights, and the largest number of matches with which a place was weighed alone.
@@ -100,8 +99,6 @@ def weighed_modes(
         The hypotheses.
     most : int
         That number, before the frame.
-    holds : float
-        See `DarkPoints.holds`.
     time : float
     """
     told, model, (first, often) = found.posterior, found.model, tempering
@@ -123,9 +120,8 @@ def weighed_modes(
         new = elsewhere & (place != place[first]) & [not found.is_exchanged(k) for k in range(len(origin))]
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         if new.any() and origin[first] >= 0:
-            lost = np.minimum(log_lost(holds, alone[first]), each - each[first])  # as what is there tells of it now
-            not_there = np.logaddexp(log_back(poses[origin[first]], time), lost)
-            weight[new] = weight[first] + (not_there + met_beside(model, modes, each, alone, first))[new]
+            not_there = log_back(poses[origin[first]], time)
+            weight[new] = weight[first] + not_there + met_beside(model, modes, each, alone, first)[new]
     is_shown = found.in_view + told.copy >= found.facts.min_probability
     weighed = WeighedModes(
         modes, origin, place,
