@@ -139,18 +139,15 @@ class Candidate:
         return copied(self, modes=modes) if worth else self
 
     def with_twins(self) -> Candidate:
-        """The candidate of one of several bodies with the twins of the best poses that a search found for it."""
-        return copied(self, modes=self._with_twins(self.modes, few=True))
+        """The candidate of one of several bodies with the twins of the best pose that a search found for it."""
+        return copied(self, modes=self._with_twins(self.modes, most=1))
 
-    def _with_twins(self, modes: Modes, searched: bool = True, few: bool = False) -> Modes:
-        """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off.
-
-        ``few``: of the best one alone.
-        """
+    def _with_twins(self, modes: Modes, searched: bool = True, most: int = TWINS) -> Modes:
+        """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off."""
         known, best = set[bytes](), -math.inf  # of which twins were proposed
         while len(modes.log_mass) and modes.log_mass[0] > best + NO_CHANGE:
             best = float(modes.log_mass[0])
-            poses = [one.tobytes() for one in modes.rotation[: 1 if few else TWINS]]
+            poses = [one.tobytes() for one in modes.rotation[:most]]
             new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
             known.update(poses)
             twins = self.twins(modes.take(new)) if searched else twins_about_predictions(self.task, self.model, modes)
