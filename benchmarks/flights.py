@@ -1,4 +1,4 @@
-"""Flights through `Tracker`: a room, a rig with two controllers, a drone before a fisheye, a board, a mirror.
+"""Flights through `Tracker`: a room, a rig with two controllers, a drone before a fisheye, a board, a mirror, a hall.
 
 Also what nothing but chance could decide, as in alike_flights.py: two objects of the same kind, and a regular ceiling.
 
@@ -38,7 +38,12 @@ from shared import parser, scenes_of, squared_error
 
 import rootmatch as rm
 
-FRAMES = {"room": 60, "rig": 150, "drone": 300, "board": 120, "mirror": 200, "twins": 150, "named": 150, "ceiling": 90}
+FRAMES = {
+    "room": 60, "rig": 150, "drone": 300, "board": 120, "mirror": 200, "twins": 150, "named": 150, "ceiling": 90,
+    "hall": 180,
+}  # fmt: skip
+RIGS = "rig", "hall"
+"""Families before several cameras."""
 VIEW = np.radians(70.0)
 FEW = 5
 """LEDs that a body shows from which its pose is asked for."""
@@ -50,6 +55,13 @@ ROUND = np.random.default_rng(7).uniform(-0.08, 0.08, (10, 3))
 """Ten LEDs that are seen from all sides."""
 OCCLUDED = range(80, 140)
 """Frames in which a mirror shows them, and nothing else does."""
+CLUSTER = np.random.default_rng(11).uniform(-0.08, 0.08, (5, 3))
+"""Five markers of a body before the cameras of a hall."""
+HIDDEN = range(60, 120)
+"""Frames in which a hall does not show it."""
+HALL_CAMERA, HALL_SIZE, AWAY = rm.Camera(900.0, 900.0, 640.0, 480.0), (1280, 960), np.array([0.0, 0.0, 6.0])
+TURNS = [Rotation.from_euler("yx", [60.0 * k, -25.0], degrees=True).as_matrix().T for k in range(6)]
+"""Of six cameras, 6 m away on a circle."""
 BOARD_CAMERA = rm.Camera(500.0, 500.0, 320.0, 240.0)
 
 
@@ -83,6 +95,9 @@ def tracker_of(
     if family == "board":
         return rm.Tracker(BOARD, rm.P3P(BOARD_CAMERA), noise=0.5, resolution=resolution), [(None, 0)]
     camera: Any = rm.Camera(900.0, 900.0, 640.0, 480.0)
+    if family == "hall":
+        hall = rm.P3P(rm.Rig([(HALL_CAMERA, turn, AWAY) for turn in TURNS], sizes=[HALL_SIZE] * 6))
+        return rm.Tracker(CLUSTER, hall, noise=0.25, resolution=resolution), [(None, 0)]
     if family == "mirror":
         return rm.Tracker(ROUND, rm.P3P(camera), noise=0.3, resolution=resolution), [(None, 0)]
     fisheye = rm.Camera.from_opencv_fisheye(xr.FISHEYE_K, xr.FISHEYE_D)
@@ -106,7 +121,7 @@ def tracker_of(
 def frames_of(xr: ModuleType, family: str, seed: int) -> Iterator[dict[str, Any]]:
     """The frames of one flight."""
     made = {"room": xr.room_flight, "rig": xr.rig_flight, "drone": xr.drone_flight, "board": board_flight}
-    made |= {"mirror": mirror_flight, "twins": twins_flight, "ceiling": ceiling_flight}
+    made |= {"mirror": mirror_flight, "twins": twins_flight, "ceiling": ceiling_flight, "hall": hall_flight}
     made["named"] = partial(twins_flight, named=True)
     flight: Iterator[dict[str, Any]] = made[family](seed, frames=FRAMES[family])
     return flight
@@ -170,6 +185,35 @@ def mirror_flight(seed: int, frames: int) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
 
 
+def hall_flight(seed: int, frames: int) -> Iterator[dict[str, Any]]:
+    """A body of five markers in a hall with six cameras, which see each marker with .8; it is gone for a second.
+
+    Each image has six strays, three of them at rest.
+    """
+    rng = np.random.default_rng([seed, 77])
+    knots = np.linspace(-0.2, frames / 60.0 + 0.2, 8)
+    place = CubicSpline(knots, rng.uniform((-1.5, -0.6, -1.5), (1.5, 0.6, 1.5), (8, 3)))
+    first, turn = Rotation.random(random_state=rng), CubicSpline(knots, rng.uniform(-1.0, 1.0, (8, 3)))
+    still = rng.uniform((0.0, 0.0), HALL_SIZE, (len(TURNS), 3, 2))
+    for k in range(frames):
+        R, t = (Rotation.from_rotvec(turn(k / 60.0)) * first).as_matrix(), place(k / 60.0)
+        images, owners, cameras = [], [], []
+        for camera, (view, lamps) in enumerate(zip(TURNS, still, strict=True)):
+            pixels = HALL_CAMERA.project((CLUSTER @ R.T + t) @ view.T + AWAY)
+            inside = ((pixels > 0.0) & (pixels < HALL_SIZE)).all(axis=1) & (rng.random(len(CLUSTER)) < 0.8)
+            seen = np.flatnonzero(inside & (k not in HIDDEN))
+            images += [pixels[seen], lamps]
+            images[-2:] = [one + rng.normal(0.0, 0.25, one.shape) for one in images[-2:]]
+            images.append(rng.uniform((0.0, 0.0), HALL_SIZE, (3, 2)))
+            owners += [np.column_stack([np.zeros(len(seen), int), seen]), np.full((6, 2), -1)]
+            cameras += [camera] * (len(seen) + 6)
+        order = rng.permutation(len(cameras))
+        yield {
+            "target": np.concatenate(images)[order], "camera": np.array(cameras)[order],
+            "owner": np.concatenate(owners)[order], "time": k / 60.0, "poses": [(R, t)],
+        }  # fmt: skip
+
+
 def merged(frame: dict[str, Any], nearer: float) -> dict[str, Any]:
     """A frame in which detections of a camera that are nearer than so many pixels are one, at their mean.
 
@@ -204,7 +248,7 @@ def fly(
     runs, flips = [0] * len(bodies), [0] * len(bodies)
     for k, frame in enumerate(frames_of(xr, family, seed)):
         frame = merged(frame, merge)
-        target: Any = (frame["target"], frame["camera"]) if family == "rig" else frame["target"]
+        target: Any = (frame["target"], frame["camera"]) if family in RIGS else frame["target"]
         started = time.process_time()
         match = tracker.update(
             target, time=float(frame["time"]), prior=frame.get("prior"), max_seconds=limit if k else None
@@ -213,7 +257,7 @@ def fly(
             tally.times.append(1e3 * (time.process_time() - started))
         for place, (label, number) in enumerate(bodies):
             one = match if label is None else match.bodies[label]
-            right, wrong, shown = judged(frame, number, one, rig=family == "rig")
+            right, wrong, shown = judged(frame, number, one, rig=family in RIGS)
             trusted = one.status is rm.Status.MATCHED
             bad = trusted and wrong
             tally.shown += shown

@@ -211,7 +211,7 @@ def of_flight(xr: ModuleType, family: str, seed: int) -> list[Told]:
     tracker, bodies = flights.tracker_of(xr, family, None)
     out: list[Told] = []
     runs = [0] * len(bodies)
-    rig = family == "rig"
+    rig = family in flights.RIGS
     for frame in flights.frames_of(xr, family, seed):
         frame = flights.merged(frame, 0.0)
         target: Any = (frame["target"], frame["camera"]) if rig else frame["target"]
