@@ -267,7 +267,7 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
         prior_holds=prior_holds,
-        pose=_with_prior(task, model, judged),
+        pose=_with_prior(model, judged),
     )
     if task.noise_is_estimated:
         return told
@@ -291,18 +291,14 @@ def _misfit_of(model: PointSetModel, found: PointSetPosterior, taken: Bools | No
     return fault._replace(alike=log_odds_off(model, first, log_mass, taken))
 
 
-def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pose | None:
+def _with_prior(model: PointSetModel, judged: Judged) -> Pose | None:
     """The pose of one labelling and of what is known of its motion, if that holds."""
     which = int(judged.held[0])
     if model.prior is None or which < 0:
         return None
-    points, fit, known = task.points, judged.fit, model.prior.predictions[which][0]
-    pose: Pose | None = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
-    if points.has_covariances:
-        (pose,) = task.problem.poses(points, fit.assignments)
-    if pose is None:
-        return None
-    return fused(with_errors_of_source(model.clouds, judged.fit.assignments[0], pose), known)
+    fit, known = judged.fit, model.prior.predictions[which][0]
+    pose = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
+    return fused(with_errors_of_source(model.clouds, fit.assignments[0], pose), known)
 
 
 def pose_alone(found: Finding) -> Pose | None:

@@ -25,7 +25,7 @@ from rootmatch.explain.image_decision import BY_ITS_LAW
 from rootmatch.explain.point_set_decision import judged_of, model_of, told_by, wholly_predicted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.modes import uses_of
-from rootmatch.model.point_set_bodies import joint_posterior
+from rootmatch.model.point_set_bodies import joint_posterior, judge_together
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.weighed_labellings import Weighed, nothing_weighed, weighed
@@ -59,12 +59,10 @@ class _Body(SearchedBody):
         return self.among < 0 or (self.cut and (fewer or budget > self.budget)) or (fewer and left)
 
     def predict(self) -> None:
-        """Add what has a target for each point where the body is predicted, if there is one."""
-        self.named = wholly_predicted(self.model)
-        if self.named:
-            _, base = unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
-            self.found = replace(base, scoreless=True)
-            self.weighed = weighed(self.model, judged_of(self.model, np.array(self.named)), of_several=True)
+        """Add what has a target for each point where the body is predicted."""
+        _, base = unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
+        self.found = replace(base, scoreless=True)
+        self.weighed = weighed(self.model, self.model.judged_again(np.array(self.named)), of_several=True)
 
     @property
     def is_as_predicted(self) -> bool:
@@ -149,11 +147,14 @@ def _body(task: MatchingTask, number: int) -> _Body:
 def _predict(bodies: list[_Body]) -> None:
     """Look about the predicted motions; what is wholly there needs no search."""
     for body in bodies:
-        body.predict()
-    if any(body.named for body in bodies):
+        body.named = wholly_predicted(body.model)
+    if named := [body for body in bodies if body.named]:
+        judge_together([body.model for body in named], [body.named for body in named])
+        for body in named:
+            body.predict()
         _weigh(bodies)
-        for body in bodies:
-            if body.named and body.is_as_predicted:
+        for body in named:
+            if body.is_as_predicted:
                 body.enough, body.among = True, len(body.free)
         _share(bodies)
 

@@ -18,7 +18,7 @@ from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, ordered
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.weighed_labellings import NEGLIGIBLE, Weighed
-from rootmatch.problems.pose_fit.point_set_fit import FEWEST
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST, fitted_bodies
 
 KEPT = 64
 """Labellings of each body that are weighed together. A round value."""
@@ -50,6 +50,26 @@ def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -
         ordered(one.assignments, share[: len(one.assignments)], one.sums)
         for one, share in zip(best, each_of, strict=False)  # those of copies follow
     ]
+
+
+def judge_together(models: Sequence[PointSetModel], named: Sequence[Sequence[Integers]]) -> None:
+    """Let each model know its named labellings (n,), and these without one match: one fit of all bodies' takes less."""
+    every = [np.array([*some, *_shortened(some)]) for some in named]
+    fits = fitted_bodies([model.clouds for model in models], every, models[0].mirror)
+    for model, some, fit in zip(models, every, fits, strict=True):
+        model.know(model.judged(some, fit))
+
+
+def _shortened(labellings: Sequence[Integers]) -> list[Integers]:
+    """Labellings (n,) without one of their matches, if enough are left."""
+    every = []
+    for one in labellings:
+        (matched,) = (one >= 0).nonzero()
+        for k in matched if len(matched) > FEWEST else ():
+            less = one.copy()
+            less[k] = -1
+            every.append(less)
+    return every
 
 
 def _hypotheses(model: PointSetModel, found: Weighed, count: int) -> tuple[Bools, Floats]:
