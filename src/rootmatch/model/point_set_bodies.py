@@ -14,7 +14,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.joint import marginals
 from rootmatch.model.modes import uses_of
-from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, ordered
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.weighed_labellings import NEGLIGIBLE, Weighed
@@ -52,12 +52,11 @@ def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -
     ]
 
 
-def judge_together(models: Sequence[PointSetModel], named: Sequence[Sequence[Integers]]) -> None:
-    """Let each model know its named labellings (n,), and these without one match: one fit of all bodies' takes less."""
+def judged_together(models: Sequence[PointSetModel], named: Sequence[Sequence[Integers]]) -> list[Judged]:
+    """Named labellings (n,) of each of several bodies, and these without one match, by one fit of them all."""
     every = [np.array([*some, *_shortened(some)]) for some in named]
     fits = fitted_bodies([model.clouds for model in models], every, models[0].mirror)
-    for model, some, fit in zip(models, every, fits, strict=True):
-        model.know(model.judged(some, fit))
+    return [model.judged(some, fit) for model, some, fit in zip(models, every, fits, strict=True)]
 
 
 def _shortened(labellings: Sequence[Integers]) -> list[Integers]:

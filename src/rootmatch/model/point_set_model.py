@@ -67,7 +67,7 @@ class Judged(NamedTuple):
 
     def take(self, which: Integers | slice) -> Judged:
         """Some of them."""
-        return Judged._make(one.take(which) if isinstance(one, PointSetFit) else one[which] for one in self)
+        return Judged(self.fit.take(which), self.log_odds[which], self.known[which], self.held[which])
 
     def joined(self, other: Judged) -> Judged:
         """These, followed by others."""
@@ -110,7 +110,6 @@ class PointSetModel:
     repeated: Clutter | None = None
     log_unnamed: float = 0.0
     _kept: dict[bytes, Judged] = field(default_factory=dict, init=False, repr=False)
-    _known: dict[bytes, tuple[Judged, int]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def log_absent(self) -> float:
@@ -155,17 +154,6 @@ class PointSetModel:
         if key not in self._kept:
             self._kept[key] = self.judged(assignment[None])
         return self._kept[key]
-
-    def know(self, several: Judged) -> None:
-        """Remember labellings for `judged_again`."""
-        self._known.update({one.tobytes(): (several, k) for k, one in enumerate(several.fit.assignments)})
-
-    def judged_again(self, assignments: Integers) -> Judged:
-        """As `judged`, of labellings (K, n) that may all be known."""
-        known = [self._known.get(one.tobytes()) for one in assignments] if self._known else []
-        several = known[0][0] if known and known[0] is not None else None
-        rows = [one[1] for one in known if one is not None and one[0] is several]
-        return self.judged(assignments) if several is None or len(rows) < len(known) else several.take(np.array(rows))
 
     def keep(self, first: Judged) -> None:
         """Remember one labelling for `judged_one`."""

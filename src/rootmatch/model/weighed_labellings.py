@@ -117,7 +117,7 @@ def weighed(
                     new.append(other)
         if not new:
             break
-        found = found.joined(model.judged_again(np.array(new)))
+        found = found.joined(model.judged(np.array(new)))
     found = _best(found, of_several)
     model.keep(found.take(slice(1)))
     assignments, known = found.fit.assignments, found.known  # which tells symmetric motions from each other

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
+from rootmatch.frozen import copied
 from rootmatch.problems.points import PointClouds, squared_distances_to
 from rootmatch.problems.pose_fit.motion_model import full_fit
 
@@ -164,12 +165,12 @@ class PointSetFit:
         columns = [getattr(self, name) for name in COLUMNS]
         # `take` is three times as fast as an index for few
         some = [one[which] if isinstance(which, slice) else one.take(which, axis=0) for one in columns]
-        return replace(self, **dict(zip(COLUMNS, some, strict=True)))
+        return copied(self, **dict(zip(COLUMNS, some, strict=True)))
 
     def joined(self, other: PointSetFit) -> PointSetFit:
         """These fits, followed by others of the same points."""
         both: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in COLUMNS}
-        return replace(self, **both)
+        return copied(self, **both)
 
 
 COLUMNS = tuple(one.name for one in fields(PointSetFit) if one.name != "clouds")
@@ -242,10 +243,10 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
     found = _full(fit, centre2)
     if not mirror:
         return found
-    flipped = replace(fit, rotation=(u * np.where(np.arange(size) == size - 1, -signs, signs)[:, None]) @ vt)
+    flipped = copied(fit, rotation=(u * np.where(np.arange(size) == size - 1, -signs, signs)[:, None]) @ vt)
     other_kind = _full(flipped, centre2)
     every, better = found.joined(other_kind), (other_kind.evidence > found.evidence) * count + np.arange(count)
-    return replace(every.take(better), evidence=np.logaddexp(found.evidence, other_kind.evidence) - math.log(2.0))
+    return copied(every.take(better), evidence=np.logaddexp(found.evidence, other_kind.evidence) - math.log(2.0))
 
 
 def fitted_bodies(clouds: Sequence[PointClouds], every: Sequence[Integers], mirror: bool) -> list[PointSetFit]:
@@ -260,7 +261,7 @@ def fitted_bodies(clouds: Sequence[PointClouds], every: Sequence[Integers], mirr
     whole = clouds[0]._replace(source=source, source_variance=variance, source_covariance=known)
     fit = fitted_point_sets(whole, assignments, mirror)
     each = zip(clouds, every, own, strict=True)
-    return [replace(fit.take(rows), clouds=one, assignments=some) for one, some, (rows, _) in each]
+    return [copied(fit.take(rows), clouds=one, assignments=some) for one, some, (rows, _) in each]
 
 
 def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
@@ -287,7 +288,7 @@ def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     own = 1.0 / (curvature + 1.0 / TURN)
     vague = np.zeros(rest.shape[1] + angles)
     vague[:angles] = 1.0 / TURN
-    return replace(
+    return copied(
         fit, chi2=found.chi2, evidence=evidence, rotation=found.rotation, scale=found.scale,
         shift=found.shift - found.scale[:, None] * _applied(found.rotation, fit.centre),
         spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=frame if size == 3 else fit.frame,
