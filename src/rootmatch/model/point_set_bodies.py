@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.frozen import copied
 from rootmatch.model.joint import marginals
 from rootmatch.model.modes import uses_of
+from rootmatch.model.motion_prior import of_rows
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, ordered
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.weighed_labellings import NEGLIGIBLE, Weighed
-from rootmatch.problems.pose_fit.point_set_fit import FEWEST, fitted_bodies
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST, joined_clouds
 
 KEPT = 64
 """Labellings of each body that are weighed together. A round value."""
@@ -55,8 +58,21 @@ def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -
 def judged_together(models: Sequence[PointSetModel], named: Sequence[Sequence[Integers]]) -> list[Judged]:
     """Named labellings (n,) of each of several bodies, and these without one match, by one fit of them all."""
     every = [np.array([*some, *_shortened(some)]) for some in named]
-    fits = fitted_bodies([model.clouds for model in models], every, models[0].mirror)
-    return [model.judged(some, fit) for model, some, fit in zip(models, every, fits, strict=True)]
+    row, column = (np.cumsum([0, *some]) for some in ([len(one) for one in every], [one.shape[1] for one in every]))
+    bodies = [(slice(*row[k : k + 2]), slice(*column[k : k + 2])) for k in range(len(models))]
+    assignments = np.full((row[-1], column[-1]), -1, np.int64)
+    for place, some in zip(bodies, every, strict=True):
+        assignments[place] = some
+    prior = of_rows([model.prior for model in models], [len(one) for one in every])
+    clouds = joined_clouds([model.clouds for model in models])
+    whole = replace(models[0], clouds=clouds, allowed=None, weights=None, prior=prior)
+    fit = whole.fit(assignments)
+    factors = None if prior is None else whole.log_factors(fit, bodies)
+    judged = []
+    for model, some, (rows, _) in zip(models, every, bodies, strict=True):
+        one = copied(fit.take(rows), clouds=model.clouds, assignments=some)
+        judged.append(model.judged(some, one, None if factors is None else factors[:, rows]))
+    return judged
 
 
 def _shortened(labellings: Sequence[Integers]) -> list[Integers]:

@@ -30,6 +30,7 @@ and all of the motion is integrated by Laplace's method.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -136,10 +137,12 @@ class PointSetModel:
         """The motion of each assignment (K, n)."""
         return fitted_point_sets(self.clouds, assignments, self.mirror)
 
-    def judged(self, assignments: Integers, fit: PointSetFit | None = None) -> Judged:
-        """Each assignment (K, n) with its motion, ``fit`` if it is known, and log-odds."""
+    def judged(
+        self, assignments: Integers, fit: PointSetFit | None = None, factors: Floats | None = None
+    ) -> Judged:
+        """Each assignment (K, n) with its motion and log-odds; what `fit` and `log_factors` say, unless it is given."""
         fit = self.fit(assignments) if fit is None else fit
-        factors = self.log_factors(fit)
+        factors = self.log_factors(fit) if factors is None else factors
         predicted, total = len(factors) - 1, np.asarray(np.logaddexp.reduce(factors, axis=0))
         held = np.where((first := factors.argmax(axis=0)) < predicted, first, -1)
         known = np.zeros(len(total)) if self.prior is None else total
@@ -209,13 +212,23 @@ class PointSetModel:
         """Logarithm (K,) of the odds of as many clutter points as targets (K, n') that are taken leave."""
         return np.asarray(log_odds_of_counts((taken.shape[1],), taken.shape[1])[0, taken.sum(axis=1)])
 
-    def log_factors(self, fit: PointSetFit) -> Floats:
+    def log_factors(self, fit: PointSetFit, bodies: Sequence[tuple[slice, slice]] = ()) -> Floats:
         """Logarithm (predictions + 1, K) of what each prediction of a motion makes of its density, and at last nothing.
 
         Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part.
+        ``bodies``: rows and points of each, if they are of several; then the prior has a row for each.
         """
-        inside, in_part = self._log_placed(fit)
-        shown = log_of_regions(self.clouds.source, fit.assignments >= 0, self.detection_rate)
+        own, matched = None, fit.assignments >= 0
+        if bodies:
+            own = np.zeros_like(matched)
+            for rows, points in bodies:
+                own[rows, points] = True
+        inside, in_part = self._log_placed(fit, own)
+        regions = [
+            log_of_regions(self.clouds.source[points], matched[rows, points], self.detection_rate)
+            for rows, points in bodies or [(slice(None), slice(None))]
+        ]
+        shown = np.concatenate(regions)
         placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + shown
         if in_part is not None:
             placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
@@ -226,7 +239,7 @@ class PointSetModel:
         factors[-1] += placed
         return factors
 
-    def _log_placed(self, fit: PointSetFit) -> tuple[Floats, Floats | None]:
+    def _log_placed(self, fit: PointSetFit, own: Bools | None) -> tuple[Floats, Floats | None]:
         """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
 
         The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all
@@ -240,7 +253,11 @@ class PointSetModel:
         middle, axes = self._space[2:]
         low, high, left, above = self._box
         along = ((fit.places[0] - middle) @ axes).swapaxes(0, 1).copy()  # extrema of rows take the least time
-        first, last = along.min(axis=0), along.max(axis=0)
+        low_most, most = along, along
+        if own is not None:  # points of other bodies are no part of it
+            member = own.T[..., None]
+            low_most, most = np.where(member, along, np.inf), np.where(member, along, -np.inf)
+        first, last = low_most.min(axis=0), most.max(axis=0)
         both = np.maximum(last, high) - np.minimum(first, low)
         share, matched = (last - first) / both, (fit.assignments >= 0).sum(axis=1)
         others, beyond = left[matched, None] + 1.0, above[matched, None]
@@ -248,10 +265,10 @@ class PointSetModel:
         log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
         inside = log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0)
         wholly = bool((both <= high - low).all())
-        in_part = None if wholly or self.detection_rate is not None else self._log_in_part(along, fit.assignments)
+        in_part = None if wholly or self.detection_rate is not None else self._log_in_part(along, fit.assignments, last - first, own)
         return np.asarray(inside), in_part
 
-    def _log_in_part(self, along: Floats, assignments: Integers) -> Floats:
+    def _log_in_part(self, along: Floats, assignments: Integers, extent: Floats, own: Bools | None) -> Floats:
         """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
 
         The window is where targets are. Points that are not in view are not missed: δ is that of the others. The object
@@ -260,12 +277,14 @@ class PointSetModel:
         from scipy.special import gammaln  # slow to import
 
         low, high = self._box[:2]
-        span, n, matched = high - low, len(along), (assignments >= 0).sum(axis=1)
+        span, matched = high - low, (assignments >= 0).sum(axis=1)
+        n = len(along) if own is None else own.sum(axis=1)
         seen = chances_in_view(along, low, high, len(self.clouds.target))
+        seen = seen if own is None else seen * own.T
         in_view = np.where(assignments.T >= 0, 1.0, seen).sum(axis=0)
         missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
         missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
-        return np.asarray(missed + np.log(span / (span + np.ptp(along, axis=0))).sum(axis=1))
+        return np.asarray(missed + np.log(span / (span + extent)).sum(axis=1))
 
     @cached_property
     def _box(self) -> tuple[Floats, Floats, Floats, Floats]:

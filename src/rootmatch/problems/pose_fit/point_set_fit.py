@@ -249,19 +249,11 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
     return copied(every.take(better), evidence=np.logaddexp(found.evidence, other_kind.evidence) - math.log(2.0))
 
 
-def fitted_bodies(clouds: Sequence[PointClouds], every: Sequence[Integers], mirror: bool) -> list[PointSetFit]:
-    """As `fitted_point_sets`, of assignments (K, n) of each of several bodies among the same targets, all at once."""
-    parts = [(one.source, one.source_variance, one.source_covariance) for one in clouds]
+def joined_clouds(every: Sequence[PointClouds]) -> PointClouds:
+    """The points of several bodies among the same targets."""
+    parts = [(one.source, one.source_variance, one.source_covariance) for one in every]
     source, variance, known = (None if some[0] is None else np.concatenate(some) for some in zip(*parts, strict=True))
-    row, column = (np.cumsum([0, *map(len, some)]) for some in (every, (one.source for one in clouds)))
-    assignments = np.full((row[-1], column[-1]), -1, np.int64)
-    own = [(slice(*row[k : k + 2]), slice(*column[k : k + 2])) for k in range(len(clouds))]
-    for place, some in zip(own, every, strict=True):
-        assignments[place] = some
-    whole = clouds[0]._replace(source=source, source_variance=variance, source_covariance=known)
-    fit = fitted_point_sets(whole, assignments, mirror)
-    each = zip(clouds, every, own, strict=True)
-    return [copied(fit.take(rows), clouds=one, assignments=some) for one, some, (rows, _) in each]
+    return every[0]._replace(source=source, source_variance=variance, source_covariance=known)
 
 
 def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
