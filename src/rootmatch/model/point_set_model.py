@@ -300,7 +300,8 @@ class PointSetModel:
 
     def gains(self, fit: PointSetFit, k: int) -> Floats:
         """Log-odds (n, n') of each correspondence given the rest of fitted assignment k, to first order."""
-        one = fit if len(fit.scale) == 1 else fit.take(slice(k, k + 1))
+        kept = self._kept.get(fit.assignments[k].tobytes())
+        one = fit.take(slice(k, k + 1)) if kept is None else kept.fit
         assignment = one.assignments[0]
         n, n_target = len(self.clouds.source), len(self.clouds.target)
         counts, own = self.log_counts, assignment >= 0

@@ -240,13 +240,13 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
     )  # fmt: skip
     if not clouds.has_covariances:
         return fit
-    found = _full(fit, centre2)
     if not mirror:
-        return found
+        return _full(fit, centre2)
     flipped = copied(fit, rotation=(u * np.where(np.arange(size) == size - 1, -signs, signs)[:, None]) @ vt)
-    other_kind = _full(flipped, centre2)
-    every, better = found.joined(other_kind), (other_kind.evidence > found.evidence) * count + np.arange(count)
-    return copied(every.take(better), evidence=np.logaddexp(found.evidence, other_kind.evidence) - math.log(2.0))
+    every = _full(fit.joined(flipped), np.concatenate([centre2, centre2]))
+    own, other = every.evidence[:count], every.evidence[count:]
+    better = np.where(other > own, count, 0) + np.arange(count)
+    return copied(every.take(better), evidence=np.logaddexp(own, other) - math.log(2.0))
 
 
 def joined_clouds(every: Sequence[PointClouds]) -> PointClouds:
