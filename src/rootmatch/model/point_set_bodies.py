@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.frozen import copied
 from rootmatch.model.joint import marginals
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import of_rows
@@ -69,9 +68,9 @@ def judged_together(models: Sequence[PointSetModel], named: Sequence[Sequence[In
     fit = whole.fit(assignments)
     factors = None if prior is None else whole.log_factors(fit, bodies)
     judged = []
-    for model, some, (rows, _) in zip(models, every, bodies, strict=True):
-        one = copied(fit.take(rows), clouds=model.clouds, assignments=some)
-        judged.append(model.judged(some, one, None if factors is None else factors[:, rows]))
+    for model, (rows, points) in zip(models, bodies, strict=True):
+        one = fit.of_body(rows, points, model.clouds)
+        judged.append(model.judged(one.assignments, one, None if factors is None else factors[:, rows]))
     return judged
 
 

@@ -167,6 +167,13 @@ class PointSetFit:
         some = [one[which] if isinstance(which, slice) else one.take(which, axis=0) for one in columns]
         return copied(self, **dict(zip(COLUMNS, some, strict=True)))
 
+    def of_body(self, rows: slice, points: slice, clouds: PointClouds) -> PointSetFit:
+        """The fits of one of several bodies."""
+        places = self.places
+        one = copied(self.take(rows), clouds=clouds, assignments=self.assignments[rows, points].copy())
+        vars(one)["places"] = tuple(some[rows, points] for some in places)  # worked out already
+        return one
+
     def joined(self, other: PointSetFit) -> PointSetFit:
         """These fits, followed by others of the same points."""
         both: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in COLUMNS}
