@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,8 +74,8 @@ class MotionPrior:
         integrated out beforehand, that is only of what the points tell.
     """
 
-    predictions: tuple[tuple[Pose | PosePrior, float], ...]
-    doubt: float
+    predictions: tuple[tuple[Pose | PosePrior, float | Floats], ...]
+    doubt: float | Floats
     freedom: float = math.inf
 
     def log_factors(self, fit: PointSetFit, log_volume: float) -> Floats:
@@ -130,22 +130,16 @@ class MotionPrior:
 
 
 def of_rows(priors: Sequence[MotionPrior | None], counts: Sequence[int]) -> MotionPrior | None:
-    """One prior of motions of several bodies, so many of each; None unless each has one whole pose that is predicted."""
-    poses, shares, doubts = [], [], []
-    for one in priors:
-        known = () if one is None else one.predictions
-        if one is None or len(known) != 1 or not isinstance(known[0][0], Pose) or one.freedom != priors[0].freedom:
-            return None
-        poses.append(known[0][0])
-        shares.append(known[0][1])
-        doubts.append(one.doubt)
-    parts = [[one.R for one in poses], [one.t for one in poses], [one.covariance for one in poses]]
-    if len({np.shape(one) for one in parts[2]}) > 1:
+    """One prior of the motions of several bodies, so many of each; None unless each predicts one whole pose."""
+    known = [one for one in priors if one is not None and len(one.predictions) == 1]
+    poses = [pose for one in known for pose, _ in one.predictions if isinstance(pose, Pose)]
+    told = [pose.covariance for pose in poses if pose.covariance is not None]
+    if len(told) < len(priors) or len({(one.freedom, len(some)) for one, some in zip(known, told, strict=True)}) > 1:
         return None
-    R, t, covariance, scale, share, doubt = (
-        np.repeat(np.array(some), counts, axis=0) for some in (*parts, [one.scale for one in poses], shares, doubts)
-    )
-    return MotionPrior(((Pose.unchecked(R, t, covariance, scale), share),), doubt, priors[0].freedom)
+    columns: list[Any] = [[pose.R for pose in poses], [pose.t for pose in poses], told, [pose.scale for pose in poses]]
+    columns += [[one.predictions[0][1] for one in known], [one.doubt for one in known]]
+    each: list[Any] = [np.repeat(np.array(one), counts, axis=0) for one in columns]
+    return MotionPrior(((Pose.unchecked(*each[:4]), each[4]),), each[5], known[0].freedom)
 
 
 def motion_covariances(fit: PointSetFit) -> Floats:

@@ -137,9 +137,7 @@ class PointSetModel:
         """The motion of each assignment (K, n)."""
         return fitted_point_sets(self.clouds, assignments, self.mirror)
 
-    def judged(
-        self, assignments: Integers, fit: PointSetFit | None = None, factors: Floats | None = None
-    ) -> Judged:
+    def judged(self, assignments: Integers, fit: PointSetFit | None = None, factors: Floats | None = None) -> Judged:
         """Each assignment (K, n) with its motion and log-odds; what `fit` and `log_factors` say, unless it is given."""
         fit = self.fit(assignments) if fit is None else fit
         factors = self.log_factors(fit) if factors is None else factors
@@ -218,28 +216,23 @@ class PointSetModel:
         Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part.
         ``bodies``: rows and points of each, if they are of several; then the prior has a row for each.
         """
-        own, matched = None, fit.assignments >= 0
-        if bodies:
-            own = np.zeros_like(matched)
-            for rows, points in bodies:
-                own[rows, points] = True
+        matched, own, shown = fit.assignments >= 0, np.zeros(fit.assignments.shape, np.bool_), list[Floats]()
+        for some in bodies or [(slice(None), slice(None))]:
+            own[some] = True
+            shown.append(log_of_regions(self.clouds.source[some[1]], matched[some], self.detection_rate))
         inside, in_part = self._log_placed(fit, own)
-        regions = [
-            log_of_regions(self.clouds.source[points], matched[rows, points], self.detection_rate)
-            for rows, points in bodies or [(slice(None), slice(None))]
-        ]
-        shown = np.concatenate(regions)
-        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + shown
+        of_rates = np.concatenate(shown)
+        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + of_rates
         if in_part is not None:
             placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
         if self.prior is None:
             return placed[None]
         factors = self.prior.log_factors(fit, self.log_volume)
-        factors[:-1] += shown
+        factors[:-1] += of_rates
         factors[-1] += placed
         return factors
 
-    def _log_placed(self, fit: PointSetFit, own: Bools | None) -> tuple[Floats, Floats | None]:
+    def _log_placed(self, fit: PointSetFit, own: Bools) -> tuple[Floats, Floats | None]:
         """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
 
         The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all
@@ -253,22 +246,19 @@ class PointSetModel:
         middle, axes = self._space[2:]
         low, high, left, above = self._box
         along = ((fit.places[0] - middle) @ axes).swapaxes(0, 1).copy()  # extrema of rows take the least time
-        low_most, most = along, along
-        if own is not None:  # points of other bodies are no part of it
-            member = own.T[..., None]
-            low_most, most = np.where(member, along, np.inf), np.where(member, along, -np.inf)
-        first, last = low_most.min(axis=0), most.max(axis=0)
+        member = True if own.all() else own.T[..., None]
+        first, last = along.min(axis=0, where=member, initial=np.inf), along.max(axis=0, where=member, initial=-np.inf)
         both = np.maximum(last, high) - np.minimum(first, low)
         share, matched = (last - first) / both, (fit.assignments >= 0).sum(axis=1)
         others, beyond = left[matched, None] + 1.0, above[matched, None]
         log = others * np.log((high - low) / both)
         log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
         inside = log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0)
-        wholly = bool((both <= high - low).all())
-        in_part = None if wholly or self.detection_rate is not None else self._log_in_part(along, fit.assignments, last - first, own)
-        return np.asarray(inside), in_part
+        if self.detection_rate is not None or bool((both <= high - low).all()):
+            return np.asarray(inside), None
+        return np.asarray(inside), self._log_in_part(along, fit.assignments, last - first, own)
 
-    def _log_in_part(self, along: Floats, assignments: Integers, extent: Floats, own: Bools | None) -> Floats:
+    def _log_in_part(self, along: Floats, assignments: Integers, extent: Floats, own: Bools) -> Floats:
         """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
 
         The window is where targets are. Points that are not in view are not missed: δ is that of the others. The object
@@ -278,10 +268,8 @@ class PointSetModel:
 
         low, high = self._box[:2]
         span, matched = high - low, (assignments >= 0).sum(axis=1)
-        n = len(along) if own is None else own.sum(axis=1)
         seen = chances_in_view(along, low, high, len(self.clouds.target))
-        seen = seen if own is None else seen * own.T
-        in_view = np.where(assignments.T >= 0, 1.0, seen).sum(axis=0)
+        in_view, n = np.where(assignments.T >= 0, 1.0, seen * own.T).sum(axis=0), own.sum(axis=1)
         missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
         missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
         return np.asarray(missed + np.log(span / (span + extent)).sum(axis=1))

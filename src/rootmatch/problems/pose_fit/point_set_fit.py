@@ -258,9 +258,12 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
 
 def joined_clouds(every: Sequence[PointClouds]) -> PointClouds:
     """The points of several bodies among the same targets."""
-    parts = [(one.source, one.source_variance, one.source_covariance) for one in every]
-    source, variance, known = (None if some[0] is None else np.concatenate(some) for some in zip(*parts, strict=True))
-    return every[0]._replace(source=source, source_variance=variance, source_covariance=known)
+    known = [one.source_covariance for one in every if one.source_covariance is not None]
+    return every[0]._replace(
+        source=np.concatenate([one.source for one in every]),
+        source_variance=np.concatenate([one.source_variance for one in every]),
+        source_covariance=np.concatenate(known) if known else None,
+    )
 
 
 def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
