@@ -174,7 +174,7 @@ def test_what_is_where_it_was_predicted_is_fitted_once(monkeypatch: pytest.Monke
     source = np.vstack([TOOL, 1.5 * TOOL + (300.0, 0.0, 0.0)])
     match = rm.match(source, source, rm.Rigid(), noise=(0.0, SIGMA), bodies=bodies, prior={"a": pose, "b": pose})
     assert match.status is rm.Status.MATCHED
-    assert len(fitted) == 2
+    assert len(fitted) == 1  # of both bodies at once
 
 
 @pytest.mark.parametrize("gap", [1.0, 100.0])

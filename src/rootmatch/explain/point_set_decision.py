@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, does_not_fit, 
 from rootmatch.explain.image_decision import BY_ITS_LAW, lead_by_odds
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
@@ -111,7 +111,7 @@ def _searched(task: MatchingTask, model: PointSetModel, named: list[Integers], j
     mirrored = None if labellings is None else labellings.mirrored
     if not judging:
         _, base = unjudged(task, sampled, None)
-        return replace(base, named=list(every), mirrored=[] if mirrored is None else list(mirrored))
+        return copied(base, named=list(every), mirrored=[] if mirrored is None else list(mirrored))
     return assessed(task, model, sampled, judged_of(model, every) if judged is None else judged, mirrored)
 
 
@@ -129,7 +129,7 @@ def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
     whole = found.status is Status.MATCHED and bool((found.assignment >= 0).all())
     if not (whole and found.prior_holds):
         return None
-    return replace(found.with_facts(lead=lead_by_odds(found.probability)), scoreless=True)
+    return copied(found.with_facts(lead=lead_by_odds(found.probability)), scoreless=True)
 
 
 def wholly_predicted(model: PointSetModel) -> list[Integers]:
@@ -179,18 +179,18 @@ def assessed(
 ) -> Finding:
     """The finding of proposed labellings; their scores are computed when they are asked for."""
     _, base = unjudged(task, sampled, None)
-    base = replace(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
+    base = copied(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
     repeated = with_repetition(model, judged)
     every = [Repeated(model, judged, 0.0), *([] if repeated is None else [repeated])]
     found = [posterior(one.model, one.judged, mirrored) for one in every]
     beside = [beside_sets(told, one.model) for told, one in zip(found, every, strict=True)]
     before, after = (
-        [replace(told, log_total=told.log_total + one.log_odds) for told, one in zip(some, every, strict=True)]
+        [copied(told, log_total=told.log_total + one.log_odds) for told, one in zip(some, every, strict=True)]
         for some in (found, beside)
     )
     whole = mixed(after)
     if mixed(before).present - whole.present > LIKELY:
-        base = replace(base, reason=BY_ITS_LAW)
+        base = copied(base, reason=BY_ITS_LAW)
     return told_by(base, whole, every[int(np.argmax([told.log_total for told in after]))].model)
 
 
@@ -211,7 +211,7 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
     first = found if taken is None else found.without(taken)
     is_best = len(first.assignments) == 0 or bool((first.assignments[0] == found.assignments[0]).all())
     if not len(first.assignments):
-        return replace(
+        return copied(
             base,
             labellings=found,
             assignment=np.full(n, -1, np.int64),
@@ -246,7 +246,7 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
     different = ((others >= 0) & (others != assignment)).any(axis=1)
     fault = Misfit.of(float(judged.fit.chi2[0]), int(judged.fit.dof[0]))
-    told = replace(
+    told = copied(
         base,
         labellings=every,
         assignment=assignment,
@@ -267,13 +267,13 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
         prior_holds=prior_holds,
-        pose=_with_prior(task, model, judged),
+        pose=_with_prior(model, judged),
     )
     if task.noise_is_estimated:
         return told
     # what is left out as unsure may be what does not fit
     whole = _misfit_of(model, found, taken)
-    told = replace(told, alike=whole.alike)
+    told = copied(told, alike=whole.alike)
     as_off = float(np.exp(np.minimum(whole.for_points_off(task.log_inexact), MOST_ALIKE)).sum())
     doubted = doubted_by_fit(told, whole, alike=model.clutter.repeats, as_off=as_off)
     # something is there that does not fit, which the advice says
@@ -291,18 +291,14 @@ def _misfit_of(model: PointSetModel, found: PointSetPosterior, taken: Bools | No
     return fault._replace(alike=log_odds_off(model, first, log_mass, taken))
 
 
-def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pose | None:
+def _with_prior(model: PointSetModel, judged: Judged) -> Pose | None:
     """The pose of one labelling and of what is known of its motion, if that holds."""
     which = int(judged.held[0])
     if model.prior is None or which < 0:
         return None
-    points, fit, known = task.points, judged.fit, model.prior.predictions[which][0]
-    pose: Pose | None = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
-    if points.has_covariances:
-        (pose,) = task.problem.poses(points, fit.assignments)
-    if pose is None:
-        return None
-    return fused(with_errors_of_source(model.clouds, judged.fit.assignments[0], pose), known)
+    fit, known = judged.fit, model.prior.predictions[which][0]
+    pose = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
+    return fused(with_errors_of_source(model.clouds, fit.assignments[0], pose), known)
 
 
 def pose_alone(found: Finding) -> Pose | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,9 +24,10 @@ from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unju
 from rootmatch.explain.image_decision import BY_ITS_LAW
 from rootmatch.explain.point_set_decision import judged_of, model_of, told_by, wholly_predicted
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copied
 from rootmatch.model.modes import uses_of
-from rootmatch.model.point_set_bodies import joint_posterior
-from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_bodies import joint_posterior, judged_together
+from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.weighed_labellings import Weighed, nothing_weighed, weighed
 from rootmatch.samplers.base import SampledTensor
@@ -58,13 +59,11 @@ class _Body(SearchedBody):
         left = not len(self.told.assignments) or not (self.told.used(len(self.free)) * self.free).any()
         return self.among < 0 or (self.cut and (fewer or budget > self.budget)) or (fewer and left)
 
-    def predict(self) -> None:
-        """Add what has a target for each point where the body is predicted, if there is one."""
-        self.named = wholly_predicted(self.model)
-        if self.named:
-            _, base = unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
-            self.found = replace(base, scoreless=True)
-            self.weighed = weighed(self.model, judged_of(self.model, np.array(self.named)), of_several=True)
+    def predict(self, judged: Judged) -> None:
+        """Add what has a target for each point where the body is predicted, and its neighbours."""
+        _, base = unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
+        self.found = copied(base, scoreless=True)
+        self.weighed = weighed(self.model, judged, of_several=True)
 
     @property
     def is_as_predicted(self) -> bool:
@@ -79,7 +78,7 @@ class _Body(SearchedBody):
             return self.told
         first = float(self.model.judged_one(self.told.assignments[0]).log_odds[0])
         log_total = first - math.log(max(float(self.told.probabilities[0]), 1e-300))
-        return beside_sets(replace(self.told, log_total=log_total), self.model, ~self.free)
+        return beside_sets(copied(self.told, log_total=log_total), self.model, ~self.free)
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
         """Search among the free targets of the task of all bodies, and add what is found."""
@@ -149,11 +148,14 @@ def _body(task: MatchingTask, number: int) -> _Body:
 def _predict(bodies: list[_Body]) -> None:
     """Look about the predicted motions; what is wholly there needs no search."""
     for body in bodies:
-        body.predict()
-    if any(body.named for body in bodies):
+        body.named = wholly_predicted(body.model)
+    if named := [body for body in bodies if body.named]:
+        every = judged_together([body.model for body in named], [body.named for body in named])
+        for body, judged in zip(named, every, strict=True):
+            body.predict(judged)
         _weigh(bodies)
-        for body in bodies:
-            if body.named and body.is_as_predicted:
+        for body in named:
+            if body.is_as_predicted:
                 body.enough, body.among = True, len(body.free)
         _share(bodies)
 
@@ -189,5 +191,5 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
         by_law = body.told.present - own.present > LIKELY
         told = BY_ITS_LAW if by_law else None if len(own.assignments) else body.found.reason
         reason = LATE if body.among < 0 else told
-        found[body.number] = one if one.reason == reason else replace(one, reason=reason)
+        found[body.number] = one if one.reason == reason else copied(one, reason=reason)
     return joined(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))

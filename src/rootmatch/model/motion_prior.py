@@ -16,8 +16,9 @@ second fit.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotati
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import DECADES, PointSetFit
+from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
 from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, with_shared
@@ -39,7 +40,7 @@ RIDGE = 1e-12
 
 
 class _Off(NamedTuple):
-    """How far K motions are from what is known."""
+    """How far K motions are from what is known, the same of all or of each (K, …) its own."""
 
     off: Floats
     """(K, k)."""
@@ -51,11 +52,11 @@ class _Off(NamedTuple):
     """(k,) whose product is the volume of what is known under the flat prior."""
 
     @property
-    def log_volume(self) -> float:
+    def log_volume(self) -> Floats:
         """Logarithm of 1 / N(0; 0, F + C): of that volume, if the knowledge is precise."""
-        unit = 2.0 * math.pi * self.covariance / (self.ranges[:, None] * self.ranges)
-        more = 0.5 * float(np.linalg.slogdet(np.eye(len(unit)) + unit)[1])
-        return float(np.log(self.ranges).sum()) + more
+        unit = 2.0 * math.pi * self.covariance / (self.ranges[..., None] * self.ranges[..., None, :])
+        more = 0.5 * np.linalg.slogdet(np.eye(unit.shape[-1]) + unit)[1]
+        return np.asarray(np.log(self.ranges).sum(axis=-1) + more)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,17 +74,17 @@ class MotionPrior:
         integrated out beforehand, that is only of what the points tell.
     """
 
-    predictions: tuple[tuple[Pose | PosePrior, float], ...]
-    doubt: float
+    predictions: tuple[tuple[Pose | PosePrior, float | Floats], ...]
+    doubt: float | Floats
     freedom: float = math.inf
 
     def log_factors(self, fit: PointSetFit, log_volume: float) -> Floats:
         """Logarithm (predictions + 1, K) of the factor on the odds of each prediction, and of the doubt as the last."""
         covariance = motion_covariances(fit)
         every = np.empty((len(self.predictions) + 1, len(fit.scale)))
-        every[-1] = math.log(self.doubt)
+        every[-1] = np.log(self.doubt)
         for row, (known, share) in zip(every, self.predictions, strict=False):
-            log_share = math.log((1.0 - self.doubt) * max(share, 1e-300))
+            log_share = np.log((1.0 - self.doubt) * np.maximum(share, 1e-300))
             row[:] = log_share + self._log_factor(known, fit, covariance, log_volume)
         every[:-1, np.linalg.det(fit.rotation) < 0.0] = -np.inf
         return every
@@ -126,6 +127,19 @@ class MotionPrior:
             tail = math.lgamma(half + more) - math.lgamma(half) - more * math.log(half)
             tail = tail - (half + more) * np.log1p(squared / self.freedom)
         return np.asarray(measured.log_volume - peak + tail)
+
+
+def of_rows(priors: Sequence[MotionPrior | None], counts: Sequence[int]) -> MotionPrior | None:
+    """One prior of the motions of several bodies, so many of each; None unless each predicts one whole pose."""
+    known = [one for one in priors if one is not None and len(one.predictions) == 1]
+    poses = [pose for one in known for pose, _ in one.predictions if isinstance(pose, Pose)]
+    told = [pose.covariance for pose in poses if pose.covariance is not None]
+    if len(told) < len(priors) or len({(one.freedom, len(some)) for one, some in zip(known, told, strict=True)}) > 1:
+        return None
+    columns: list[Any] = [[pose.R for pose in poses], [pose.t for pose in poses], told, [pose.scale for pose in poses]]
+    columns += [[one.predictions[0][1] for one in known], [one.doubt for one in known]]
+    each: list[Any] = [np.repeat(np.array(one), counts, axis=0) for one in columns]
+    return MotionPrior(((Pose.unchecked(*each[:4]), each[4]),), each[5], known[0].freedom)
 
 
 def motion_covariances(fit: PointSetFit) -> Floats:
@@ -196,10 +210,11 @@ def _off(known: Pose | PosePrior, fit: PointSetFit, length: float) -> _Off:
     fitted = 7 if fit.clouds.scaled else 6
     if isinstance(known, Pose):
         assert known.covariance is not None
-        size, scales = len(known.covariance), [known.scale * DECADES * math.log(10.0)]
-        longer = (known.scale - fit.scale)[:, None]
+        size, scale = known.covariance.shape[-1], np.asarray(known.scale)
+        longer, ranges = (known.scale - fit.scale)[:, None], np.empty((*scale.shape, 7))
         off = np.concatenate([_turns(known.R, fit), known.t - fit.shift, longer], axis=1)[:, :size]
-        return _Off(off, np.eye(size, fitted), known.covariance, np.concatenate([turns, places, scales])[:size])
+        ranges[..., :3], ranges[..., 3:6], ranges[..., 6] = turns, places, scale * RANGE_OF_LOG
+        return _Off(off, np.eye(size, fitted), known.covariance, ranges[..., :size])
     parts = []
     if known.turn is not None:
         R, covariance = known.turn

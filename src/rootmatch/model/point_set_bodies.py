@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.joint import marginals
 from rootmatch.model.modes import uses_of
-from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.motion_prior import of_rows
+from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior, ordered
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.weighed_labellings import NEGLIGIBLE, Weighed
-from rootmatch.problems.pose_fit.point_set_fit import FEWEST
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST, joined_clouds
 
 KEPT = 64
 """Labellings of each body that are weighed together. A round value."""
@@ -50,6 +52,38 @@ def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -
         ordered(one.assignments, share[: len(one.assignments)], one.sums)
         for one, share in zip(best, each_of, strict=False)  # those of copies follow
     ]
+
+
+def judged_together(models: Sequence[PointSetModel], named: Sequence[Sequence[Integers]]) -> list[Judged]:
+    """Named labellings (n,) of each of several bodies, and these without one match, by one fit of them all."""
+    every = [np.array([*some, *_shortened(some)]) for some in named]
+    row, column = (np.cumsum([0, *some]) for some in ([len(one) for one in every], [one.shape[1] for one in every]))
+    bodies = [(slice(*row[k : k + 2]), slice(*column[k : k + 2])) for k in range(len(models))]
+    assignments = np.full((row[-1], column[-1]), -1, np.int64)
+    for place, some in zip(bodies, every, strict=True):
+        assignments[place] = some
+    prior = of_rows([model.prior for model in models], [len(one) for one in every])
+    clouds = joined_clouds([model.clouds for model in models])
+    whole = replace(models[0], clouds=clouds, allowed=None, weights=None, prior=prior)
+    fit = whole.fit(assignments)
+    factors = None if prior is None else whole.log_factors(fit, bodies)
+    judged = []
+    for model, (rows, points) in zip(models, bodies, strict=True):
+        one = fit.of_body(rows, points, model.clouds)
+        judged.append(model.judged(one.assignments, one, None if factors is None else factors[:, rows]))
+    return judged
+
+
+def _shortened(labellings: Sequence[Integers]) -> list[Integers]:
+    """Labellings (n,) without one of their matches, if enough are left."""
+    every = []
+    for one in labellings:
+        (matched,) = (one >= 0).nonzero()
+        for k in matched if len(matched) > FEWEST else ():
+            less = one.copy()
+            less[k] = -1
+            every.append(less)
+    return every
 
 
 def _hypotheses(model: PointSetModel, found: Weighed, count: int) -> tuple[Bools, Floats]:

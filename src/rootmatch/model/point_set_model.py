@@ -30,6 +30,7 @@ and all of the motion is integrated by Laplace's method.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -67,7 +68,7 @@ class Judged(NamedTuple):
 
     def take(self, which: Integers | slice) -> Judged:
         """Some of them."""
-        return Judged._make(one.take(which) if isinstance(one, PointSetFit) else one[which] for one in self)
+        return Judged(self.fit.take(which), self.log_odds[which], self.known[which], self.held[which])
 
     def joined(self, other: Judged) -> Judged:
         """These, followed by others."""
@@ -136,10 +137,10 @@ class PointSetModel:
         """The motion of each assignment (K, n)."""
         return fitted_point_sets(self.clouds, assignments, self.mirror)
 
-    def judged(self, assignments: Integers) -> Judged:
-        """Each assignment (K, n) with its motion and log-odds."""
-        fit = self.fit(assignments)
-        factors = self.log_factors(fit)
+    def judged(self, assignments: Integers, fit: PointSetFit | None = None, factors: Floats | None = None) -> Judged:
+        """Each assignment (K, n) with its motion and log-odds; what `fit` and `log_factors` say, unless it is given."""
+        fit = self.fit(assignments) if fit is None else fit
+        factors = self.log_factors(fit) if factors is None else factors
         predicted, total = len(factors) - 1, np.asarray(np.logaddexp.reduce(factors, axis=0))
         held = np.where((first := factors.argmax(axis=0)) < predicted, first, -1)
         known = np.zeros(len(total)) if self.prior is None else total
@@ -209,24 +210,29 @@ class PointSetModel:
         """Logarithm (K,) of the odds of as many clutter points as targets (K, n') that are taken leave."""
         return np.asarray(log_odds_of_counts((taken.shape[1],), taken.shape[1])[0, taken.sum(axis=1)])
 
-    def log_factors(self, fit: PointSetFit) -> Floats:
+    def log_factors(self, fit: PointSetFit, bodies: Sequence[tuple[slice, slice]] = ()) -> Floats:
         """Logarithm (predictions + 1, K) of what each prediction of a motion makes of its density, and at last nothing.
 
         Where nothing is known of it, the whole object is where targets are, or its middle alone is, or any part.
+        ``bodies``: rows and points of each, if they are of several; then the prior has a row for each.
         """
-        inside, in_part = self._log_placed(fit)
-        shown = log_of_regions(self.clouds.source, fit.assignments >= 0, self.detection_rate)
-        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + shown
+        matched, own, shown = fit.assignments >= 0, np.zeros(fit.assignments.shape, np.bool_), list[Floats]()
+        for some in bodies or [(slice(None), slice(None))]:
+            own[some] = True
+            shown.append(log_of_regions(self.clouds.source[some[1]], matched[some], self.detection_rate))
+        inside, in_part = self._log_placed(fit, own)
+        of_rates = np.concatenate(shown)
+        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + of_rates
         if in_part is not None:
             placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
         if self.prior is None:
             return placed[None]
         factors = self.prior.log_factors(fit, self.log_volume)
-        factors[:-1] += shown
+        factors[:-1] += of_rates
         factors[-1] += placed
         return factors
 
-    def _log_placed(self, fit: PointSetFit) -> tuple[Floats, Floats | None]:
+    def _log_placed(self, fit: PointSetFit, own: Bools) -> tuple[Floats, Floats | None]:
         """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
 
         The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all
@@ -240,18 +246,19 @@ class PointSetModel:
         middle, axes = self._space[2:]
         low, high, left, above = self._box
         along = ((fit.places[0] - middle) @ axes).swapaxes(0, 1).copy()  # extrema of rows take the least time
-        first, last = along.min(axis=0), along.max(axis=0)
+        member = True if own.all() else own.T[..., None]
+        first, last = along.min(axis=0, where=member, initial=np.inf), along.max(axis=0, where=member, initial=-np.inf)
         both = np.maximum(last, high) - np.minimum(first, low)
         share, matched = (last - first) / both, (fit.assignments >= 0).sum(axis=1)
         others, beyond = left[matched, None] + 1.0, above[matched, None]
         log = others * np.log((high - low) / both)
         log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
         inside = log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0)
-        wholly = bool((both <= high - low).all())
-        in_part = None if wholly or self.detection_rate is not None else self._log_in_part(along, fit.assignments)
-        return np.asarray(inside), in_part
+        if self.detection_rate is not None or bool((both <= high - low).all()):
+            return np.asarray(inside), None
+        return np.asarray(inside), self._log_in_part(along, fit.assignments, last - first, own)
 
-    def _log_in_part(self, along: Floats, assignments: Integers) -> Floats:
+    def _log_in_part(self, along: Floats, assignments: Integers, extent: Floats, own: Bools) -> Floats:
         """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
 
         The window is where targets are. Points that are not in view are not missed: δ is that of the others. The object
@@ -260,12 +267,12 @@ class PointSetModel:
         from scipy.special import gammaln  # slow to import
 
         low, high = self._box[:2]
-        span, n, matched = high - low, len(along), (assignments >= 0).sum(axis=1)
+        span, matched = high - low, (assignments >= 0).sum(axis=1)
         seen = chances_in_view(along, low, high, len(self.clouds.target))
-        in_view = np.where(assignments.T >= 0, 1.0, seen).sum(axis=0)
+        in_view, n = np.where(assignments.T >= 0, 1.0, seen * own.T).sum(axis=0), own.sum(axis=1)
         missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
         missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
-        return np.asarray(missed + np.log(span / (span + np.ptp(along, axis=0))).sum(axis=1))
+        return np.asarray(missed + np.log(span / (span + extent)).sum(axis=1))
 
     @cached_property
     def _box(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -281,7 +288,8 @@ class PointSetModel:
 
     def gains(self, fit: PointSetFit, k: int) -> Floats:
         """Log-odds (n, n') of each correspondence given the rest of fitted assignment k, to first order."""
-        one = fit if len(fit.scale) == 1 else fit.take(slice(k, k + 1))
+        kept = self._kept.get(fit.assignments[k].tobytes())
+        one = fit.take(slice(k, k + 1)) if kept is None else kept.fit
         assignment = one.assignments[0]
         n, n_target = len(self.clouds.source), len(self.clouds.target)
         counts, own = self.log_counts, assignment >= 0

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.frozen import copied
 from rootmatch.model.labelling_sums import SHARED, LabellingSums, same_motion
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_alike import Likeness, likeness
@@ -65,7 +66,7 @@ class PointSetPosterior:
         if not len(free):
             return PointSetPosterior(self.assignments[:0], self.probabilities[:0])
         order = np.concatenate([free[:1], np.delete(np.arange(len(self.probabilities)), free[0])])
-        return replace(self, assignments=self.assignments[order], probabilities=self.probabilities[order])
+        return copied(self, assignments=self.assignments[order], probabilities=self.probabilities[order])
 
     def beside(self, log_factors: Floats, log_other: float) -> PointSetPosterior:
         """The same with factors (K,) on the weights of hypotheses, and something else that takes its share.
@@ -77,7 +78,7 @@ class PointSetPosterior:
         rest = max(1.0 - float(self.probabilities.sum()), 0.0) * math.exp(-top) + math.exp(log_other - top)
         whole = float(weights.sum()) + rest
         told = ordered(self.assignments, weights / whole, self.sums)
-        return replace(told, log_total=self.log_total + top + math.log(whole))
+        return copied(told, log_total=self.log_total + top + math.log(whole))
 
     @property
     def probability(self) -> float:
@@ -175,7 +176,7 @@ def posterior(model: PointSetModel, proposals: Judged, mirrored: Integers | None
     weights = np.exp(mass - top)
     others = absent, found.log_mirrored, alike.log_odds + absent + model.log_unnamed
     whole = float(weights.sum()) + sum(math.exp(min(one - top, 700.0)) for one in others)
-    return replace(ordered(found.assignments, weights / whole, found.sums), log_total=top + math.log(whole))
+    return copied(ordered(found.assignments, weights / whole, found.sums), log_total=top + math.log(whole))
 
 
 def mixed(parts: Sequence[PointSetPosterior]) -> PointSetPosterior:
@@ -187,7 +188,7 @@ def mixed(parts: Sequence[PointSetPosterior]) -> PointSetPosterior:
     distinct, label = np.unique(every, axis=0, return_inverse=True)
     sums = [one for k in np.argsort(-shares, kind="stable") for one in parts[k].sums]
     told = ordered(distinct, np.bincount(label.ravel(), weights, len(distinct)).astype(np.float64), sums)
-    return replace(told, log_total=float(np.logaddexp.reduce(totals)))
+    return copied(told, log_total=float(np.logaddexp.reduce(totals)))
 
 
 def ordered(assignments: Integers, probabilities: Floats, sums: Sequence[LabellingSums]) -> PointSetPosterior:

@@ -96,7 +96,8 @@ def weighed(
     if not len(proposals.log_odds):
         return nothing_weighed(len(model.clouds.source))
     checkpoint()
-    found = _best(proposals, of_several)
+    kept = found = _best(proposals, of_several)
+    model.keep(found.take(slice(1)))
     known_ones = {one.tobytes() for one in found.fit.assignments}
     expanded: set[bytes] = set()
     for _ in range(ROUNDS):
@@ -118,8 +119,9 @@ def weighed(
         if not new:
             break
         found = found.joined(model.judged(np.array(new)))
-    found = _best(found, of_several)
-    model.keep(found.take(slice(1)))
+    if found is not kept:
+        found = _best(found, of_several)
+        model.keep(found.take(slice(1)))
     assignments, known = found.fit.assignments, found.known  # which tells symmetric motions from each other
     odds = found.log_odds - known
     most = float(odds.max())

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector, turn_jacobian
 from rootmatch.arrays import Floats, Integers
+from rootmatch.frozen import copied
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.descent import STEPS, State, descended
 
@@ -88,7 +89,7 @@ def reweighted(
     """Fits of assignments (B, n) with covariances of axes that differ, those of the fit before, and their weights."""
     turns = clouds.source_covariance is not None or (model.scaled and bool(clouds.source_variance.any()))
     for _ in range(REWEIGHTED if turns else 1):
-        model = replace(model, white=_whitening(clouds, assignments, state))
+        model = copied(model, white=_whitening(clouds, assignments, state))
         state, _ = descended(model, state, steps)
     return model, state
 

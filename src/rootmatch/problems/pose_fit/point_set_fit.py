@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
+from rootmatch.frozen import copied
 from rootmatch.problems.points import PointClouds, squared_distances_to
 from rootmatch.problems.pose_fit.motion_model import full_fit
 
@@ -163,12 +165,19 @@ class PointSetFit:
         columns = [getattr(self, name) for name in COLUMNS]
         # `take` is three times as fast as an index for few
         some = [one[which] if isinstance(which, slice) else one.take(which, axis=0) for one in columns]
-        return replace(self, **dict(zip(COLUMNS, some, strict=True)))
+        return copied(self, **dict(zip(COLUMNS, some, strict=True)))
+
+    def of_body(self, rows: slice, points: slice, clouds: PointClouds) -> PointSetFit:
+        """The fits of one of several bodies."""
+        places = self.places
+        one = copied(self.take(rows), clouds=clouds, assignments=self.assignments[rows, points].copy())
+        vars(one)["places"] = tuple(some[rows, points] for some in places)  # worked out already
+        return one
 
     def joined(self, other: PointSetFit) -> PointSetFit:
         """These fits, followed by others of the same points."""
         both: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in COLUMNS}
-        return replace(self, **both)
+        return copied(self, **both)
 
 
 COLUMNS = tuple(one.name for one in fields(PointSetFit) if one.name != "clouds")
@@ -238,13 +247,23 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
     )  # fmt: skip
     if not clouds.has_covariances:
         return fit
-    found = _full(fit, centre2)
     if not mirror:
-        return found
-    flipped = replace(fit, rotation=(u * np.where(np.arange(size) == size - 1, -signs, signs)[:, None]) @ vt)
-    other_kind = _full(flipped, centre2)
-    every, better = found.joined(other_kind), (other_kind.evidence > found.evidence) * count + np.arange(count)
-    return replace(every.take(better), evidence=np.logaddexp(found.evidence, other_kind.evidence) - math.log(2.0))
+        return _full(fit, centre2)
+    flipped = copied(fit, rotation=(u * np.where(np.arange(size) == size - 1, -signs, signs)[:, None]) @ vt)
+    every = _full(fit.joined(flipped), np.concatenate([centre2, centre2]))
+    own, other = every.evidence[:count], every.evidence[count:]
+    better = np.where(other > own, count, 0) + np.arange(count)
+    return copied(every.take(better), evidence=np.logaddexp(own, other) - math.log(2.0))
+
+
+def joined_clouds(every: Sequence[PointClouds]) -> PointClouds:
+    """The points of several bodies among the same targets."""
+    known = [one.source_covariance for one in every if one.source_covariance is not None]
+    return every[0]._replace(
+        source=np.concatenate([one.source for one in every]),
+        source_variance=np.concatenate([one.source_variance for one in every]),
+        source_covariance=np.concatenate(known) if known else None,
+    )
 
 
 def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
@@ -271,7 +290,7 @@ def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     own = 1.0 / (curvature + 1.0 / TURN)
     vague = np.zeros(rest.shape[1] + angles)
     vague[:angles] = 1.0 / TURN
-    return replace(
+    return copied(
         fit, chi2=found.chi2, evidence=evidence, rotation=found.rotation, scale=found.scale,
         shift=found.shift - found.scale[:, None] * _applied(found.rotation, fit.centre),
         spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=frame if size == 3 else fit.frame,
