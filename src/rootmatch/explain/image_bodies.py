@@ -26,12 +26,12 @@ from rootmatch.explain.image_decision import beside_of, told_by
 from rootmatch.explain.image_hypotheses import (
     LIKELY,
     NAMED,
-    PREDICTION,
     Candidate,
     competing,
     is_enough,
     proposals_by_prediction,
 )
+from rootmatch.explain.in_time import to_predict
 from rootmatch.explain.known_place import pairs_by_angle
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
@@ -274,7 +274,7 @@ def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted poses."""
-    with task.deadline.at_least(PREDICTION).within():
+    with to_predict(task.deadline).within():
         for body in bodies:
             body.predict()
         _weigh(bodies)

@@ -22,6 +22,7 @@ from rootmatch.explain.continued_sets import beside_sets
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
 from rootmatch.explain.image_decision import BY_ITS_LAW
+from rootmatch.explain.in_time import by_the_last_moment, last_moment
 from rootmatch.explain.point_set_decision import judged_of, model_of, told_by, wholly_predicted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.modes import uses_of
@@ -73,13 +74,15 @@ class _Body(SearchedBody):
         whole = len(first) > 0 and bool((first >= 0).all()) and self.told.motion >= SURE
         return whole and bool(self.model.judged_one(first[0]).held[0] >= 0)
 
-    def beside(self) -> PointSetPosterior:
-        """What is told of it, where its law may go on in the targets that the others leave."""
+    def beside(self) -> PointSetPosterior | None:
+        """What is told of it, where its law may go on in the targets that the others leave; None if time is over."""
         if not len(self.told.assignments):
             return self.told
-        first = float(self.model.judged_one(self.told.assignments[0]).log_odds[0])
-        log_total = first - math.log(max(float(self.told.probabilities[0]), 1e-300))
-        return beside_sets(replace(self.told, log_total=log_total), self.model, ~self.free)
+        with last_moment().within():
+            first = float(self.model.judged_one(self.told.assignments[0]).log_odds[0])
+            log_total = first - math.log(max(float(self.told.probabilities[0]), 1e-300))
+            return beside_sets(replace(self.told, log_total=log_total), self.model, ~self.free)
+        return None
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
         """Search among the free targets of the task of all bodies, and add what is found."""
@@ -129,7 +132,8 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
         for body in bodies:
             body.confirm(task, solve)
     if task.deadline.passed():
-        _weigh(bodies)
+        with suppress(OutOfTime):
+            _weigh(bodies)
     return _finding(task, bodies)
 
 
@@ -158,6 +162,7 @@ def _predict(bodies: list[_Body]) -> None:
         _share(bodies)
 
 
+@by_the_last_moment
 def _weigh(bodies: list[_Body]) -> None:
     """Weigh all bodies together."""
     told = joint_posterior([body.model for body in bodies], [body.weighed for body in bodies])
@@ -183,8 +188,9 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     taken = np.zeros(task.shape[1], np.bool_)
     found: dict[int, Finding] = {}
     for body in sorted(bodies, key=lambda one: -one.told.motion):
-        own = body.beside()
-        one = told_by(body.found, own, body.model, taken)
+        beside = body.beside()
+        own = body.told if beside is None else beside
+        one = told_by(body.found, own, body.model, taken, asked=beside is not None)
         taken |= uses_of(one.assignment[None], len(taken))[0]
         by_law = body.told.present - own.present > LIKELY
         told = BY_ITS_LAW if by_law else None if len(own.assignments) else body.found.reason
