@@ -38,6 +38,8 @@ SURE = 0.98
 """Probability from which a body takes its detections before the others are known."""
 BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
+BODY_OF_FRAME = 0.8
+"""The same of a tracker's frame, which searches for one."""
 LATE = "max_seconds were over before it was searched for"
 LISTED = 5
 """Number of alternatives of a doubtful match that another body may rule out by taking their detections. A round
@@ -171,7 +173,7 @@ def searched_among(
     part = task.body(number)
     if task.deadline.passed():
         return nothing_found(part, LATE), False
-    part = copied(part, deadline=task.deadline.part(BODY))
+    part = copied(part, deadline=task.deadline.part(BODY if task.budget is None else BODY_OF_FRAME))
     if len(columns) < task.problem.order:
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
         return nothing_found(part, fault), False
