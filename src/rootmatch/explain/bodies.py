@@ -147,6 +147,15 @@ def budgets_of(task: MatchingTask) -> list[int]:
     return [int(first * BUDGET_GROWTH**k) for k in range(ROUNDS)]
 
 
+def in_turn(task: MatchingTask, bodies: Sequence[Body]) -> Sequence[Body]:
+    """Bodies in the order in which they are looked for: with limited time, another one first after a frame cut short.
+
+    Its seed is another one, too: see `rootmatch.tracking.search_schedule.RepeatedSearch`.
+    """
+    first = task.options.seed % len(bodies) if task.deadline.is_set else 0
+    return [*bodies[first:], *bodies[:first]]
+
+
 def search_in_turn(
     task: MatchingTask, bodies: Sequence[Body], worth: Callable[[Body, int], bool], search: Callable[[Body, int], None]
 ) -> None:
@@ -155,8 +164,10 @@ def search_in_turn(
     for turn in count():
         budget = budgets[min(turn, ROUNDS - 1)]
         searched = False
-        for body in bodies:
+        for body in in_turn(task, bodies):
             if worth(body, budget):
+                if task.deadline.passed():
+                    return
                 searched = True
                 search(body, budget)
         if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():

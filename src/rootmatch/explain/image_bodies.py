@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, budgets_of, search_in_turn
+from rootmatch.deadline import OutOfTime, checkpoint
+from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, budgets_of, in_turn, search_in_turn
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.finding import Finding, nothing_found
@@ -275,8 +275,10 @@ def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted poses."""
     with to_predict(task.deadline).within():
-        for body in bodies:
+        for body in in_turn(task, bodies):
+            checkpoint()
             body.predict()
+    with suppress(OutOfTime):
         _weigh(bodies)
 
 

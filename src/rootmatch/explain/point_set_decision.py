@@ -313,12 +313,8 @@ def _with_prior(task: MatchingTask, model: PointSetModel, judged: Judged) -> Pos
     which = int(judged.held[0])
     if model.prior is None or which < 0:
         return None
-    points, fit, known = task.points, judged.fit, model.prior.predictions[which][0]
-    pose: Pose | None = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
-    if points.has_covariances:
-        (pose,) = task.problem.poses(points, fit.assignments)
-    if pose is None:
-        return None
+    fit, known = judged.fit, model.prior.predictions[which][0]
+    pose = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
     return fused(with_errors_of_source(model.clouds, judged.fit.assignments[0], pose), known)
 
 

@@ -14,15 +14,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rootmatch.arrays import Bools, Integers
-from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_in_turn, searched_among
+from rootmatch.deadline import OutOfTime, checkpoint
+from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, in_turn, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.continued_bodies import LIKELY
 from rootmatch.explain.continued_sets import beside_sets
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
 from rootmatch.explain.image_decision import BY_ITS_LAW
-from rootmatch.explain.in_time import by_the_last_moment, last_moment
+from rootmatch.explain.in_time import by_the_last_moment, last_moment, to_predict
 from rootmatch.explain.point_set_decision import judged_of, model_of, told_by, wholly_predicted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.modes import uses_of
@@ -35,6 +35,9 @@ from rootmatch.samplers.base import SampledTensor
 CONFIRMED = 6
 """Number of matches from which a certain body whose search was cut short is called matched if its detections allow no
 other pose. A round value; none on the tuning seeds was wrong."""
+
+SEARCHED = 0.8
+"""Share of the time left at a deadline for the searches: all are weighed together after them. A round value."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -127,10 +130,11 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
             _weigh(bodies)
 
     with suppress(OutOfTime):
-        _predict(bodies)
-        search_in_turn(task, bodies, _Body.worth_a_search, search)
-        for body in bodies:
-            body.confirm(task, solve)
+        _predict(task, bodies)
+        with task.deadline.part(SEARCHED).enforced():
+            search_in_turn(task, bodies, _Body.worth_a_search, search)
+            for body in bodies:
+                body.confirm(task, solve)
     if task.deadline.passed():
         with suppress(OutOfTime):
             _weigh(bodies)
@@ -150,10 +154,12 @@ def _body(task: MatchingTask, number: int) -> _Body:
     )
 
 
-def _predict(bodies: list[_Body]) -> None:
+def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted motions; what is wholly there needs no search."""
-    for body in bodies:
-        body.predict()
+    with to_predict(task.deadline).within():
+        for body in in_turn(task, bodies):
+            checkpoint()
+            body.predict()
     if any(body.named for body in bodies):
         _weigh(bodies)
         for body in bodies:
