@@ -38,7 +38,7 @@ SURE = 0.98
 """Probability from which a body takes its detections before the others are known."""
 BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
-BODY_OF_FRAME = 0.8
+BODY_OF_FRAME = 0.7
 """The same of a tracker's frame, which searches for one."""
 LATE = "max_seconds were over before it was searched for"
 LISTED = 5

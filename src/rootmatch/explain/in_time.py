@@ -18,7 +18,7 @@ from rootmatch.explain.body_findings import nothing_in_any
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.task import MatchingTask
 
-PREDICTED, TOLD = (0.02, 0.0005), (0.08, 0.004)
+PREDICTED, TOLD = (0.02, 0.0005), (0.06, 0.003)
 """Shares of the time allowed, and seconds, that a prediction may take beyond it, which is better than nothing, and by
 which all is weighed and doubted. Parts of the tenth and 5 ms by which a match may be late; the rest is for a tracker's
 belief. Round values."""
