@@ -17,9 +17,10 @@ from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import UnseenPixelError
+from rootmatch.explain.body_findings import nothing_in_any
 from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
-from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import Choice
 from rootmatch.explain.match_options import MatchOptions, SamplerName
 from rootmatch.explain.prior_validation import Prior
@@ -250,8 +251,4 @@ max_hyperedges, max_evaluations
         task = MatchingTask(
             self.problem, points, self.options.affinity(self.problem), self.options, noise=noise, bodies=self.labels
         )
-        nothing = nothing_found(task, reason)
-        if task.bodies is None:
-            return nothing
-        parts = {label: nothing_found(task.body(k), reason) for k, label in enumerate(task.bodies.names)}
-        return replace(nothing, parts=parts)
+        return nothing_in_any(task, reason)

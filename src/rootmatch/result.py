@@ -163,7 +163,10 @@ class Match:
 
     @property
     def noise_factor(self) -> float | None:
-        """Ratio of the noise that the residuals about the best pose suggest to that stated; None if none was fitted."""
+        """Ratio of the noise that the residuals about the best pose suggest to that stated.
+
+        None if none was fitted, and if it has no residuals, as one of few matches takes up all deviations.
+        """
         return noise_factor(self.finding)
 
     @property
@@ -196,7 +199,7 @@ class Match:
         is matched. It comes from a model of all observations, in which the object may be absent, or two views may have
         nothing in common (docs/model.md). With several motions it is the product of theirs, each weighed with the
         points and detections that the others leave, and in two views that of all of them together. None if the problem
-        fits no poses, and for the paper's residuals.
+        fits no poses, for the paper's residuals, and if ``max_seconds`` were over before anything was weighed.
         """
         return self._told("probability", np.prod)
 

@@ -38,6 +38,8 @@ SURE = 0.98
 """Probability from which a body takes its detections before the others are known."""
 BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
+BODY_OF_FRAME = 0.7
+"""The same of a tracker's frame, which searches for one."""
 LATE = "max_seconds were over before it was searched for"
 LISTED = 5
 """Number of alternatives of a doubtful match that another body may rule out by taking their detections. A round
@@ -145,6 +147,15 @@ def budgets_of(task: MatchingTask) -> list[int]:
     return [int(first * BUDGET_GROWTH**k) for k in range(ROUNDS)]
 
 
+def in_turn(task: MatchingTask, bodies: Sequence[Body]) -> Sequence[Body]:
+    """Bodies in the order in which they are looked for: with limited time, another one first after a frame cut short.
+
+    Its seed is another one, too: see `rootmatch.tracking.search_schedule.RepeatedSearch`.
+    """
+    first = task.options.seed % len(bodies) if task.deadline.is_set else 0
+    return [*bodies[first:], *bodies[:first]]
+
+
 def search_in_turn(
     task: MatchingTask, bodies: Sequence[Body], worth: Callable[[Body, int], bool], search: Callable[[Body, int], None]
 ) -> None:
@@ -153,8 +164,10 @@ def search_in_turn(
     for turn in count():
         budget = budgets[min(turn, ROUNDS - 1)]
         searched = False
-        for body in bodies:
+        for body in in_turn(task, bodies):
             if worth(body, budget):
+                if task.deadline.passed():
+                    return
                 searched = True
                 search(body, budget)
         if (not searched and turn + 1 >= ROUNDS) or task.deadline.passed():
@@ -171,7 +184,7 @@ def searched_among(
     part = task.body(number)
     if task.deadline.passed():
         return nothing_found(part, LATE), False
-    part = copied(part, deadline=task.deadline.part(BODY))
+    part = copied(part, deadline=task.deadline.part(BODY if task.budget is None else BODY_OF_FRAME))
     if len(columns) < task.problem.order:
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
         return nothing_found(part, fault), False

@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.arrays import Integers
 from rootmatch.explain.decide import Facts
-from rootmatch.explain.finding import Finding, empty_tensor
+from rootmatch.explain.finding import Finding, empty_tensor, nothing_found
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor, joined_tensor, renumbered
@@ -35,6 +35,15 @@ def joined(task: MatchingTask, found: Sequence[Finding], evaluated: int) -> Find
         evaluated=evaluated,
         parts=dict(zip(task.bodies.names, found, strict=True)),
     )
+
+
+def nothing_in_any(task: MatchingTask, reason: str) -> Finding:
+    """The finding of a task that leaves nothing to match, and that of each of its bodies."""
+    nothing = nothing_found(task, reason)
+    if task.bodies is None:
+        return nothing
+    parts = {label: nothing_found(task.body(k), reason) for k, label in enumerate(task.bodies.names)}
+    return copied(nothing, parts=parts)
 
 
 def of_all_bodies(task: MatchingTask, bodies: list[tuple[Integers, Finding]]) -> AffinityTensor:

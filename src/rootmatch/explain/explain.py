@@ -12,11 +12,13 @@ from dataclasses import replace
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import match_bodies
+from rootmatch.explain.body_findings import nothing_in_any
 from rootmatch.explain.dense_image import match_dense
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import Choice, match_bodies_in_image
 from rootmatch.explain.image_decision import assessed as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
+from rootmatch.explain.in_time import TOO_LATE, in_time
 from rootmatch.explain.inexact_points import allowing_for_errors
 from rootmatch.explain.judged_motions import judged_motions, motions_in_turn
 from rootmatch.explain.known_pose import match_known
@@ -47,7 +49,7 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
     elsewhere than about predicted poses; it may choose by what is found about those. Detections that a lens cannot show
     are left out.
     """
-    return seen_alone(task, lambda seen: _searched(seen, searching))
+    return seen_alone(task, lambda seen: in_time(seen, lambda seen: _searched(seen, searching)))
 
 
 def _searched(task: MatchingTask, searching: bool | Choice) -> Finding:
@@ -55,15 +57,13 @@ def _searched(task: MatchingTask, searching: bool | Choice) -> Finding:
     if not searching:
         return _predicted(task)
     if callable(searching):
-        with task.deadline.with_grace().enforced():
-            if task.bodies is not None and is_modelled(task.body(0)):
-                return match_bodies_in_image(task, _named, choice=searching)
-            if task.prior_pose is not None:
-                return match_predicted(task, _named, searching)
-            found = _predicted(task)
-            return found if (part := searching(found)) is None else _explained(part.of(task))
-    with task.deadline.with_grace().enforced():
-        return solve_with_estimated_noise(task, _explained) if task.estimates_noise else _explained(task)
+        if task.bodies is not None and is_modelled(task.body(0)):
+            return match_bodies_in_image(task, _named, choice=searching)
+        if task.prior_pose is not None:
+            return match_predicted(task, _named, searching)
+        found = _predicted(task)
+        return found if (part := searching(found)) is None else _explained(part.of(task))
+    return solve_with_estimated_noise(task, _explained) if task.estimates_noise else _explained(task)
 
 
 def _explained(task: MatchingTask, judging: bool = True) -> Finding:
@@ -74,7 +74,7 @@ def _explained(task: MatchingTask, judging: bool = True) -> Finding:
     try:
         return _found(task, judging)
     except OutOfTime:
-        return nothing_found(task, "max_seconds were over before anything was found")
+        return nothing_in_any(task, TOO_LATE)
 
 
 def _named(task: MatchingTask) -> Finding:

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, budgets_of, search_in_turn
+from rootmatch.deadline import OutOfTime, checkpoint
+from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, budgets_of, in_turn, search_in_turn
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.finding import Finding, nothing_found
@@ -26,12 +26,12 @@ from rootmatch.explain.image_decision import beside_of, told_by
 from rootmatch.explain.image_hypotheses import (
     LIKELY,
     NAMED,
-    PREDICTION,
     Candidate,
     competing,
     is_enough,
     proposals_by_prediction,
 )
+from rootmatch.explain.in_time import to_predict
 from rootmatch.explain.known_place import pairs_by_angle
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
@@ -274,9 +274,11 @@ def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted poses."""
-    with task.deadline.at_least(PREDICTION).within():
-        for body in bodies:
+    with to_predict(task.deadline).within():
+        for body in in_turn(task, bodies):
+            checkpoint()
             body.predict()
+    with suppress(OutOfTime):
         _weigh(bodies)
 
 

@@ -19,6 +19,7 @@ from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_hypotheses import NAMED, Candidate
+from rootmatch.explain.in_time import last_moment
 from rootmatch.explain.lacking_points import beside_lacking, lacking_points
 from rootmatch.explain.predicted_poses import about_prediction, polished_pose
 from rootmatch.explain.rig_triples import search_meets
@@ -113,9 +114,11 @@ def told_by(
         Whether what is near points without a match counts, see `beside_of`.
     """
     shape = base.task.points.source, base.task.points.normals
-    told = beside_lacking(told, body.model, lacking_points(*shape), of_others)
-    before, places = told, places_beside(*shape)
-    told = beside_continuations(told, body.model, places, of_others)
+    last, before, asked = last_moment(), told, False
+    with last.within():
+        before = told = beside_lacking(told, body.model, lacking_points(*shape), of_others)
+        told = beside_continuations(told, body.model, places_beside(*shape), of_others)
+        asked = True
     if told.clutter - before.clutter > LIKELY:
         base = copied(base, reason=BY_ITS_LAW)
     elif base.reason == BY_ITS_LAW:
@@ -148,13 +151,17 @@ def told_by(
     if surest is not None:
         confidence, probability = confidence * surest[1], probability * float(surest[1].prod())
     fault = misfit_of(model, modes, k)
-    if beside and present >= LIKELY:
-        fault = fault._replace(alike=log_odds_alike(model, modes, k, of_others))
     prediction = -1 if told.origins is None else int(told.origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
-    if beside and present >= LIKELY and not holds:  # what is followed was asked when it was found
-        fault = fault._replace(another=log_odds_of_another(model, modes, k, of_others))
-    missed = missed_as_known if holds else missed
+    if beside and present >= LIKELY:
+        whole, asked = asked, False
+        with last.within():
+            fault = fault._replace(alike=log_odds_alike(model, modes, k, of_others))
+            if not holds:  # what is followed was asked when it was found
+                fault = fault._replace(another=log_odds_of_another(model, modes, k, of_others))
+            asked = whole
+    # what there was no time to ask may be so
+    missed = (missed_as_known if holds else missed) if asked else 1.0
     trusted = told.believed(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
     sure = None if trusted is None else trusted.assignment
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
@@ -208,7 +215,9 @@ def beside_of(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
     if told is None or model is None or found.noise_factor is None or not told.probabilities.sum() >= LIKELY:
         return False
     at = model, told.modes, found.mode, of_others
-    return log_odds_alike(*at) is not None or (not found.prior_holds and log_odds_of_another(*at) > -math.inf)
+    with last_moment().within():
+        return log_odds_alike(*at) is not None or (not found.prior_holds and log_odds_of_another(*at) > -math.inf)
+    return True
 
 
 def with_parts(told: Posterior, model: DetectionModel, base: Finding, taken: NDArray[np.bool_] | None) -> Posterior:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.detection_odds import candidate_log_odds
+from rootmatch.explain.in_time import by_the_last_moment
 from rootmatch.explain.likeness import copies_of, likenesses, place_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rivals import DOUBT
@@ -60,9 +61,6 @@ HYPEREDGES, GATHERED = 4096, 8
 weighed. Of 217 scenes, 56 are trusted and right, 48 without them (benchmarks/adversary.py, from 1000). Round values."""
 SUMMED, LIKELY = 4, 0.5
 """Rounds that sum the changes of modes that competition made the first, and their least probability. Round values."""
-PREDICTION = 0.05
-"""Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
-hundreds of detections are near it."""
 NAMED = 16
 """Strongest assignments that a tracker's search named, which are weighed: if nothing is in view, up to 64 take 13 ms.
 The same bodies are right with all of them (benchmarks/flights.py, room and drone, 3 flights from 1100 and 1300)."""
@@ -164,6 +162,7 @@ class Candidate:
         return competing([self])[0]
 
 
+@by_the_last_moment
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
     every, models = [], []

@@ -16,6 +16,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_decision import misfit_of, pose_of_mode, told_by
 from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
+from rootmatch.explain.in_time import last_moment
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.detection_model import DetectionModel
@@ -59,12 +60,25 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
     which = int(np.argmax(gains))
     if gains[which] < 0.0:
         return found
+    with last_moment().within():
+        return _with_points_off(found, task, missed, before, which)
+    return found
+
+
+def _with_points_off(found: Finding, task: MatchingTask, missed: float, before: Floats, which: int) -> Finding:
+    """A finding of the body with points that are off by one of `ERRORS`, if that holds.
+
+    ``before``: log-odds (OWN,) of such errors; ``which``: of them the most probable.
+    """
+    model, misfit = found.model, _misfit(found)
+    assert model is not None
+    assert misfit is not None
     error = float(ERRORS[which]) * body_radius(task.points.source)
     body = _with_errors(found, task, error)
     again = told_by(copied(found, task=body.task), body.alone(), body, missed=missed)
     if again.status is Status.UNTRUSTED or again.posterior is None:
         return found
-    if of_rig and does_not_fit(misfit_of(model, again.posterior.modes, again.mode)):
+    if len(model.images) > 1 and does_not_fit(misfit_of(model, again.posterior.modes, again.mode)):
         return found  # the pose has taken up more of such errors than its residuals tell
     own = _chance(found, again, before, which)
     present = None if again.facts.present is None else own * again.facts.present
@@ -134,9 +148,10 @@ def _between_sets(found: Finding) -> Floats:
 
 def noise_factor(found: Finding) -> float | None:
     """`Finding.noise_factor` by the noise that was stated: without the points' errors, which nobody stated."""
-    if not found.point_error or found.model is None or found.posterior is None:
-        return found.noise_factor
-    return misfit_of(copied(found.model, source_covariance=None), found.posterior.modes, found.mode).sigma
+    factor = found.noise_factor
+    if found.point_error and found.model is not None and found.posterior is not None:
+        factor = misfit_of(copied(found.model, source_covariance=None), found.posterior.modes, found.mode).sigma
+    return None if factor is None or math.isnan(factor) else factor  # a pose that takes up all has no residuals
 
 
 def _misfit(found: Finding) -> Misfit | None:

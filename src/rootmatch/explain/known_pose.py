@@ -15,7 +15,8 @@ from rootmatch.explain.body_findings import among_all
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
+from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.in_time import to_predict
 from rootmatch.explain.known_place import Pairs, pairs_by_angle, poses_by_position
 from rootmatch.explain.known_rotation import lines_of_sight, pairs_are_drawn, poses_by_rotation
 from rootmatch.explain.predicted_poses import contradicts, knowledge_of
@@ -50,14 +51,14 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
     """
     assert task.known is not None
     body, proposed, pairs = Candidate.of(task, []), None, None
-    with task.deadline.at_least(PREDICTION).within():
+    with to_predict(task.deadline).within():
         pairs = pairs_by_angle(task, task.known)
     found = nothing_found(task, f"{task.shape[1]} detections are given, too few for a search")
     if pairs is None and solve is not None and task.budget is None and pairs_are_drawn(task):
         quick = _searched(replace(task, budget=QUICK), solve, body, found)
         if quick.status is Status.MATCHED:
             return replace(quick, task=task)
-    with task.deadline.at_least(PREDICTION).within():
+    with to_predict(task.deadline).within():
         proposed = proposals_by_knowledge(task, body.model, pairs)
         if proposed is not None:
             body = body.proposed([], proposed)

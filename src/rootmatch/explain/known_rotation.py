@@ -9,13 +9,14 @@ other points; those that explain most are assigned and fitted. Any two lines of 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector, rotation_vector
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.deadline import checkpoint
+from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.known_density import Known
@@ -82,7 +83,8 @@ def assigned_about(
     settled: dict[bytes, Settled] = {}
     for guess in _ranked(model, Known(known, model.centre, body_radius(model.points)), pairs, poses):
         pose = guess.rotation[None], guess.position[None]
-        settle(model, pose, guess.covariance, known=settled)
+        with suppress(OutOfTime):  # what is known by then is handed on
+            settle(model, pose, guess.covariance, known=settled)
     return proposals_of_settled(list(settled.values()))
 
 

@@ -17,6 +17,7 @@ from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import BY_ITS_LAW, lead_by_odds
+from rootmatch.explain.in_time import last_moment
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
@@ -183,7 +184,10 @@ def assessed(
     repeated = with_repetition(model, judged)
     every = [Repeated(model, judged, 0.0), *([] if repeated is None else [repeated])]
     found = [posterior(one.model, one.judged, mirrored) for one in every]
-    beside = [beside_sets(told, one.model) for told, one in zip(found, every, strict=True)]
+    beside, asked = found, False
+    with last_moment().within():
+        beside = [beside_sets(told, one.model) for told, one in zip(found, every, strict=True)]
+        asked = True
     before, after = (
         [copied(told, log_total=told.log_total + one.log_odds) for told, one in zip(some, every, strict=True)]
         for some in (found, beside)
@@ -191,10 +195,18 @@ def assessed(
     whole = mixed(after)
     if mixed(before).present - whole.present > LIKELY:
         base = copied(base, reason=BY_ITS_LAW)
-    return told_by(base, whole, every[int(np.argmax([told.log_total for told in after]))].model)
+    model = every[int(np.argmax([told.log_total for told in after]))].model
+    return told_by(base, whole, model, asked=asked)
 
 
-def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> Finding:
+def told_by(
+    base: Finding,
+    found: PointSetPosterior,
+    model: PointSetModel,
+    taken: Bools | None = None,
+    *,
+    asked: bool = True,
+) -> Finding:
     """A finding with the assignment, facts and confidence that a posterior gives.
 
     Parameters
@@ -205,6 +217,8 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
     model : PointSetModel
     taken : (n',) bool array, optional
         Targets of other bodies: the result is a labelling without any of them, or nothing.
+    asked : bool
+        Whether it was asked if something else that goes on by the body's law explains as much.
     """
     task, present, n = base.task, found.present, len(model.clouds.source)
     least = task.options.least_probability
@@ -254,10 +268,9 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         facts=Facts(
             present=present,
             probability=min(probability, present),
-            contested=sure is None,
+            contested=True,  # until it is asked below
             lead=lead_by_odds(probability) if base.scoreless else None,
             min_probability=least,
-            sure_of_the_rest=sure is not None,
             false_alarms=math.inf if does_not_fit(fault) else -math.inf,
             missed=missed,
         ),
@@ -270,10 +283,14 @@ def told_by(base: Finding, found: PointSetPosterior, model: PointSetModel, taken
         pose=_with_prior(model, judged),
     )
     if task.noise_is_estimated:
-        return told
+        return told.with_facts(contested=sure is None, sure_of_the_rest=sure is not None)
     # what is left out as unsure may be what does not fit
-    whole = _misfit_of(model, found, taken)
-    told = copied(told, alike=whole.alike)
+    whole = fault
+    with last_moment().within():
+        whole = _misfit_of(model, found, taken)
+        told = copied(told, alike=whole.alike)
+        if asked:
+            told = told.with_facts(contested=sure is None, sure_of_the_rest=sure is not None)
     as_off = float(np.exp(np.minimum(whole.for_points_off(task.log_inexact), MOST_ALIKE)).sum())
     doubted = doubted_by_fit(told, whole, alike=model.clutter.repeats, as_off=as_off)
     # something is there that does not fit, which the advice says

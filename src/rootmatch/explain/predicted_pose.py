@@ -13,7 +13,8 @@ from rootmatch.explain.body_findings import among_all
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import NAMED, PREDICTION, Candidate, is_enough, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import NAMED, Candidate, is_enough, proposals_by_prediction
+from rootmatch.explain.in_time import to_predict
 from rootmatch.explain.inexact_points import allowing_for_errors
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
@@ -42,7 +43,7 @@ def match_predicted(
     searchable = solve is not None and task.shape[1] >= task.problem.order
     body = Candidate.of(task, [])
     predicted, found = None, nothing_found(task, UNSEARCHED if task.prior_pose is None else UNCONFIRMED)
-    with task.deadline.at_least(PREDICTION).within():
+    with to_predict(task.deadline).within():
         predicted = proposals_by_prediction(body.model)
         body = body.proposed([], predicted)
         told = body.alone()

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rootmatch.arrays import Bools, Integers
-from rootmatch.deadline import OutOfTime
+from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_in_turn, searched_among
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.continued_bodies import LIKELY
@@ -22,6 +22,7 @@ from rootmatch.explain.continued_sets import beside_sets
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
 from rootmatch.explain.image_decision import BY_ITS_LAW
+from rootmatch.explain.in_time import by_the_last_moment, last_moment, to_predict
 from rootmatch.explain.point_set_decision import judged_of, model_of, told_by, wholly_predicted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
@@ -35,6 +36,9 @@ from rootmatch.samplers.base import SampledTensor
 CONFIRMED = 6
 """Number of matches from which a certain body whose search was cut short is called matched if its detections allow no
 other pose. A round value; none on the tuning seeds was wrong."""
+
+SEARCHED = 0.8
+"""Share of the time left at a deadline for the searches: all are weighed together after them. A round value."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -72,13 +76,15 @@ class _Body(SearchedBody):
         whole = len(first) > 0 and bool((first >= 0).all()) and self.told.motion >= SURE
         return whole and bool(self.model.judged_one(first[0]).held[0] >= 0)
 
-    def beside(self) -> PointSetPosterior:
-        """What is told of it, where its law may go on in the targets that the others leave."""
+    def beside(self) -> PointSetPosterior | None:
+        """What is told of it, where its law may go on in the targets that the others leave; None if time is over."""
         if not len(self.told.assignments):
             return self.told
-        first = float(self.model.judged_one(self.told.assignments[0]).log_odds[0])
-        log_total = first - math.log(max(float(self.told.probabilities[0]), 1e-300))
-        return beside_sets(copied(self.told, log_total=log_total), self.model, ~self.free)
+        with last_moment().within():
+            first = float(self.model.judged_one(self.told.assignments[0]).log_odds[0])
+            log_total = first - math.log(max(float(self.told.probabilities[0]), 1e-300))
+            return beside_sets(copied(self.told, log_total=log_total), self.model, ~self.free)
+        return None
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
         """Search among the free targets of the task of all bodies, and add what is found."""
@@ -123,12 +129,14 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
             _weigh(bodies)
 
     with suppress(OutOfTime):
-        _predict(bodies)
-        search_in_turn(task, bodies, _Body.worth_a_search, search)
-        for body in bodies:
-            body.confirm(task, solve)
+        _predict(task, bodies)
+        with task.deadline.part(SEARCHED).enforced():
+            search_in_turn(task, bodies, _Body.worth_a_search, search)
+            for body in bodies:
+                body.confirm(task, solve)
     if task.deadline.passed():
-        _weigh(bodies)
+        with suppress(OutOfTime):
+            _weigh(bodies)
     return _finding(task, bodies)
 
 
@@ -145,14 +153,18 @@ def _body(task: MatchingTask, number: int) -> _Body:
     )
 
 
-def _predict(bodies: list[_Body]) -> None:
+def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted motions; what is wholly there needs no search."""
-    for body in bodies:
-        body.named = wholly_predicted(body.model)
-    if named := [body for body in bodies if body.named]:
-        every = judged_together([body.model for body in named], [body.named for body in named])
-        for body, judged in zip(named, every, strict=True):
-            body.predict(judged)
+    named = list[_Body]()
+    with to_predict(task.deadline).within():
+        for body in bodies:
+            body.named = wholly_predicted(body.model)
+        if named := [body for body in bodies if body.named]:
+            every = judged_together([body.model for body in named], [body.named for body in named])
+            for body, judged in zip(named, every, strict=True):
+                checkpoint()
+                body.predict(judged)
+    if named:
         _weigh(bodies)
         for body in named:
             if body.is_as_predicted:
@@ -160,6 +172,7 @@ def _predict(bodies: list[_Body]) -> None:
         _share(bodies)
 
 
+@by_the_last_moment
 def _weigh(bodies: list[_Body]) -> None:
     """Weigh all bodies together."""
     told = joint_posterior([body.model for body in bodies], [body.weighed for body in bodies])
@@ -185,8 +198,9 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     taken = np.zeros(task.shape[1], np.bool_)
     found: dict[int, Finding] = {}
     for body in sorted(bodies, key=lambda one: -one.told.motion):
-        own = body.beside()
-        one = told_by(body.found, own, body.model, taken)
+        beside = body.beside()
+        own = body.told if beside is None else beside
+        one = told_by(body.found, own, body.model, taken, asked=beside is not None)
         taken |= uses_of(one.assignment[None], len(taken))[0]
         by_law = body.told.present - own.present > LIKELY
         told = BY_ITS_LAW if by_law else None if len(own.assignments) else body.found.reason

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Integers
 from rootmatch.backends import cpu
-from rootmatch.deadline import NEVER, Deadline
+from rootmatch.deadline import NEVER, Deadline, OutOfTime
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.enumeration import subsets as every_subset
 from rootmatch.hypergraph.random_tuples import distinct_sets, distinct_tuples
@@ -92,7 +92,11 @@ def sampled_among(
     if later and not task.deadline.is_set:
         tensor: AffinityTensor = DeferredTensor.of(lambda: weighed()[0], task.shape)
         return SampledTensor(tensor, evaluated, lambda: weighed()[1], chance, partial=True, **found)
-    tensor, coverage, count = weighed()
+    try:
+        tensor, coverage, count = weighed()
+    except OutOfTime:  # what the search named is handed on, of which a pose may decide
+        nothing = np.empty((0, task.order), np.int32)
+        tensor, coverage, count = AffinityTensor.unchecked(nothing, np.empty(0), task.shape), 0.0, 0
     return SampledTensor(tensor, evaluated + count, coverage, chance, partial=True, **found)
 
 

@@ -1,0 +1,72 @@
+"""The moments after `max_seconds`: when a match has to be told, and what may still be done by then.
+
+A search ends at its deadline, see `rootmatch.deadline`. What was found is told by what is known then: it is weighed and
+doubted until the last moment, and what could not be asked by then is a doubt. So telling never fails, and is done in
+one place for every route: `in_time`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextvars import ContextVar
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from rootmatch.deadline import Deadline, OutOfTime, in_force
+from rootmatch.explain.body_findings import nothing_in_any
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.task import MatchingTask
+
+PREDICTED, TOLD = (0.02, 0.0005), (0.06, 0.003)
+"""Shares of the time allowed, and seconds, that a prediction may take beyond it, which is better than nothing, and by
+which all is weighed and doubted. Parts of the tenth and 5 ms by which a match may be late; the rest is for a tracker's
+belief. Round values."""
+P = ParamSpec("P")
+T = TypeVar("T")
+TOO_LATE = "max_seconds were over before anything was found"
+
+_last: ContextVar[Deadline | None] = ContextVar("_last", default=None)
+
+
+def in_time(task: MatchingTask, found: Callable[[MatchingTask], Finding]) -> Finding:
+    """What a route finds of a task by its deadline; of every body nothing, if there was no time for anything."""
+    token = _last.set(_later(task.deadline, TOLD))
+    try:
+        with task.deadline.with_grace().enforced():
+            return found(task)
+    except OutOfTime:
+        return nothing_in_any(task, TOO_LATE)
+    finally:
+        _last.reset(token)
+
+
+def last_moment() -> Deadline:
+    """The deadline by which a match is told, of whatever part of its work runs; outside of a match that in force."""
+    return _last.get() or in_force()
+
+
+def by_the_last_moment(weigh: Callable[P, T]) -> Callable[P, T]:
+    """A function that weighs what was found, until the last moment of a match."""
+
+    @wraps(weigh)
+    def weighed(*arguments: P.args, **options: P.kwargs) -> T:
+        with last_moment().enforced():
+            return weigh(*arguments, **options)
+
+    return weighed
+
+
+def to_predict(deadline: Deadline) -> Deadline:
+    """The deadline of what is assigned about predictions."""
+    return _later(deadline, PREDICTED)
+
+
+def _later(deadline: Deadline, late: tuple[float, float]) -> Deadline:
+    """A deadline that ends later, by a share of its seconds and so many more."""
+    if not deadline.is_set:
+        return deadline
+    share, seconds = late
+    out = deadline.with_grace()  # whose cuts are those of the deadline
+    out.ends = deadline.ends + share * (deadline.seconds if math.isfinite(deadline.seconds) else 0.0) + seconds
+    return out
