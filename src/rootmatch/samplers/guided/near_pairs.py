@@ -19,7 +19,7 @@ from rootmatch.samplers.guided.local_search import LEAST, LOOKED_UP, POINTS, VIS
 from rootmatch.samplers.guided.minimal_sets import near_others, nearest
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import begin_with
-from rootmatch.samplers.guided.rivals import RIVAL_MISSED
+from rootmatch.samplers.guided.rivals import LITTLE, RIVAL_MISSED
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest, prepare_sets, sequential_test
 from rootmatch.samplers.guided.visibility import LOST, TriedSets, missed_at_random
@@ -141,6 +141,11 @@ class PairSearch(Search):
             self.missed = missed
             return True
         return own and super()._enough()
+
+    def _try_rivals(self) -> None:
+        """See `Search`; what the search itself may spend now says nothing of what they may."""
+        self.budget = max(self.budget, 2 * self.evaluated + LITTLE)
+        super()._try_rivals()
 
     def _look_closer(self) -> None:
         """Solve wide pairs of the strongest hypothesis anew, if none before was as strong: near ones are vague."""
