@@ -43,7 +43,7 @@ class PairSearch(Search):
         self.near, self.waves = False, 0
         """Whether the pairs that are tried are near ones, and how many waves of others were tried."""
         self.done = {False: 0, True: 0}
-        """Wide and near pairs whose trial has begun."""
+        """Wide and near pairs that were tried."""
         self.spent = {False: 0, True: 0}
         """Evaluations for them."""
         self.best: Integers | None = None
@@ -121,7 +121,7 @@ class PairSearch(Search):
         return sequential_test(self.clutter, VISIBLE, 0, least=least, normals=self.normals)
 
     def _verify(self, points: Integers, images: Integers) -> None:
-        """See `Search`; of large objects few are kept."""
+        """See `Search`; few of a batch are kept."""
         before = len(self.hypotheses)
         super()._verify(points, images)
         self.hypotheses[before:] = [batch.strongest(KEPT) for batch in self.hypotheses[before:] if len(batch.evidence)]
