@@ -240,3 +240,26 @@ def test_several_bodies_and_unknown_noise_as_before() -> None:
     estimated = rm.match(scene.source, scene.target, problem, noise="auto")
     assert estimated
     assert 0.5 * SIGMA < estimated.noise < 2.0 * SIGMA
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_a_part_of_a_flat_ceiling_is_matched_if_its_zoom_is_told_or_not(tilt: float) -> None:
+    rng = np.random.default_rng(1000)
+    ceiling = np.column_stack([rng.uniform(-6.0, 6.0, (200, 2)), np.full(200, 6.0)])
+    rotation = axis_rotation(np.array([1.0, 0.0, 0.0]), tilt) @ axis_rotation(np.array([0.0, 0.0, 1.0]), 2.0)
+    places = ceiling @ rotation.T
+    image = 700.0 * places[:, :2] / places[:, 2:] + CENTRE
+    seen = np.flatnonzero((np.abs(image - CENTRE) < CENTRE).all(axis=1))
+    strays = rng.uniform((0.0, 0.0), (640.0, 480.0), (4, 2))
+    target = np.concatenate([image[seen] + rng.normal(0.0, 0.25, (len(seen), 2)), strays])
+    problem = rm.UP2PF(CENTRE, tuple(rotation @ (0.0, 0.0, -1.0)), (0.0, 0.0, -1.0))
+    match = rm.match(ceiling, target, problem, noise=0.25)
+    truth = np.full(200, -1)
+    truth[seen] = np.arange(len(seen))
+    assert match
+    assert np.array_equal(match.assignment, truth)
+    assert match.pose is not None
+    assert match.pose.focal is not None
+    told = np.sqrt(match.pose.covariance[6, 6]) / match.pose.focal
+    assert told < 0.1 if tilt else told > 1.0
+    assert tilt == 0.0 or match.pose.focal == pytest.approx(700.0, rel=4.0 * told)

@@ -59,14 +59,18 @@ class ZoomCandidate(Candidate):
         """See `Candidate.poses_of`: of whole hyper-edges, as three matches have hardly fewer poses than a body."""
         if not len(rows):
             return no_proposals(self.task.rows)
-        return self._posed(rows, zoom_starts(self.task.points, *self._camera, rows, most=1))
+        return self._posed(
+            rows, zoom_starts(self.task.points, *self._camera, rows, usual=self.model.camera.focal, most=1)
+        )
 
     def proposals(self, assignments: Sequence[Integers]) -> Proposals:
         """See `Candidate.proposals`: the lowest fits of each."""
         rows = with_poses(self.task, assignments)
         if not len(rows):
             return no_proposals(self.task.rows)
-        return self._posed(rows, zoom_fits(self.task.points, *self._camera, rows, most=VALLEYS))
+        return self._posed(
+            rows, zoom_fits(self.task.points, *self._camera, rows, usual=self.model.camera.focal, most=VALLEYS)
+        )
 
     def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
         """See `Candidate.fitted`: each at several poses."""

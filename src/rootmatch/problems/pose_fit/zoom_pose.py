@@ -25,15 +25,20 @@ from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel
 from rootmatch.problems.pose_fit.starts import GRID, STARTS
 
+TOLD = 20.0
+"""Factor on the usual focal length, up or down, within which one that linear equations tell is taken. A round value."""
+
 
 @dataclass(frozen=True, eq=False)
 class _ZoomModel(ProjectionModel):
     """B poses with focal lengths; states: (R, t, log f). Images (B, n, 2) count from the principal point."""
 
+    usual: float = 1.0
+    """Focal length to start from where none is told, in pixels."""
+
     def residuals(self, state: State) -> Floats:
         """See `Model`."""
-        known = np.isfinite(state[2])[:, None]  # some starts have no focal length
-        return np.where(known, self._at(state[2]).residuals(state[:2]), np.inf)
+        return self._at(state[2]).residuals(state[:2])
 
     def jacobian(self, state: State) -> Floats:
         """See `Model`."""
@@ -66,15 +71,19 @@ class ZoomFits(NamedTuple):
     """(K, S); infinite where there is none."""
 
 
-def zoom_starts(points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, most: int) -> ZoomFits:
+def zoom_starts(
+    points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, usual: float, most: int
+) -> ZoomFits:
     """Poses of a grid of rotations, with what then follows from linear equations; see `zoom_poses`."""
-    model, _, unit = _model_of(points, centre, upright, assignments)
+    model, _, unit = _model_of(points, centre, upright, assignments, usual)
     return _fits(*_best_starts(model, upright, most), unit, (len(assignments), most))
 
 
-def zoom_fits(points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, most: int) -> ZoomFits:
+def zoom_fits(
+    points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, usual: float, most: int
+) -> ZoomFits:
     """The ``most`` lowest rough fits of each assignment, of `STARTS` that are made; several may be of one valley."""
-    model, _, unit = _model_of(points, centre, upright, assignments)
+    model, _, unit = _model_of(points, centre, upright, assignments, usual)
     state, chi2 = descended(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0], ROUGH_STEPS)
     return _fits(*lowest_of(state, chi2, len(assignments), most), unit, (len(assignments), most))
 
@@ -88,7 +97,13 @@ def _fits(state: State, chi2: Floats, unit: float, shape: tuple[int, int]) -> Zo
 
 
 def zoom_poses(
-    points: PointSets, centre: Floats, upright: Upright, assignments: Integers, start: Pose | None = None
+    points: PointSets,
+    centre: Floats,
+    upright: Upright,
+    assignments: Integers,
+    start: Pose | None = None,
+    *,
+    usual: float,
 ) -> list[Pose | None]:
     """The most likely pose and focal length of each assignment (K, n), None if there is none.
 
@@ -104,8 +119,10 @@ def zoom_poses(
         −1 where unmatched; at least three matches in each.
     start : Pose, optional
         With a focal length, from which all are fitted; else from many.
+    usual : float
+        Focal length to start from where the points tell none.
     """
-    model, middle, unit = _model_of(points, centre, upright, assignments)
+    model, middle, unit = _model_of(points, centre, upright, assignments, usual)
     count = len(assignments)
     if start is None:
         state, chi2 = descended(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0])
@@ -148,39 +165,52 @@ def zoom_poses(
 
 
 def _model_of(
-    points: PointSets, centre: Floats, upright: Upright, assignments: Integers
+    points: PointSets, centre: Floats, upright: Upright, assignments: Integers, usual: float
 ) -> tuple[_ZoomModel, Floats, float]:
     """The fits of assignments, with the centre and the unit of the points that they use."""
     middle, unit, _, target, places, weight = packed_matches(points, assignments)
     image = points.target[target] - centre
-    return _ZoomModel(places, image, weight, Camera(1.0, 1.0, 0.0, 0.0), upright.camera[1:2]), middle, unit
+    return _ZoomModel(places, image, weight, Camera(1.0, 1.0, 0.0, 0.0), upright.camera[1:2], usual=usual), middle, unit
 
 
 def _best_starts(model: _ZoomModel, upright: Upright, most: int) -> tuple[State, Floats]:
     """The best starts of each fit, (K most, …), and their χ² (K most,)."""
-    starts = _starts(model.points, model.image, model.weight, upright)
+    starts = _starts(model, upright)
     return lowest_of(starts, chi2_of(model.repeated(GRID).residuals(starts)), len(model.points), most)
 
 
-def _starts(points: Floats, image: Floats, weight: Floats, upright: Upright) -> State:
-    """For a grid of rotations (S,) translation and focal length by linear equations: (K S, 3, 3), (K S, 3), (K S,)."""
+def _starts(model: _ZoomModel, upright: Upright) -> State:
+    """For a grid of rotations (S,) translation and focal length by linear equations: (K S, 3, 3), (K S, 3), (K S,).
+
+    Of points at nearly one depth they tell no focal length, least of all beside the right rotation; the usual one then
+    stands for it.
+    """
     rotation = upright.turned(2.0 * np.pi * np.arange(GRID) / GRID)
-    turned = points[:, None] @ rotation.swapaxes(-1, -2)
+    turned = model.points[:, None] @ rotation.swapaxes(-1, -2)
     x, y, z = np.moveaxis(turned, -1, 0)
-    u, v = (np.broadcast_to(image[:, None, :, axis], x.shape) for axis in (0, 1))
+    u, v = (np.broadcast_to(model.image[:, None, :, axis], x.shape) for axis in (0, 1))
     one, none = np.ones_like(x), np.zeros_like(x)
-    # u (z + c) = f x + f a and v (z + c) = f y + f b are linear in c, f, f a, f b
-    rows = np.stack([np.stack([u, -x, -one, none], axis=-1), np.stack([v, -y, none, -one], axis=-1)], axis=-2)
+    # u (z + c) = f x + f a and v (z + c) = f y + f b are linear in c, f a, f b and f
+    rows = np.stack([np.stack([u, -one, none, -x], axis=-1), np.stack([v, none, -one, -y], axis=-1)], axis=-2)
     known = -np.stack([u * z, v * z], axis=-1)
-    scale = weight[:, None, :, None]
+    scale = model.weight[:, None, :, None]
     rows = (rows * scale[..., None]).reshape(*x.shape[:2], -1, 4)
     known = (known * scale).reshape(*x.shape[:2], -1)
-    normal = rows.swapaxes(-1, -2) @ rows
-    diagonal = np.arange(4)
-    normal[..., diagonal, diagonal] = normal[..., diagonal, diagonal] * (1.0 + 1e-12) + 1e-300
-    c, f, fa, fb = np.moveaxis(np.linalg.solve(normal, rows.swapaxes(-1, -2) @ known[..., None])[..., 0], -1, 0)
+    c, fa, fb, f = _least_squares(rows, known)
     with np.errstate(all="ignore"):
-        translation = np.stack([fa / f, fb / f, c], axis=-1)
-        log = np.log(np.where(f > 0.0, f, np.nan))
-    count = len(points)
-    return np.tile(rotation, (count, 1, 1)), translation.reshape(-1, 3), log.ravel()
+        told = np.abs(np.log(f / model.usual)) < np.log(TOLD)
+    if not told.all():
+        usual = _least_squares(rows[..., :3], known - model.usual * rows[..., 3])
+        c, fa, fb = (np.where(told, own, other) for own, other in zip((c, fa, fb), usual, strict=True))
+        f = np.where(told, f, model.usual)
+    translation = np.stack([fa / f, fb / f, c], axis=-1)
+    return np.tile(rotation, (len(model.points), 1, 1)), translation.reshape(-1, 3), np.log(f).ravel()
+
+
+def _least_squares(rows: Floats, known: Floats) -> Floats:
+    """Solutions, the unknowns first, of stacked linear equations (…, m, q) and (…, m)."""
+    normal = rows.swapaxes(-1, -2) @ rows
+    diagonal = np.arange(rows.shape[-1])
+    normal[..., diagonal, diagonal] = normal[..., diagonal, diagonal] * (1.0 + 1e-12) + 1e-300
+    solved = np.linalg.solve(normal, rows.swapaxes(-1, -2) @ known[..., None])[..., 0]
+    return np.moveaxis(np.asarray(solved, float), -1, 0)

@@ -23,7 +23,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.zoom_pose import zoom_poses
 from rootmatch.problems.up2p import UP2P
-from rootmatch.problems.up2pf.focal_lengths import focal_grid, search_noise
+from rootmatch.problems.up2pf.focal_lengths import focal_grid, search_noise, usual_focal
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,9 @@ class UP2PF(Problem):
         The seventh row and column of the covariance are those of the focal length; the others have rank 4. From
         ``start``, if it is given, the poses are those of its valley.
         """
-        return zoom_poses(points, np.array(self.centre), self.upright, assignments, start)
+        centre = np.array(self.centre)
+        usual = usual_focal(centre, points.target)
+        return zoom_poses(points, centre, self.upright, assignments, start, usual=usual)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5) in x, θ counted from the optical axis, of minimal sets (E, 3, 3) and (E, 3, 2)."""
