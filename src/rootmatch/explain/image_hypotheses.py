@@ -37,7 +37,6 @@ from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.near_symmetries import symmetries_of
-from rootmatch.model.parallel_poses import parallel
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
@@ -310,8 +309,8 @@ def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Mo
     """
     first, prior, parts = best_of(modes), model.prior, [no_proposals(task.rows)]
     if isinstance(prior, Doubted) and len(prior.predictions) > 1:
-        every = [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(task, (False,))]
-        for twins in [*every, parallel(model, prior, first)]:
+        for image in symmetries(task, (False,)):
+            twins = look_alikes(first, model.points, model.points, image[None])
             known = (twins.assignments[:, None] == modes.assignments).all(axis=2).any(axis=1)
             twins = twins.take(~known)
             parts.append(twins.take(prior.prediction_of(twins.rotation, twins.position) >= 0))

@@ -1,8 +1,7 @@
-"""What is found about one of several predicted poses, about the others.
+"""Poses of a mode and of another one between which the body looks the same.
 
 Poses that have looked the same for some frames, a period of a lattice apart or half a turn, do so in the next one: the
-motion from one prediction to another takes points of the body to points. So the pose that is found about one, moved by
-it, is found about the other, where the detections are those of the points at the same places.
+motion from one to the other takes points of the body to points, and the detections of the one to those of the other.
 """
 
 from __future__ import annotations
@@ -12,40 +11,10 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_density import Doubted, Gaussian
-from rootmatch.model.proposals import Proposals, joined, no_proposals
 
 NEAR = 0.25
 """Distance of a point's place from that of another, over that of the nearest points, up to which they are the same. A
 round value: the predictions need not be as good as the poses."""
-
-
-def parallel(model: DetectionModel, prior: Doubted, found: Proposals) -> Proposals:
-    """Poses about each of the predictions in which the body looks as in those found about another.
-
-    Parameters
-    ----------
-    model : DetectionModel
-    prior : Doubted
-        Its prior.
-    found : Proposals
-        Its best poses.
-    """
-    predictions = [one for one in prior.predictions if isinstance(one, Gaussian)]
-    origin = prior.prediction_of(found.rotation, found.position)
-    if len(predictions) < len(prior.predictions):
-        return no_proposals(model.shape[0])
-    parts = [no_proposals(model.shape[0])]
-    for k, first in enumerate(origin.tolist()):
-        for second, there in enumerate(predictions):
-            if first in (-1, second):
-                continue
-            here = predictions[first]
-            turn, shift = here.rotation.T @ there.rotation, here.rotation.T @ (there.position - here.position)
-            assignment = _moved(model, (turn, shift), found.assignments[k])
-            rotation, position = found.rotation[k] @ turn, found.position[k] + found.rotation[k] @ shift
-            parts.append(Proposals(assignment[None], rotation[None], position[None]))
-    return joined(parts)
 
 
 def between(model: DetectionModel, modes: Modes, first: int, second: int) -> tuple[Floats, Floats] | None:

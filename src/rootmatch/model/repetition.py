@@ -34,8 +34,6 @@ SHARED = 0.3
 WIDTHS = 12
 """Most widths of a repetition, each half as wide as the one before, down to σ: the first is a quarter of the targets'
 spacing. A round value."""
-NEAR = 3.0
-"""Deviation in σ up to which images of several targets predict the same one. A round value."""
 REPETITIONS = 6
 """Most repetitions that are kept. A round value."""
 TRIED = np.array([0.25, 0.5, 0.75, 0.9])[:, None, None, None]
@@ -111,39 +109,6 @@ def _kernels(points: Floats, variance: Floats, motions: tuple[Floats, Floats], w
     return np.asarray(0.5 * (density + density.swapaxes(2, 3)))  # either of two may be the other's image
 
 
-def _by_all(
-    about: Floats, share: float, target: Floats, sigma: Floats, motions: tuple[Floats, Floats], widths: Floats
-) -> Floats:
-    """Densities (n', n') of targets about the images of others, so that each is predicted by all of these at once.
-
-    What stands by a law is known by all that the law has, and not to the noise of one of them: else points in the place
-    of others of the object would be worth more than what the law says of them, and the motion with the most is best.
-    """
-    (linear, shift), size = motions, target.shape[1]
-    back = np.linalg.inv(linear)
-    linear, shift = np.concatenate([linear, back]), np.concatenate([shift, -(back @ shift[..., None])[..., 0]])
-    images = target @ linear.swapaxes(1, 2) + shift[:, None]
-    off = images[:, None] - target[:, None]  # of each target (n',) by the image of each
-    own, variance = np.arange(len(target)), sigma**2
-    squared = (off**2).sum(axis=3)
-    squared[:, own, own] = np.inf
-    near = squared < NEAR**2 * (variance[:, None] + variance)
-    count = near.sum(axis=(0, 2))
-    known = np.flatnonzero(count)
-    if not len(known):
-        return about
-    mean = (off * near[..., None]).sum(axis=(0, 2))[known] / count[known, None]
-    of_mean = (near * variance).sum(axis=(0, 2))[known] / count[known] ** 2
-    every = np.append(widths, 0.0)[:, None] ** 2 + variance[known] + of_mean
-    log_density = -0.5 * ((mean**2).sum(axis=1) / every + size * np.log(2.0 * math.pi * every))
-    wanted = about.sum(axis=1)
-    wanted[known] = share * np.exp(log_density[log_density.sum(axis=1).argmax()])
-    scale = np.ones(len(target))
-    for _ in range(STEPS):
-        scale *= np.sqrt(wanted / np.maximum(scale * (about @ scale), 1e-300))
-    return np.asarray(scale[:, None] * about * scale)
-
-
 def _gains(without: Floats, densities: Floats) -> Floats:
     """By how much points are more probable, (G, W), with some share of densities (G, W, n) than without them, (n,)."""
     return np.asarray((np.log((1.0 - TRIED) + TRIED * (densities / without))).sum(axis=3).max(axis=0))
@@ -202,10 +167,7 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     if not chosen:
         return None
     repeated = np.asarray(sum(share * kernels[one] for share, one in zip(shares[1:], chosen, strict=True)))
-    which = np.unique([one[0] for one in chosen])
-    motions = between[0][which], between[1][which]
     rest = float(shares[0])
-    repeated = _by_all(repeated, 1.0 - rest, target, clutter.sigma, motions=motions, widths=widths)
     more = replace(
         clutter, about=rest * clutter.about + repeated, alone=rest * clutter.alone, shares=rest * clutter.shares,
         repeats=1.0 - rest,
