@@ -20,7 +20,7 @@ from rootmatch.tracking import tracker
 CAMERA = rm.Camera(640.0, 640.0, 640.0, 480.0, size=(1280, 960))
 APART = (0.0, 0.3)
 VIEWS = rm.Rig([(CAMERA, np.eye(3), np.array([-x, 0.0, 0.0])) for x in APART])
-STRIDE = 16
+STRIDE = 5
 """Every moment is tried up to so many looks at the clock, and from there the later, the fewer."""
 MOST = 4
 """Frames that a tracker has seen before."""
