@@ -12,7 +12,6 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.predicted_poses import polished_pose
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -171,7 +170,7 @@ def test_the_pose_is_that_of_detections_and_knowledge(kind: str) -> None:
     scene = Scene(3, visible=6, clutter=3)
     match = scene.match(scene.prior(kind))
     assert scene.is_right(match)
-    pose, used = polished_pose(match.finding), np.flatnonzero(match.assignment >= 0)
+    pose, used = match.pose, np.flatnonzero(match.assignment >= 0)
     assert pose is not None
     assert pose.covariance is not None
 

@@ -106,8 +106,7 @@ def test_tre_is_that_of_monte_carlo_and_fre_that_of_its_law(k: int) -> None:
     places = np.vstack([source.mean(axis=0), rng.uniform(-150, 150, (4, k))])
     match = rm.match(source, exact + rng.normal(0, fle, exact.shape), rm.Rigid(k), noise=(0.0, fle))
     assert match
-    (fit,) = match.poses_of(match.assignment)  # without an allowance for a point that is off
-    expected = fit.tre(places)
+    expected = match.pose.tre(places)
 
     R, t = kabsch(source, exact + rng.normal(0, fle, (draws, n, k)))
     errors = places @ R.swapaxes(-1, -2) + t[:, None] - true.transform(places)

@@ -277,8 +277,8 @@ class Match:
 
         Fitted to all matches of the motion by maximum likelihood, with the noise that was given or estimated. None for
         a motion with fewer matches than a pose needs (`Problem.least_for_pose`), or if no pose puts them in front of
-        the camera. The covariance is that of the noise, given that the assignment is right, and allows for one
-        point that is off; a prior that holds is part of the fit.
+        the camera. The covariance is that of the noise, given that the assignment is right; a prior that holds is part
+        of the fit.
 
         Raises
         ------
@@ -302,7 +302,7 @@ class Match:
         return other_poses(self.finding)
 
     def poses_of(self, assignment: ArrayLike) -> list[Pose | None]:
-        """Poses of any assignment (n,) between these points, −1 where unmatched, by motion; for the noise alone.
+        """Poses of any assignment (n,) between these points, −1 where unmatched: one for each body or motion.
 
         Raises
         ------

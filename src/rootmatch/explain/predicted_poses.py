@@ -11,7 +11,6 @@ from rootmatch.algebra.rotation import one_rotation_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.one_point_off import allowing_for_one_off
 from rootmatch.explain.poses import poses_of, with_noise_of
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
@@ -118,9 +117,8 @@ def poses_of_finding(found: Finding) -> list[Pose | None]:
     matched = np.count_nonzero(found.assignment >= 0)
     if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
         pose = polished_pose(found)
-        return [None if pose is None else with_noise_of(found.task, allowing_for_one_off(found, pose))]
-    (poses,) = poses_of(found.task, [found.assignment], found.motion_labels)
-    return [None if pose is None else allowing_for_one_off(found, pose) for pose in poses]
+        return [None if pose is None else with_noise_of(found.task, pose)]
+    return poses_of(found.task, [found.assignment], found.motion_labels)[0]
 
 
 def fused_pose(found: Finding) -> Pose | None:
