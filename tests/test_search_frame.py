@@ -106,11 +106,11 @@ def test_what_another_body_explains_has_no_twins(monkeypatch: pytest.MonkeyPatch
     assert not twins
 
 
-def test_what_is_hopeless_beside_the_best_mode_has_no_twins(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_twins_are_proposed_of_the_best_pose_that_a_search_found(monkeypatch: pytest.MonkeyPatch) -> None:
     asked, candidate = list[Any](), image_hypotheses.Candidate
     empty = no_modes(4)
     modes = type(empty)._make([np.zeros((3, *field.shape[1:]), field.dtype) for field in empty])
-    mass = np.array([50.0, 50.5 - image_hypotheses.HOPELESS, 49.5 - image_hypotheses.HOPELESS])
+    mass = np.array([50.0, 49.0, 20.0])
     modes = modes._replace(log_odds=mass, log_mass=mass, rotation=Rotation.random(3, random_state=1).as_matrix())
 
     def twins(_: Any, of: Any) -> Any:
@@ -118,5 +118,5 @@ def test_what_is_hopeless_beside_the_best_mode_has_no_twins(monkeypatch: pytest.
         return no_proposals(4)
 
     monkeypatch.setattr(candidate, "twins", twins)
-    candidate(None, None, modes)._with_twins(modes, few=True)  # type: ignore[arg-type]
-    np.testing.assert_array_equal(asked, [mass[:2]])
+    candidate(None, None, modes).with_twins()  # type: ignore[arg-type]
+    np.testing.assert_array_equal(asked, [mass[:1]])

@@ -163,10 +163,7 @@ class Match:
 
     @property
     def noise_factor(self) -> float | None:
-        """Ratio of the noise that the residuals about the best pose suggest to that stated.
-
-        None if none was fitted, and if it has no residuals, as one of few matches takes up all deviations.
-        """
+        """Ratio of the noise by the residuals about the best pose to that stated; None without a pose or residuals."""
         return noise_factor(self.finding)
 
     @property
