@@ -89,6 +89,8 @@ def _leading_on(source: Floats, normals: Floats | None) -> tuple[Floats, Floats,
     found = symmetries_of(source, normals)
     if not found:
         return np.empty((0, 3, 3)), np.empty((0, 3)), 0.0
+    from scipy.spatial import cKDTree  # slow to import
+
     near = same_up_to(source)
     rotations, shifts = np.array([one.rotation for one in found]), np.array([one.shift for one in found])
     rotations = np.concatenate([rotations, rotations.swapaxes(1, 2)])
@@ -100,8 +102,8 @@ def _leading_on(source: Floats, normals: Floats | None) -> tuple[Floats, Floats,
     twice = images @ rotations.swapaxes(1, 2) + shifts[:, None]
     turns = (np.linalg.norm(twice - source, axis=2) > near).any(axis=1)
     rotations, shifts, images = rotations[turns], shifts[turns], images[turns]
-    squared = ((images[:, :, None] - source) ** 2).sum(axis=3)
-    mapped = (squared < near**2).any(axis=2).sum(axis=1)
+    off, _ = cKDTree(source).query(images.reshape(-1, 3), distance_upper_bound=near)
+    mapped = (off < near).reshape(images.shape[:2]).sum(axis=1)
     kept = list[int]()
     for k in np.argsort(-mapped, kind="stable").tolist():
         if len(kept) == MOTIONS or mapped[k] < max(LEAST, SHARE * len(source)):
