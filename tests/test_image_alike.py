@@ -15,7 +15,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model import detection_model, image_alike
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, settled_about
-from rootmatch.model.image_alike import ERRORS, OTHERS, REACH, SEEN, _near, errors_of, log_odds_alike, log_prior_of
+from rootmatch.model.image_alike import ERRORS, REACH, SEEN, _near, log_odds_alike
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Broad
@@ -25,7 +25,6 @@ from rootmatch.problems.pose_fit.reference_point import body_radius
 
 SIZE, SIGMA = (640, 480), 0.2
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0, size=SIZE)
-WIDE = rm.Camera(400.0, 400.0, 320.0, 240.0, size=SIZE)
 
 
 def predicted(seed: int, off: float, hidden: int = 0) -> tuple[Floats, Floats, rm.Pose, Integers]:
@@ -60,43 +59,6 @@ def test_a_body_of_which_half_is_hidden_is_trusted_about_a_prediction() -> None:
         points, detections = match.pairs.T
         right += bool(match) and bool((label[detections] == points).all())
     assert right >= 18
-
-
-def surveyed(seed: int, off: float) -> tuple[Floats, Floats, Integers]:
-    """Dots on a ceiling of 12 m that are off, an image of some twenty of them with three others, and whose each is."""
-    rng = np.random.default_rng(seed)
-    dots = np.column_stack([rng.uniform(-6.0, 6.0, (300, 2)), np.full(300, 3.0)])
-    turn = Rotation.from_rotvec([0.1, -0.15, rng.uniform(-3.0, 3.0)]).as_matrix()
-    image = WIDE.project((dots - [*rng.uniform(-3.0, 3.0, 2), 0.5]) @ turn.T) + rng.normal(0.0, 0.1, (300, 2))
-    (seen,) = ((image >= 0.0) & (image <= SIZE)).all(axis=1).nonzero()
-    target = np.concatenate([image[seen], rng.uniform((0.0, 0.0), SIZE, (3, 2))])
-    return dots + rng.normal(0.0, off, dots.shape), target, np.append(seen, np.full(3, -1))
-
-
-def test_a_large_body_is_trusted_if_its_points_are_off_by_a_small_part_of_its_size() -> None:
-    """By 2 mm, which is .0004 of its radius, and 3 σ of the image."""
-    trusted = 0
-    for seed in range(1000, 1008):
-        body, target, label = surveyed(seed, 2e-3)
-        match = rm.match(body, target, rm.P3P(WIDE), noise=0.1)
-        if match:
-            points, detections = match.pairs.T
-            assert (label[detections] == points).all()
-            assert 1e-3 < match.point_error < 6e-3
-        trusted += bool(match)
-    assert trusted >= 6
-
-
-def test_errors_of_a_large_body_go_down_to_the_noise_of_the_image() -> None:
-    model, _ = exact_and_off(0.0)
-    errors = ERRORS * model.radius
-    for ratio, finer in ((1.0, 0), (3.0, 0), (5.0, 1), (200.0, 4)):  # of the least of them to σ, as seen
-        own = errors_of(model, (ratio / errors[0]) ** 2)
-        np.testing.assert_allclose(own[finer:], errors)
-        np.testing.assert_allclose(own[:finer], errors[0] * 10.0 ** (-0.5 * np.arange(finer, 0, -1)))
-        prior = log_prior_of(len(own))
-        np.testing.assert_allclose(prior[:-OTHERS], math.log(0.025 / 0.95))
-        np.testing.assert_allclose(prior[-OTHERS:], math.log(0.001 / 4.0))
 
 
 def exact_and_off(off: float, place: float = 0.0) -> tuple[DetectionModel, Integers]:

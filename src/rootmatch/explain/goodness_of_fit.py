@@ -11,7 +11,7 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding
-from rootmatch.model.image_alike import ERRORS, OTHERS, OWN, log_prior_of
+from rootmatch.model.image_alike import LOG_INEXACT, OWN
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
 
 MOST_INFLATION = 4.0
@@ -80,36 +80,25 @@ class Misfit(NamedTuple):
         """
         from scipy.special import fdtrc  # slow to import
 
-        beside = 0.0 if self.alike is None else float(np.exp(np.minimum(self.alike, MOST_ALIKE)).sum()) / len(ERRORS)
+        beside = 0.0 if self.alike is None else float(np.exp(np.minimum(self.alike, MOST_ALIKE)).mean())
         if not self.dof:
             return 1.0 + beside
         chance = float(fdtrc(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
         return beside + float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
 
     def for_points_off(self, log_inexact: Sequence[float] = ()) -> Floats:
-        """Log-odds (W',) of the body with points that are off, of the body as given, with their prior.
+        """Log-odds (OWN,) of the body with points that are off, of the body as given, with their prior.
 
         ``log_inexact``: see `MatchingTask.log_inexact`.
         """
-        if self.alike is None:
-            return np.full(OWN, -np.inf)
-        return log_prior_off(len(self.alike), log_inexact) + self.alike[:-OTHERS]
+        before = LOG_INEXACT + np.array(log_inexact or (0.0,) * OWN)
+        return np.full(OWN, -np.inf) if self.alike is None else before + self.alike[:OWN]
 
     def most_off(self, log_inexact: Sequence[float] = ()) -> float:
         """The largest of these without their prior, if that is the most probable of the body; 0 if it is as given."""
         odds = self.for_points_off(log_inexact)
         which = int(odds.argmax())
         return float(self.alike[which]) if self.alike is not None and odds[which] > 0.0 else 0.0
-
-
-def log_prior_off(count: int, log_inexact: Sequence[float] = ()) -> Floats:
-    """Log-odds (W',) of those of so many `errors_of` a body that its own points may have.
-
-    ``log_inexact``: see `MatchingTask.log_inexact`.
-    """
-    out = log_prior_of(count)[:-OTHERS]
-    out[-OWN:] += log_inexact or 0.0
-    return out
 
 
 def doubted_by_fit(

@@ -13,7 +13,7 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, log_prior_off
+from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_decision import misfit_of, pose_of_mode, told_by
 from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
 from rootmatch.explain.in_time import last_moment
@@ -21,25 +21,16 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import residuals_of, settled_about
-from rootmatch.model.image_alike import (
-    ERRORS,
-    LOG_ALIKE,
-    OTHERS,
-    OWN,
-    errors_of,
-    gains_of_residuals,
-    log_prior_of,
-    off_by,
-)
+from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, LOG_PRIOR, OWN, gains_of_residuals, off_by
 from rootmatch.model.mode_search import HOPELESS, modes_of
 from rootmatch.model.modes import no_modes
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL, probability
 from rootmatch.model.smooth_errors import log_odds_if_smooth
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
-FOUR = 4
-"""Sizes of errors by which a pose is told: so many about each of `errors_of` a body, each as probable as the others. If
-these were only those that a body is allowed, poses would be told too sure."""
+SIZES = np.geomspace(float(ERRORS[0]) * 10.0**-0.2, float(ERRORS[-1]) * 10.0**0.2, 4 * len(ERRORS))
+"""Sizes of errors, over the body's root mean square radius, by which a pose is told: four about each of `ERRORS`, each
+as probable as the others. If these were only those that `ERRORS` allows a body, poses would be told too sure."""
 
 
 def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0.0) -> Finding:
@@ -61,52 +52,47 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
     if model is None or misfit is None or not (by_fit or misfit.alike is not None) or not exact:
         return found
     of_rig = len(model.images) > 1
-    errors = _errors(found, model)
-    before = log_prior_off(len(errors), task.log_inexact)
-    gains = before + (-np.inf if misfit.alike is None else misfit.alike[:-OTHERS])
+    before = LOG_INEXACT + np.array(task.log_inexact or (0.0,) * OWN)
+    gains = before + (-np.inf if misfit.alike is None else misfit.alike[:OWN])
     larger = by_fit and not of_rig
     if larger and float(before.max()) + misfit.log_odds_if_larger(0.0) >= 0.0:  # of errors of any size
-        gains = np.maximum(gains, before + _gains(found, misfit, errors[:-OTHERS]))
+        gains = np.maximum(gains, before + gains_of_errors(found))
     which = int(np.argmax(gains))
     if gains[which] < 0.0:
         return found
     with last_moment().within():
-        return _with_points_off(found, task, missed, (errors, before), which)
+        return _with_points_off(found, task, missed, before, which)
     return found
 
 
-def _with_points_off(
-    found: Finding, task: MatchingTask, missed: float, of: tuple[Floats, Floats], which: int
-) -> Finding:
-    """A finding of the body with points that are off by one of some errors, if that holds.
+def _with_points_off(found: Finding, task: MatchingTask, missed: float, before: Floats, which: int) -> Finding:
+    """A finding of the body with points that are off by one of `ERRORS`, if that holds.
 
-    ``of``: such errors (W,), and their log-odds (W,); ``which``: of them the most probable.
+    ``before``: log-odds (OWN,) of such errors; ``which``: of them the most probable.
     """
-    (errors, before), model = of, found.model
+    model, misfit = found.model, _misfit(found)
     assert model is not None
-    error = float(errors[which])
+    assert misfit is not None
+    error = float(ERRORS[which]) * body_radius(task.points.source)
     body = _with_errors(found, task, error)
     again = told_by(copied(found, task=body.task), body.alone(), body, missed=missed)
     if again.status is Status.UNTRUSTED or again.posterior is None:
         return found
     if len(model.images) > 1 and does_not_fit(misfit_of(model, again.posterior.modes, again.mode)):
         return found  # the pose has taken up more of such errors than its residuals tell
-    own = _chance(found, again, (errors, before), which)
+    own = _chance(found, again, before, which)
     present = None if again.facts.present is None else own * again.facts.present
-    return _with_size(again.with_facts(present=present).less_certain(own), task, model, (errors, error))
+    return _with_size(again.with_facts(present=present).less_certain(own), task, model, error)
 
 
-def _with_size(again: Finding, task: MatchingTask, exact: DetectionModel, of: tuple[Floats, float]) -> Finding:
+def _with_size(again: Finding, task: MatchingTask, exact: DetectionModel, least: float) -> Finding:
     """A finding of a body with points that are off, in its pose by all sizes of these errors.
 
-    A few errors (W,) decide what is in view. How large they are is what the matches tell; but as a pose takes up what
-    is off alike, they are as large as decided, or larger. ``of``: the few, and that which was decided; ``exact``: the
-    model without errors.
+    The few of `ERRORS` decide what is in view. How large the errors are is what the matches tell; but as a pose takes
+    up what is off alike, they are as large as decided (``least``) or larger. ``exact``: the model without errors.
     """
-    (first, *_, last), least = of
     assert again.posterior is not None
-    modes, k = again.posterior.modes, again.mode
-    sizes = np.geomspace(first * 10.0**-0.2, last * 10.0**0.2, FOUR * len(of[0]))
+    modes, k, sizes = again.posterior.modes, again.mode, SIZES * exact.radius
     own = modes.take(slice(k, k + 1))
     pose = own.assignments, own.rotation, own.position
     odds = np.array([settled_about(off_by(exact, one), *pose)[0].log_odds[0] for one in sizes.tolist()])
@@ -125,42 +111,25 @@ def error_if_alike(found: Finding) -> float:
     """By how much the points of a body before a rig would be off on each axis; 0 unless that explains more."""
     if found.alike is None or found.model is None or len(found.model.images) <= 1:
         return 0.0
-    odds = log_prior_of(len(found.alike)) + found.alike
-    return float(_errors(found, found.model)[odds.argmax()]) if odds.max() > 0.0 else 0.0
+    odds = LOG_PRIOR + found.alike
+    return float(ERRORS[odds.argmax()] * found.model.radius) if odds.max() > 0.0 else 0.0
 
 
 def gains_of_errors(found: Finding) -> Floats:
-    """Log-odds (OWN,) that points are off by each of `ERRORS`, by the residuals of a finding, to first order.
+    """Log-odds (E,) that points are off by each of `ERRORS`, by the residuals of a finding, to first order.
 
     Between two point sets, where something is near a point without a match, by that as well.
     """
     if found.labellings is not None:
         return _between_sets(found)
-    model, misfit = found.model, _misfit(found)
-    if model is None or misfit is None or not misfit.dof:
+    model, told, misfit = found.model, found.posterior, _misfit(found)
+    if model is None or told is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
-    return _gains(found, misfit, ERRORS[:OWN] * model.radius)
-
-
-def _gains(found: Finding, misfit: Misfit, errors: Floats) -> Floats:
-    """Log-odds (W,) that points are off by errors (W,), by the residuals in an image."""
-    assert found.model is not None
-    at = misfit.squared, _moved(found, found.model)
-    return gains_of_residuals(found.model.noise_freedom, at, misfit.dof, errors)
-
-
-def _moved(found: Finding, model: DetectionModel) -> float:
-    """How far detections move with points, by `residuals_of`; 0 without a mode."""
-    assert found.posterior is not None
-    modes, k = found.posterior.modes, found.mode
+    modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * model.radius
     if k >= len(modes.log_odds):
-        return 0.0
-    return residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])[1]
-
-
-def _errors(found: Finding, model: DetectionModel) -> Floats:
-    """`errors_of` a body, about the pose of a finding."""
-    return errors_of(model, _moved(found, model))
+        return np.zeros(OWN)
+    _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    return gains_of_residuals(model.noise_freedom, (misfit.squared, moved), misfit.dof, errors)
 
 
 def _between_sets(found: Finding) -> Floats:
@@ -205,13 +174,12 @@ def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     return body.reconsidered(found.posterior.modes)
 
 
-def _chance(found: Finding, again: Finding, of: tuple[Floats, Floats], which: int) -> float:
+def _chance(found: Finding, again: Finding, before: Floats, which: int) -> float:
     """Probability of the body with points that are off, against other poses of it as given and something else.
 
-    Either may have errors that are independent or smooth. ``of``: errors (W,), and log-odds (W',) of those that the
-    body may have; ``which``: of them those of ``again``.
+    Either may have errors that are independent or smooth. ``before``: log-odds (OWN,) of errors of the body;
+    ``which``: of them those of ``again``.
     """
-    errors, before = of
     misfit = _misfit(found)
     assert misfit is not None
     assert found.model is not None
@@ -219,8 +187,9 @@ def _chance(found: Finding, again: Finding, of: tuple[Floats, Floats], which: in
     assert again.posterior is not None
     modes = found.posterior.modes
     elsewhere = ((modes.assignments >= 0) & (modes.assignments != again.assignment)).any(axis=1)
+    errors = ERRORS * found.model.radius
     smooth = log_odds_if_smooth(found.model, again.posterior.modes, again.mode, errors)
-    own = np.logaddexp.reduce([(again.log_odds or 0.0) + before[which], *(smooth[:-OTHERS] + before)])
+    own = np.logaddexp.reduce([(again.log_odds or 0.0) + before[which], *(smooth[:OWN] + before)])
     other = found.log_odds or 0.0
     other += math.log(WRONG_MODEL * misfit.for_something_else(len(found.model.images) > 1))
     against = np.logaddexp.reduce([*modes.log_mass[elsewhere].tolist(), other, *(smooth + LOG_ALIKE)])

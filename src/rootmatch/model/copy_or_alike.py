@@ -70,7 +70,7 @@ def log_odds_all_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) 
     wide = [off_by(model, error) for error in ERRORS * model.radius]
     matched = np.array([float(evidence(one, own, at).log_odds[0]) for one in wide]) - modes.log_mass[k]
     near = log_odds_alike(model, modes, k, taken)
-    return np.asarray(matched if near is None else np.maximum(matched, near[-len(ERRORS) :]))
+    return np.asarray(matched if near is None else np.maximum(matched, near))
 
 
 def log_odds_some_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> tuple[float, Floats]:

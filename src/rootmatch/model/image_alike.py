@@ -21,7 +21,6 @@ from rootmatch.model.compiled.near_misses import near_misses
 from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
 from rootmatch.model.evidence import evidence, residuals_of, settled_about
 from rootmatch.model.modes import Modes
-from rootmatch.model.near_symmetries import MOST_POINTS
 from rootmatch.model.prediction import HIDDEN, Settled, settle
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
 
@@ -30,13 +29,13 @@ Told = TypeVar("Told")
 ERRORS, OWN = np.array([3e-3, 1e-2, 3e-2, 1e-1]), 2
 """Standard deviations of a coordinate of points that are off, over the body's root mean square radius: those of what is
 alike, each as probable as the others. So many of them are also those of a body that is not quite as its drawing. Round
-values; see also `errors_of`."""
-OTHERS = len(ERRORS) - OWN
-"""How many are those of something else only."""
+values."""
 LOG_INEXACT = math.log(INEXACT / OWN) - math.log1p(-INEXACT)
 """Log-odds that the body's points are off by each of these, of those that they are as given."""
 LOG_ALIKE = math.log(WRONG_MODEL / len(ERRORS))
 """The same of something else of nearly the shape."""
+LOG_PRIOR = np.repeat([LOG_INEXACT, LOG_ALIKE], [OWN, len(ERRORS) - OWN])
+"""Those of all of them."""
 REACH = 3.0
 """Deviation, in σ of an alike point, within which a detection may be its own. A round value."""
 SEEN = math.log(9.0)
@@ -46,32 +45,8 @@ LEAST = -3.0
 twentieth of what is allowed for. A round value; it bounds time."""
 
 
-def errors_of(model: DetectionModel, moved: float) -> Floats:
-    """Standard deviations (W,) of points that are off, in their unit: those of `ERRORS`, after finer ones.
-
-    By half a decade each, finer ones go down to the noise of the image, as a large body may be surveyed to a small part
-    of its size. Each is as probable as one of `ERRORS`. They are left out of bodies of which no near symmetries are
-    sought: regular rows may look alike from place to place up to such errors.
-
-    Parameters
-    ----------
-    model : DetectionModel
-    moved : float
-        By `residuals_of`.
-    """
-    least = float(ERRORS[0]) * model.radius * math.sqrt(moved)  # over σ
-    sought = len(model.points) <= MOST_POINTS * max(len(model.images), 1)
-    finer = np.arange(math.floor(2.0 * math.log10(max(least, 1.0))) if sought else 0, 0, -1)
-    return model.radius * np.concatenate([ERRORS[0] * 10.0 ** (-0.5 * finer), ERRORS])
-
-
-def log_prior_of(count: int) -> Floats:
-    """Log-odds (W,) of so many `errors_of` a body."""
-    return np.repeat([LOG_INEXACT, LOG_ALIKE], [count - OTHERS, OTHERS])
-
-
 def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> Floats | None:
-    """Log-odds (W,) of a body with points that are off by each of some sizes, in about the pose of one of the modes.
+    """Log-odds (W,) of a body with points that are off by each of `ERRORS`, in about the pose of one of the modes.
 
     Parameters
     ----------
@@ -85,30 +60,30 @@ def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
     Returns
     -------
     (W,) float64 or None
-        For `errors_of` the body, over it as given, with all changes of the mode; −∞ where they cannot matter. None
-        where none can, as nothing is near a visible point that has no match, and what several cameras see of one fits.
+        Over the body as given, with all changes of the mode; −∞ where they cannot matter. None where none can, as
+        nothing is near a visible point that has no match, and what several cameras see of one fits.
     """
     assignment, images = modes.assignments[k], max(len(model.images), 1)
     missed = bool(((assignment < 0) & (modes.visible[k] > HIDDEN)).any())
     shared = bool(((assignment >= 0).reshape(images, -1).sum(axis=0) > 1).any())
     if not missed and not shared:
         return None
-    residuals = residuals_of(model, assignment, modes.rotation[k], modes.position[k])
-    errors = errors_of(model, residuals[1])
+    errors = ERRORS * model.radius
     gains, free = _near(model, modes, k, errors, taken) if missed else (np.zeros((len(errors), 0)), 0)
     if not gains.any() and not shared:
         return None
-    mode, freedom, prior = modes.take(slice(k, k + 1)), float(modes.freedom[k]), log_prior_of(len(errors))
+    mode, freedom = modes.take(slice(k, k + 1)), float(modes.freedom[k])
+    residuals = residuals_of(model, assignment, modes.rotation[k], modes.position[k])
     before, out = float(mode.log_odds[0] - mode.log_mass[0]), np.full(len(errors), -np.inf)
     if gains.any():
         counts = log_odds_of_counts((-(-free // images),), gains.shape[1])[0, 1:]
         most = before + gains_of_residuals(model.noise_freedom, residuals, freedom, errors)
         most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
-        for one in (most + prior >= LEAST).nonzero()[0].tolist():
+        for one in (most + LOG_PRIOR >= LEAST).nonzero()[0].tolist():
             out[one] = asked_once(_settled, model, mode[:4], errors[one], taken) - mode.log_mass[0]
     if shared and residuals[0] > freedom:
         out = np.maximum(out, before + _of_sightings(model, mode, errors))
-    return out if (out + prior >= LEAST).any() else None
+    return out if (out + LOG_PRIOR >= LEAST).any() else None
 
 
 def asked_once(answer: Callable[..., Told], model: DetectionModel, mode: tuple[Any, ...], *more: Any) -> Told:
