@@ -20,12 +20,16 @@ def cluster(rng: np.random.Generator, count: int) -> Floats:
     return rng.uniform(-0.05, 0.05, (count, 3))
 
 
-def images(rng: np.random.Generator, built: Floats, shown: float | Floats) -> tuple[list[Floats], NDArray[np.int64]]:
+def images(
+    rng: np.random.Generator, built: Floats, shown: float | Floats, pose: tuple[Floats, Floats] | None = None
+) -> tuple[list[Floats], NDArray[np.int64]]:
     """Detections of each camera, and which of them (6, n) each marker has, −1 for none.
 
-    ``shown``: chance (n,) of a marker to be seen, in each camera.
+    ``shown``: chance (n,) of a marker to be seen, in each camera; ``pose``: of the cluster, a random one by default.
     """
-    R, t = Rotation.random(random_state=rng).as_matrix(), rng.uniform((-3.0, -1.0, -2.0), (3.0, 1.0, 2.0))
+    if pose is None:
+        pose = Rotation.random(random_state=rng).as_matrix(), rng.uniform((-3.0, -1.0, -2.0), (3.0, 1.0, 2.0))
+    R, t = pose
     target, truth, count = [], np.full((6, len(built)), -1), 0
     for k, turn in enumerate(TURNS):
         own = np.flatnonzero(rng.random(len(built)) < shown)

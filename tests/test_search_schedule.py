@@ -156,15 +156,7 @@ def test_more_noise_is_asked_for_only_of_what_was_found_lately() -> None:
 def in_hall(rng: np.random.Generator, built: np.ndarray, k: int, shown: float) -> tuple[list[np.ndarray], np.ndarray]:
     """Detections of a cluster that drifts through the hall, and which of them (6, n) each marker has."""
     R, t = Rotation.from_rotvec([0.02 * k, 0.4, 0.01 * k]).as_matrix(), np.array([0.01 * k, 0.2, 0.0])
-    target, truth, count = [], np.full((6, len(built)), -1), 0
-    for camera, turn in enumerate(hall_scenes.TURNS):
-        own = np.flatnonzero(rng.random(len(built)) < shown)
-        image = hall_scenes.CAMERA.project((built[own] @ R.T + t) @ turn.T + hall_scenes.AWAY)
-        seen = image + rng.normal(0.0, hall_scenes.SIGMA, image.shape)
-        target.append(np.vstack([seen, rng.uniform((0.0, 0.0), hall_scenes.SIZE, (4, 2))]))
-        truth[camera, own] = count + np.arange(len(own))
-        count += len(own) + 4
-    return target, truth
+    return hall_scenes.images(rng, built, shown, (R, t))
 
 
 def test_one_body_before_six_cameras_is_searched_for_in_one_of_them_a_frame() -> None:

@@ -86,20 +86,20 @@ class Deadline:
         if left_out:
             self._cuts.append(self.ends)
 
-    def at_least(self, seconds: float) -> Deadline:
-        """The deadline, or a later one if fewer than ``seconds`` are left: for work better done late than not."""
-        return self if self.left() >= seconds else Deadline(seconds, clock=self.clock)
-
     def at_most(self, seconds: float | None) -> Deadline:
         """The deadline, or an earlier one of its own if more than ``seconds`` are left; None for any."""
         return self if seconds is None or seconds >= self.left() else Deadline(seconds, clock=self.clock)
 
     def with_grace(self) -> Deadline:
         """The deadline a little later, so that handing on the results of a stage that ended in time is not cut off."""
+        return self.later(GRACE, GRACE_SECONDS)
+
+    def later(self, share: float, seconds: float) -> Deadline:
+        """The deadline later by a share of the time allowed, if it states one, and so many seconds."""
         if not self.is_set:
             return self
-        late = Deadline(clock=self.clock)
-        late.ends, late._cuts = self.ends + GRACE * self.seconds + GRACE_SECONDS, self._cuts
+        late, allowed = Deadline(clock=self.clock), self.seconds if math.isfinite(self.seconds) else 0.0
+        late.ends, late._cuts = self.ends + share * allowed + seconds, self._cuts
         return late
 
     def within(self) -> Within:

@@ -7,7 +7,6 @@ one place for every route: `in_time`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from contextvars import ContextVar
 from functools import wraps
@@ -31,7 +30,7 @@ _last: ContextVar[Deadline | None] = ContextVar("_last", default=None)
 
 def in_time(task: MatchingTask, found: Callable[[MatchingTask], Finding]) -> Finding:
     """What a route finds of a task by its deadline; of every body nothing, if there was no time for anything."""
-    token = _last.set(_later(task.deadline, TOLD))
+    token = _last.set(task.deadline.later(*TOLD))
     try:
         with task.deadline.with_grace().enforced():
             return found(task)
@@ -59,14 +58,4 @@ def by_the_last_moment(weigh: Callable[P, T]) -> Callable[P, T]:
 
 def to_predict(deadline: Deadline) -> Deadline:
     """The deadline of what is assigned about predictions."""
-    return _later(deadline, PREDICTED)
-
-
-def _later(deadline: Deadline, late: tuple[float, float]) -> Deadline:
-    """A deadline that ends later, by a share of its seconds and so many more."""
-    if not deadline.is_set:
-        return deadline
-    share, seconds = late
-    out = deadline.with_grace()  # whose cuts are those of the deadline
-    out.ends = deadline.ends + share * (deadline.seconds if math.isfinite(deadline.seconds) else 0.0) + seconds
-    return out
+    return deadline.later(*PREDICTED)

@@ -95,10 +95,11 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
-    # a tracker's search goes on in the other cameras and in the next frames, which takes less than narrowing here
-    narrowing = task.search_camera is None
-    (verified, log_odds), all_triples = _verified(model, hypotheses, limits, narrowing=narrowing), False
-    if task.search_camera is None and not _is_enough(task, model, verified, evaluated):
+    # otherwise a tracker's search goes on in the next frames: that takes less than narrowing here, and the tracker
+    # knows when it has come to enough cameras to have missed nothing
+    in_all = task.search_camera is None
+    (verified, log_odds), all_triples = _verified(model, hypotheses, limits, narrowing=in_all), False
+    if in_all and not _is_enough(task, model, verified, evaluated):
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
@@ -109,8 +110,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
             more, their_odds = _verified(model, hypotheses[met:], limits)
             verified = np.concatenate([verified, more])[np.argsort(-np.append(log_odds, their_odds), kind="stable")]
     tensor = joined_tensor(tensors, task.row_shape, task.row_weights)
-    # nor is what one of them misses: its tracker knows when the search has come to enough of them
-    missed = 0.0 if all_triples or not narrowing else _missed(verified, missed_by)
+    missed = 0.0 if all_triples or not in_all else _missed(verified, missed_by)
     return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
 
 
