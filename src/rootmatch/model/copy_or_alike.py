@@ -37,14 +37,7 @@ time."""
 def log_beside_copy(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> float:
     """Logarithm of the factor on the odds of a copy in the place of a mode: something alike may be there instead.
 
-    Parameters
-    ----------
-    model : DetectionModel
-    modes : Modes
-    k : int
-        Which of them.
-    taken : (n',) bool array
-        Detections of the body in its own place, and of others.
+    ``k``: which mode; ``taken`` (n',): detections of the body in its own place, and of others.
 
     Returns
     -------

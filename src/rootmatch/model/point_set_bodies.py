@@ -29,12 +29,7 @@ KEPT = 64
 def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -> list[PointSetPosterior]:
     """The marginal posteriors of several bodies among the same targets.
 
-    Parameters
-    ----------
-    models : sequence of PointSetModel
-        Of the bodies.
-    every : sequence of Weighed
-        The labellings of each, proposed without regard to the others.
+    ``every``: the labellings of each, proposed without regard to the others.
     """
     count = len(models[0].clouds.target)
     copies = [_copies(one, count) for one in every]

@@ -94,12 +94,7 @@ def proposals_of_settled(every: Sequence[Settled]) -> Proposals | None:
 def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | None:
     """Assignments about a predicted pose with the poses they lead to, the most probable first.
 
-    Parameters
-    ----------
-    model : DetectionModel
-        Whose prior has the prediction in it.
-    prediction : Gaussian
-        Of all six parameters.
+    The prediction is of all six parameters, and part of the model's prior.
 
     Returns
     -------
@@ -300,13 +295,7 @@ def _updates(
 def explained(model: DetectionModel, at: Linearised, step: Floats, covariance: Floats) -> Floats:
     """Log-odds (K,) of what poses explain, to first order, each point with its likeliest detection.
 
-    Parameters
-    ----------
-    model : DetectionModel
-    at : Linearised
-        At K poses.
-    step, covariance : (K, 6) and (K, 6, 6) arrays
-        Of the distributions of the poses, from there.
+    ``step`` (K, 6) and ``covariance`` (K, 6, 6): of the distributions of the poses, from those of ``at``.
     """
     of_points, tilt = model.of_points(at), np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
     chance = model.visibility(at, tilt)
