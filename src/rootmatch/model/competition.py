@@ -76,9 +76,12 @@ def joint_posterior(
         )  # fmt: skip
 
     each_of = weighed(named)
-    if disputed := [k for k, _ in named if _is_disputed(each_of[k][:-1], uses[k])]:
-        best = [np.asarray(of_modes[:1].any(axis=0)) for of_modes in uses]
-        alike = {k: _alike(models[k], parts[k], uses[k], origins[k], _of_others(best, k)) for k in disputed}
+    # a body may be in another place than that of its best mode
+    shares = [(k, each_of[k][:-1]) for k, _ in named]
+    if disputed := [k for k, of in shares if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL]:
+        best = np.array([of_modes[:1].any(axis=0) for of_modes in uses])
+        others = {k: np.asarray(np.delete(best, k, axis=0).any(axis=0)) for k in disputed}
+        alike = {k: _alike(models[k], parts[k], uses[k], origins[k], others[k]) for k in disputed}
         each_of = weighed([(k, mass + alike[k] if k in alike else mass) for k, mass in named])
     found = []
     of_copy = {k: 1.0 - float(share[-1]) for (k, _), share in zip(named, each_of[len(parts) :], strict=True)}
@@ -151,16 +154,6 @@ def _apart(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats
     if not (together & ~apart).any():
         return as_copy
     return np.where(np.append(apart, np.ones((1, len(apart)), np.bool_), axis=0), as_copy, -np.inf)
-
-
-def _is_disputed(shares: Floats, uses: Bools) -> bool:
-    """Whether a body may be in another place than that of its best mode, by the shares (M,) of its modes."""
-    return float(shares[~(uses @ uses[int(shares.argmax())])].sum()) >= WRONG_MODEL
-
-
-def _of_others(best: Sequence[Bools], k: int) -> Bools:
-    """Detections (n',) of the best modes of all bodies but one."""
-    return np.asarray(np.any([np.zeros_like(best[k]), *best[:k], *best[k + 1 :]], axis=0))
 
 
 def _alike(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None, taken: Bools) -> Floats:
