@@ -19,7 +19,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.exact_shapes import Copies, log_gains
 from rootmatch.model.exchanged import of_itself
-from rootmatch.model.joint import marginals
+from rootmatch.model.joint import marginals, parts_left
 from rootmatch.model.modes import Modes, none_near, same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
@@ -204,18 +204,9 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bool
     shared[:own] = _beside(model, modes, uses[k])
     if not shared.any():
         return modes
-    known = {one.tobytes() for one in modes.assignments}
-    rows, parts = [], []
-    for wanted, row in np.argwhere(shared).tolist():
-        assignment = modes.assignments[row]
-        part = np.where((assignment >= 0) & others[wanted, assignment], -1, assignment)
-        if np.count_nonzero(part >= 0) >= model.prior.least and part.tobytes() not in known:
-            known.add(part.tobytes())
-            rows.append(row)
-            parts.append(part)
-    if not parts:
+    which, assignments = parts_left(modes.assignments, others, shared, model.prior.least)
+    if not len(which):
         return modes
-    which, assignments = np.array(rows), np.array(parts)
     found = evidence(model, assignments, model.linearised(modes.rotation[which], modes.position[which]))
     usable = np.isfinite(found.log_odds)
     part_of = modes.take(which)

@@ -24,7 +24,6 @@ from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
 from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import (
     Evidence,
-    about,
     deviations,
     evidence,
     mixture_of,
@@ -175,12 +174,9 @@ def _possible(
     if (prior := mixture_of(model)) is not None:
         hopeless = HOPELESS, floor, enough
         return assignments, *settled_of_likely(model, assignments, (poses[0], poses[1]), prior, hopeless)
-    if model.resolution == 0.0:
-        rough, at = about(model, *proposals)
-    else:
-        at = model.linearised(proposals.rotation, proposals.position)
-        assignments = assignments if at.blob is None else of_blobs(assignments, at.blob)
-        rough = evidence(model, assignments, at)
+    at = model.linearised(*poses)
+    assignments = assignments if at.blob is None else of_blobs(assignments, at.blob)
+    rough = evidence(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
     worth = rough.log_odds > min(best - HOPELESS, enough)
     if not worth.all():
