@@ -14,11 +14,7 @@ def candidate_log_odds(weights: Floats, among: Bools | None = None) -> Floats:
     stands in the place of one over their number. So only ratios within a row count, as those of likelihoods do. The
     factor of a clutter point is 1 in the mean: weights that know nothing make no pose more probable than clutter.
 
-    Parameters
-    ----------
-    weights : (n, n') array
-    among : (n, n') bool array, optional
-        Which pairs may be, of a rig those of a sighting's own camera.
+    ``among``: (n, n') which pairs may be, of a rig those of a sighting's own camera.
     """
     possible = weights > 0.0 if among is None else among & (weights > 0.0)
     mean = np.where(possible, weights, 0.0).sum(axis=1) / np.maximum(possible.sum(axis=1), 1)

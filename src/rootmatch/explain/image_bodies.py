@@ -169,14 +169,7 @@ class _Body(SearchedBody):
 def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | None = None) -> Finding:
     """The match of a task of one image whose source points are of several bodies.
 
-    Parameters
-    ----------
-    task : MatchingTask
-        With labels, and of poses of its camera.
-    solve : callable
-        From the task of one body to its match.
-    choice : callable, optional
-        What to search; everything if not given.
+    ``solve`` matches one of them; ``choice`` says what to search, everything if not given.
     """
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]

@@ -52,16 +52,7 @@ class Guess(NamedTuple):
 
 
 def poses_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionModel) -> Proposals | None:
-    """What is assigned about the best poses with a known rotation; None if it is not known, or no pair agrees with it.
-
-    Parameters
-    ----------
-    task : MatchingTask
-        Of one body.
-    known : PosePrior
-    model : DetectionModel
-        Of the task.
-    """
+    """What is assigned about the best poses with a known rotation; None without one, or if no pair agrees with it."""
     turn = known.turn
     if turn is None:
         return None

@@ -112,20 +112,8 @@ def with_missing(
 ) -> Rest | None:
     """What is left where no more motions are found, or None of as many as were asked for.
 
-    Those that the model of one motion finds are added to the assignment and its labels.
-
-    Parameters
-    ----------
-    alone : MatchingTask
-        Of one motion among all points.
-    solve : callable
-        The route of a task of one motion.
-    assignment, labels : (n,) int64 arrays
-    asked : int or "auto"
-    searched : list
-        To which each search is appended.
-    budget : int
-        Most evaluations of each.
+    Those that the model of one motion finds, by ``solve``, are added to the assignment (n,) and its labels (n,), and
+    each search, of so many evaluations, to ``searched``. ``alone``: the task of one motion among all points.
     """
     while asked == "auto" or len(np.unique(labels[labels >= 0])) < asked:
         missing = 0 if asked == "auto" else asked - len(np.unique(labels[labels >= 0]))

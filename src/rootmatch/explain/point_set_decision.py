@@ -213,8 +213,6 @@ def told_by(
     ----------
     base : Finding
         Of the same task, with what its search may have missed.
-    found : PointSetPosterior
-    model : PointSetModel
     taken : (n',) bool array, optional
         Targets of other bodies: the result is a labelling without any of them, or nothing.
     asked : bool

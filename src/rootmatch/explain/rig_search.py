@@ -117,13 +117,8 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
 def _missed(verified: Integers, missed_by: Floats) -> float:
     """Probability that a pose with as many sightings in each camera as the first assignment was missed in all.
 
-    Of one that no camera shows four points of `search_meets` judges, by the triples that were looked at.
-
-    Parameters
-    ----------
-    verified : (K, n) int array
-    missed_by : (C,) array
-        That probability in each camera, if it shows enough of them.
+    Of one that no camera shows four points of `search_meets` judges, by the triples that were looked at. ``missed_by``:
+    (C,) that probability in each camera, if it shows enough of them.
     """
     if not len(verified):
         return 1.0

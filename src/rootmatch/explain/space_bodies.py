@@ -113,12 +113,7 @@ class _Body(SearchedBody):
 def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
     """The match of a task of two point sets of one space whose source points are of several bodies.
 
-    Parameters
-    ----------
-    task : MatchingTask
-        With labels.
-    solve : callable
-        From the task of one body to what its search proposes.
+    ``solve``: from the task of one body to what its search proposes.
     """
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]

@@ -61,15 +61,7 @@ def advice(
 ) -> str:
     """The status of a finding as a sentence, with what can be done about it.
 
-    Parameters
-    ----------
-    finding : Finding
-    confidence : (n,) array, optional
-        Confidence in each match, if the status needed it.
-    stopped_early : bool
-        Whether the time limit ended the search.
-    undetermined : bool
-        Whether the matches leave a direction of the pose open; see `is_undetermined`.
+    ``stopped_early``: whether the time limit ended the search. ``undetermined``: see `is_undetermined`.
     """
     if finding.status is Status.UNTRUSTED and (reason := obvious_fault(finding.task) or finding.reason) is not None:
         return f"no trustworthy match: {reason}"

@@ -46,79 +46,54 @@ class MatchingTask:
     """Points, problem and options, validated.
 
     Detections of a rig have a camera each, and an assignment has a row for each sighting: every point in every camera.
-
-    Attributes
-    ----------
-    problem : Problem
-    points : PointSets
-        Source and target with their noise and normals.
-    affinity : Affinity
-        From a hyper-edge's residual to its weight.
-    options : MatchOptions
-    noise : float, array or pair
-        Standard deviation as it was given, or as it was estimated.
-    estimates_noise, noise_is_estimated : bool
-        Whether the noise is to be estimated, that of ``points`` is meaningless then; and whether it has been.
-    allowed : (n, n') bool, optional
-        Correspondences that are possible.
-    weights : (n, n') float64, optional
-        Prior weights of correspondences.
-    bodies : BodyLabels, optional
-        Which rigid body each source point belongs to, where there are several.
-    prior_pose : Pose, optional
-        A predicted pose with its covariance.
-    rivals : Rivals
-        Of ``prior_pose``.
-    prior_poses, rivals_of : dict
-        Those of several bodies, by label.
-    prior_freedom : float
-        Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`.
-    present, present_of : float, optional, and dict
-        Probability that the body, or each of several, is in space, or what two views show; by default the model's.
-    weighs_parts : bool
-        Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised.
-    log_inexact : tuple of float
-        Log-odds by earlier frames that points are off by each of the first `rootmatch.model.image_alike.ERRORS`.
-    known, known_of : PosePrior, optional, and dict
-        Partial knowledge of the pose, and of those of several bodies, by label.
-    budget : int, optional
-        Evaluations of a guided search that a tracker or the search for several bodies bounds.
-    search_camera : int, optional
-        The only camera of a rig in which minimal sets are searched.
-    found_before : (K, n) int64, optional
-        Assignments that a guided search begins with.
-    more_images : bool
-        Whether images of the same points follow, so that what all of them need is prepared at once.
-    deadline : Deadline
-        When every stage hands on what it has found.
     """
 
     problem: Problem
     points: PointSets
+    """Source and target with their noise and normals."""
     affinity: Affinity
+    """From a hyper-edge's residual to its weight."""
     options: MatchOptions = field(default_factory=MatchOptions)
     noise: Any = 1.0
+    """Standard deviation as it was given, or as it was estimated."""
     estimates_noise: bool = False
     noise_is_estimated: bool = False
+    """Whether the noise is to be estimated, that of ``points`` is meaningless then; and whether it has been."""
     allowed: NDArray[np.bool_] | None = None
+    """(n, n') correspondences that are possible."""
     weights: NDArray[np.float64] | None = None
+    """(n, n') prior weights of correspondences."""
     bodies: BodyLabels | None = None
+    """Which rigid body each source point belongs to, where there are several."""
     prior_pose: Pose | None = None
+    """A predicted pose with its covariance."""
     rivals: Rivals = NONE
+    """Of ``prior_pose``."""
     prior_poses: dict[Label, Pose] = field(default_factory=dict)
     rivals_of: dict[Label, Rivals] = field(default_factory=dict)
+    """Those of several bodies, by label."""
     prior_freedom: float = math.inf
+    """Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`."""
     present: float | None = None
     present_of: dict[Label, float] = field(default_factory=dict)
+    """Probability that the body, or each of several, is in space, or what two views show; by default the model's."""
     weighs_parts: bool = True
+    """Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised."""
     log_inexact: tuple[float, ...] = ()
+    """Log-odds by earlier frames that points are off by each of the first `rootmatch.model.image_alike.ERRORS`."""
     known: PosePrior | None = None
     known_of: dict[Label, PosePrior] = field(default_factory=dict)
+    """Partial knowledge of the pose, and of those of several bodies, by label."""
     budget: int | None = None
+    """Evaluations of a guided search that a tracker or the search for several bodies bounds."""
     search_camera: int | None = None
+    """The only camera of a rig in which minimal sets are searched."""
     found_before: NDArray[np.int64] | None = None
+    """(K, n) assignments that a guided search begins with."""
     more_images: bool = False
+    """Whether images of the same points follow, so that what all of them need is prepared at once."""
     deadline: Deadline = NEVER
+    """When every stage hands on what it has found."""
 
     @classmethod
     def of(
