@@ -13,7 +13,6 @@ from rootmatch.errors import InputError
 from rootmatch.explain.continued_bodies import LIKELY
 from rootmatch.explain.continued_sets import beside_sets
 from rootmatch.explain.decide import TRUST, Facts, Status
-from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import BY_ITS_LAW, lead_by_odds
@@ -59,7 +58,7 @@ def model_of(task: MatchingTask) -> PointSetModel | None:
         clouds,
         mirror=bool(getattr(task.problem, "mirror", False)),
         allowed=task.allowed,
-        weights=None if task.weights is None else np.exp(candidate_log_odds(task.weights)),
+        weights=None if task.log_weights is None else np.exp(task.log_weights),
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
         prior=_prior_of(task),
         present=PRESENT if task.present is None else task.present,

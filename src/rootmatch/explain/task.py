@@ -17,7 +17,7 @@ from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.explain.prior_validation import Prior, check_predicted, of_each
+from rootmatch.explain.prior_validation import Prior, as_attributes, check_predicted
 from rootmatch.explain.rivals import NONE, Rivals
 from rootmatch.explain.validation import check_not_exact, check_problem, split_candidates
 from rootmatch.frozen import copied, once
@@ -168,10 +168,7 @@ class MatchingTask:
             allowed=allowed,
             weights=weights,
             bodies=labels,
-            prior_pose=prior if isinstance(prior, Pose) else None,
-            prior_poses={label: one for label, one in of_each(prior).items() if isinstance(one, Pose)},
-            known=prior if isinstance(prior, PosePrior) else None,
-            known_of={label: one for label, one in of_each(prior).items() if isinstance(one, PosePrior)},
+            **as_attributes(prior),
             **told,
         )
 
@@ -216,6 +213,18 @@ class MatchingTask:
     def row_weights(self) -> NDArray[np.float64] | None:
         """Prior weights of each row of an assignment and each detection, (rows, n')."""
         return None if self.weights is None else np.tile(self.weights, (self.rows // self.shape[0], 1))
+
+    @once
+    def log_weights(self) -> NDArray[np.float64] | None:
+        """Log-odds (rows, n') of the candidates by their weights, see `candidate_log_odds`; None without weights."""
+        if self.weights is None or self.row_weights is None:
+            return None
+        return candidate_log_odds(self.row_weights, None if self.rig is None else self.own_camera)
+
+    @once
+    def own_camera(self) -> NDArray[np.bool_]:
+        """Which detections are of the camera of each row of an assignment, (rows, n')."""
+        return np.asarray(np.arange(self.rows)[:, None] // self.shape[0] == self.camera_of)
 
     def sightings_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Rows (…, C m) of an assignment for points (…, m), those of the first camera first; −1 for a point −1."""
@@ -323,3 +332,18 @@ class MatchingTask:
             bodies=None,
             **(nothing | known),
         )
+
+
+def candidate_log_odds(weights: NDArray[np.float64], among: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+    """Logarithms (n, n') of the weights of candidates over their mean in each row; −∞ where one is zero.
+
+    A row tells which of its candidates is the detection of a point, if it has one: the weight of each over their sum
+    stands in the place of one over their number. So only ratios within a row count, as those of likelihoods do. The
+    factor of a clutter point is 1 in the mean: weights that know nothing make no pose more probable than clutter.
+
+    ``among``: (n, n') which pairs may be, of a rig those of a sighting's own camera.
+    """
+    possible = weights > 0.0 if among is None else among & (weights > 0.0)
+    mean = np.where(possible, weights, 0.0).sum(axis=1) / np.maximum(possible.sum(axis=1), 1)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(weights) - np.log(np.where(mean > 0.0, mean, 1.0))[:, None])
