@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
-from rootmatch.explain.in_time import by_the_last_moment
+from rootmatch.explain.in_time import last_moment
 from rootmatch.explain.likeness import copies_of, likenesses, place_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rivals import DOUBT
@@ -168,34 +168,34 @@ class Candidate:
         return competing([self])[0]
 
 
-@by_the_last_moment
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
-    every, models = [], []
-    copies = copies_of([(one.task.points.source, one.model) for one in bodies])
-    for k, body in enumerate(bodies):
-        more, others = [], []
-        for other in bodies:
-            if other is body or not len(other.modes.log_odds):
-                continue
-            for image in likenesses(other.task.points.source, body.task.points.source):
-                rows = body.task.sightings_of(image)
-                more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
-                if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
-                    others.append((place, other.model.prior))
-        model = beside_others(body.model, others)
-        modes = body.modes if copies is None else grown_in_place_of(copies[k], model, body.modes)
-        if more:
-            modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
-        every.append(modes)
-        models.append(model)
-    told = joint_posterior(models, every, copies)
-    for _ in range(SUMMED):
-        known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
-        if all(one is before for one, before in zip(known, every, strict=True)):
-            break
-        every, told = known, joint_posterior(models, known, copies)
-    return [marked(*each) for each in zip(models, told, strict=True)]
+    with last_moment().enforced():
+        every, models = [], []
+        copies = copies_of([(one.task.points.source, one.model) for one in bodies])
+        for k, body in enumerate(bodies):
+            more, others = [], []
+            for other in bodies:
+                if other is body or not len(other.modes.log_odds):
+                    continue
+                for image in likenesses(other.task.points.source, body.task.points.source):
+                    rows = body.task.sightings_of(image)
+                    more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
+                    if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
+                        others.append((place, other.model.prior))
+            model = beside_others(body.model, others)
+            modes = body.modes if copies is None else grown_in_place_of(copies[k], model, body.modes)
+            if more:
+                modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
+            every.append(modes)
+            models.append(model)
+        told = joint_posterior(models, every, copies)
+        for _ in range(SUMMED):
+            known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
+            if all(one is before for one, before in zip(known, every, strict=True)):
+                break
+            every, told = known, joint_posterior(models, known, copies)
+        return [marked(*each) for each in zip(models, told, strict=True)]
 
 
 def _with_first_summed(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:

@@ -49,11 +49,6 @@ class Rest(NamedTuple):
         return same and not np.isin(self.detections, used).any()
 
     @property
-    def is_asked_for(self) -> bool:
-        """Whether there is one more motion, as far as the caller knows."""
-        return len(self.few) > 0
-
-    @property
     def odds(self) -> float:
         """Odds, against no motion, of one that shows more points than that."""
         present = 0.0 if self.told is None else self.told.facts.present or 0.0
@@ -87,7 +82,7 @@ class Rest(NamedTuple):
 
     def may_show(self, least: float) -> bool:
         """Whether one more that is asked for may be in view: nothing of it with less than this probability."""
-        return self.is_asked_for and self.is_empty < least
+        return len(self.few) > 0 and self.is_empty < least
 
     def named(self, count: int) -> list[Integers]:
         """What the search named beside what it found, each (count,) as an assignment of all points."""

@@ -265,7 +265,6 @@ def told_by(
         facts=Facts(
             present=present,
             probability=min(probability, present),
-            contested=True,  # until it is asked below
             lead=lead_by_odds(probability) if base.scoreless else None,
             min_probability=least,
             false_alarms=math.inf if does_not_fit(fault) else -math.inf,
@@ -279,15 +278,16 @@ def told_by(
         prior_holds=prior_holds,
         pose=_with_prior(model, judged),
     )
-    if task.noise_is_estimated:
-        return told.with_facts(contested=sure is None, sure_of_the_rest=sure is not None)
     # what is left out as unsure may be what does not fit
-    whole = fault
-    with last_moment().within():
-        whole = _misfit_of(model, found, taken)
-        told = copied(told, alike=whole.alike)
-        if asked:
-            told = told.with_facts(contested=sure is None, sure_of_the_rest=sure is not None)
+    whole, in_time = fault, task.noise_is_estimated
+    if not task.noise_is_estimated:
+        with last_moment().within():
+            whole = _misfit_of(model, found, taken)
+            in_time = asked
+    certain = sure is not None and in_time
+    told = copied(told.with_facts(contested=not certain, sure_of_the_rest=certain), alike=whole.alike)
+    if task.noise_is_estimated:
+        return told
     as_off = float(np.exp(np.minimum(whole.for_points_off(task.log_inexact), MOST_ALIKE)).sum())
     doubted = doubted_by_fit(told, whole, alike=model.clutter.repeats, as_off=as_off)
     # something is there that does not fit, which the advice says

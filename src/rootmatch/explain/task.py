@@ -269,11 +269,6 @@ class MatchingTask:
         return self.problem.tables(self.ordered_points)
 
     @once
-    def tables_as_given(self) -> Any:
-        """Tables for the kernels, the source points as they were given."""
-        return self.problem.tables(self.points)
-
-    @once
     def sampling_task(self) -> SamplingTask:
         """What a sampler is given, the source points in `permutation`."""
         kind = self.affinity.residual.kernel_kind(self.problem.pair_count)
