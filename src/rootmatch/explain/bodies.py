@@ -191,7 +191,7 @@ def searched_among(
             sub = copied(sub, budget=budget)
         found = solve(sub)
     except UnseenPixelError as error:
-        if not task.prior_poses:
+        if not task.is_predicted:
             raise
         return nothing_found(part, str(error)), False  # the bodies whose pose is predicted need no rays
     # a rig has a budget for each camera

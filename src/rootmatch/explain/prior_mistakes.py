@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from rootmatch.explain.body_labels import Label
 from rootmatch.explain.mistake import Mistake, corrected
 from rootmatch.explain.prior_validation import Prior, as_attributes
 from rootmatch.explain.task import MatchingTask
@@ -40,8 +39,8 @@ def of_priors(task: MatchingTask) -> Iterator[Mistake]:
 def _changed(task: MatchingTask, name: str, remedy: str, change: Callable[[Prior], Prior | None]) -> Iterator[Mistake]:
     """The mistake of all that is known of poses, if any of it can be changed so."""
     one: Prior | None = task.prior_pose or task.known
-    each: dict[Label, Prior] = {**task.prior_poses, **task.known_of}
-    attributes = as_attributes({label: change(known) for label, known in each.items()} if one is None else change(one))
+    each = {label: new for label, known in task.priors.items() if (new := change(known)) is not None}
+    attributes = as_attributes(each if one is None else change(one))
     if any(attributes.values()):
         yield Mistake(name, remedy, corrected(**attributes))
 

@@ -64,11 +64,9 @@ def check_followed(problem: Problem) -> None:
 
 
 def as_attributes(prior: object) -> dict[str, Any]:
-    """The attributes of a task that hold a prior, or those of several bodies: predictions and partial knowledge."""
-    each = prior if isinstance(prior, Mapping) else {}
+    """The attributes of a task that hold a prior, or those of several bodies by label."""
     return {
         "prior_pose": prior if isinstance(prior, Pose) else None,
         "known": prior if isinstance(prior, PosePrior) else None,
-        "prior_poses": {label: one for label, one in each.items() if isinstance(one, Pose)},
-        "known_of": {label: one for label, one in each.items() if isinstance(one, PosePrior)},
+        "priors": dict(prior) if isinstance(prior, Mapping) else {},
     }

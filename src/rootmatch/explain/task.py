@@ -69,9 +69,9 @@ class MatchingTask:
     """A predicted pose with its covariance."""
     rivals: Rivals = NONE
     """Of ``prior_pose``."""
-    prior_poses: dict[Label, Pose] = field(default_factory=dict)
+    priors: dict[Label, Prior] = field(default_factory=dict)
     rivals_of: dict[Label, Rivals] = field(default_factory=dict)
-    """Those of several bodies, by label."""
+    """What is known of the poses of several bodies, by label, and what else those may be."""
     prior_freedom: float = math.inf
     """Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`."""
     present: float | None = None
@@ -82,8 +82,7 @@ class MatchingTask:
     log_inexact: tuple[float, ...] = ()
     """Log-odds by earlier frames that points are off by each of the first `rootmatch.model.image_alike.ERRORS`."""
     known: PosePrior | None = None
-    known_of: dict[Label, PosePrior] = field(default_factory=dict)
-    """Partial knowledge of the pose, and of those of several bodies, by label."""
+    """Partial knowledge of the pose."""
     budget: int | None = None
     """Evaluations of a guided search that a tracker or the search for several bodies bounds."""
     search_camera: int | None = None
@@ -236,11 +235,16 @@ class MatchingTask:
     @property
     def has_prior(self) -> bool:
         """Whether anything is known of the pose, or of that of any body."""
-        return any(one is not None for one in (self.prior_pose, self.known)) or bool(self.prior_poses or self.known_of)
+        return self.prior_pose is not None or self.known is not None or bool(self.priors)
+
+    @property
+    def is_predicted(self) -> bool:
+        """Whether a pose is predicted, of any body."""
+        return self.prior_pose is not None or any(isinstance(one, Pose) for one in self.priors.values())
 
     def without_priors(self) -> Self:
         """A copy of the task without any knowledge of poses."""
-        return copied(self, prior_pose=None, rivals=NONE, prior_poses={}, rivals_of={}, known=None, known_of={})
+        return copied(self, rivals=NONE, rivals_of={}, **as_attributes(None))
 
     @once
     def image(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -302,9 +306,9 @@ class MatchingTask:
         assert self.bodies is not None
         every = []
         for k, name in enumerate(self.bodies.names):
-            told = {"known": self.known_of.get(name), "present": self.present_of.get(name)}
-            predicted = {"prior_pose": self.prior_poses.get(name), "rivals": self.rivals_of.get(name, NONE)}
-            every.append(self.subset(self.bodies.points_of(k), np.arange(self.shape[1]), **told, **predicted))
+            told = as_attributes(self.priors.get(name)) | {"present": self.present_of.get(name)}
+            told["rivals"] = self.rivals_of.get(name, NONE)
+            every.append(self.subset(self.bodies.points_of(k), np.arange(self.shape[1]), **told))
         return every
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64], **known: Any) -> Self:
@@ -313,7 +317,7 @@ class MatchingTask:
         Partial knowledge of the pose holds for some of the points as well.
         """
         nothing: dict[str, Any] = {"prior_pose": None, "rivals": NONE, "found_before": None}
-        nothing |= {"prior_poses": {}, "rivals_of": {}, "known_of": {}}
+        nothing |= {"priors": {}, "rivals_of": {}}
 
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
             return None if whole is None else np.ascontiguousarray(whole[np.ix_(source, target)])
