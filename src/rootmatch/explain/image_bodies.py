@@ -169,20 +169,14 @@ class _Body(SearchedBody):
 def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | None = None) -> Finding:
     """The match of a task of one image whose source points are of several bodies.
 
-    Parameters
-    ----------
-    task : MatchingTask
-        With labels, and of poses of its camera.
-    solve : callable
-        From the task of one body to its match.
-    choice : callable, optional
-        What to search; everything if not given.
+    ``solve`` matches one of them; ``choice`` says what to search, everything if not given.
     """
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
     for body in bodies:
         others = [other for other in bodies if other is not body]
-        body.alike = [other.number for other in others if _is_alike(body.task, other.task)]
+        source = body.task.points.source
+        body.alike = [one.number for one in others if twin_points(source, one.task.points.source) is not None]
         # a tracker's earlier frames have tried all of them
         body.rivals = [other.number for other in others] if choice is None else body.alike
 
@@ -265,11 +259,6 @@ def _body(task: MatchingTask, number: int) -> _Body:
     return _Body(
         number=number, task=own, found=nothing, candidate=Candidate.of(own, []), told=told, free=free, used=used
     )
-
-
-def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
-    """Whether two bodies have the same or the mirrored shape."""
-    return twin_points(first.points.source, second.points.source) is not None
 
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
