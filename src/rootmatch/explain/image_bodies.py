@@ -48,6 +48,10 @@ IN_VIEW, DOUBTED = 0.95, 0.9
 would add nothing, because several poses explain as much. Round values."""
 
 
+LEAST_LEFT = 0.1
+"""Share of a frame's budget for a rival of what was found, whatever the search before has left. A round value."""
+
+
 class SearchPart(NamedTuple):
     """What one frame of a tracker searches, whose searches go on over frames."""
 
@@ -63,6 +67,13 @@ class SearchPart(NamedTuple):
         """The part of a task."""
         budget = None if task.budget is None else round(self.share * task.budget)
         return copied(task, search_camera=self.camera, budget=budget)
+
+
+def _left_of(task: MatchingTask, bodies: Sequence[SearchedBody]) -> MatchingTask:
+    """The task with what the searches of a frame have left of its budget; among few detections hardly any is needed."""
+    assert task.budget is not None
+    left = task.budget - sum(body.evaluated for body in bodies)
+    return copied(task, budget=max(left, round(LEAST_LEFT * task.budget)))
 
 
 Choice = Callable[[Finding], SearchPart | None]
@@ -214,7 +225,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             for rival in bodies:
                 if body.candidate is not before and body.is_new and rival.is_lost:
                     rival.free = body.told.modes.uses(task.shape[1])[0]
-                    search(rival, budget, of_part)
+                    search(rival, budget, _left_of(of_part, bodies))
     return _finding(task, bodies)
 
 

@@ -38,7 +38,7 @@ from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
-from rootmatch.model.prediction import proposals_about
+from rootmatch.model.prediction import about_each
 from rootmatch.model.proposals import (
     Proposals,
     fitted,
@@ -237,8 +237,8 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
     """Assignments about each predicted pose, with the poses that they lead to; None if there are none."""
     if not isinstance(model.prior, Doubted):
         return None
-    found = [proposals_about(model, one) for one in model.prior.predictions if isinstance(one, Gaussian)]
-    parts = [one.take(slice(MOST_PREDICTED)) for one in found if one is not None]
+    predictions = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
+    parts = [one.take(slice(MOST_PREDICTED)) for one in about_each(model, predictions)]
     others = [poses_of_few(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
         others += [reversed_in_depth(model, one.take(slice(1))) for one in parts]

@@ -118,9 +118,12 @@ def _each_off(
     out = np.empty((len(order), len(errors)))
     for row, one in enumerate(order.tolist()):
         place, shown = (at.one(one), found.covariance[one], without[one]), off[one] & (found.visible[one] > HIDDEN)
-        for w, error in enumerate(errors):
-            wide = off_by(model, error, off[one])
+        for w in range(len(errors))[::-1]:  # what is too far for the largest errors is so for all
+            wide = off_by(model, errors[w], off[one])
             own = _with_nearest(wide, place, shown.nonzero()[0], free)
+            if (own == place[2]).all():
+                out[row, : w + 1] = found.log_odds[one]
+                break
             out[row, w] = float(evidence(wide, own[None], place[0]).log_odds[0])
     return order, out
 

@@ -101,6 +101,28 @@ def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | 
     Proposals or None
         None if the prediction has no candidates, or too many even where it is narrowed.
     """
+    return proposals_of_settled(_settled_about(model, prediction)[0])
+
+
+def about_each(model: DetectionModel, predictions: Sequence[Gaussian]) -> list[Proposals]:
+    """What `proposals_about` tells of several predictions, the most probable first.
+
+    A wide one is narrowed by single correspondences only if none before it fits. Its look-alikes of what fits are
+    proposed as twins.
+    """
+    out, narrowing = list[Proposals](), True
+    for prediction in predictions:
+        found, fits = _settled_about(model, prediction, narrowing=narrowing)
+        narrowing = narrowing and not fits
+        if (proposals := proposals_of_settled(found)) is not None:
+            out.append(proposals)
+    return out
+
+
+def _settled_about(
+    model: DetectionModel, prediction: Gaussian, *, narrowing: bool = True
+) -> tuple[list[Settled], bool]:
+    """The assignments of `proposals_about`, and whether one fits that was settled at once."""
     pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded
     most = MOST_PAIRS * max(len(model.images), 1)
     known: dict[bytes, Settled] = {}
@@ -123,15 +145,16 @@ def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | 
                 break
         covariance = 0.25 * covariance
     if not torn:
-        return None
-    if start is None or not start.is_convincing(int(np.count_nonzero(torn[0][0].candidates))):
+        return [], False
+    fits = start is not None and start.is_convincing(int(np.count_nonzero(torn[0][0].candidates)))
+    if narrowing and not fits:
         with suppress(OutOfTime):  # what is known by then is handed on
             for looked, covariance in (torn[0], *torn[1:][-1:]):  # the widest and the narrowest
                 first = looked.at.one(0)
                 for step, narrowed in _narrowed(model, looked, covariance):
                     moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
                     settle(model, moved, narrowed, known=known)
-    return proposals_of_settled(sorted(known.values(), key=lambda one: -one.log_odds))
+    return sorted(known.values(), key=lambda one: -one.log_odds), fits
 
 
 def settle(

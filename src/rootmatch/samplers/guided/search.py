@@ -19,7 +19,7 @@ from rootmatch.hypergraph import enumeration
 from rootmatch.jit.threads import threads_worth
 from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
-from rootmatch.samplers.guided import batches
+from rootmatch.samplers.guided import batches, rivals
 from rootmatch.samplers.guided.crowding import CROWDING
 from rootmatch.samplers.guided.detection_grid import grid_of
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
@@ -134,7 +134,7 @@ class Search:
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
                 wanted = max(batches.CHUNKS, int(batch / (self.possible * (self.n_target - self.minimal + 1))))
-                last = min(tasks, done + pace.block(wanted))
+                last = min(tasks, done + pace.block(min(wanted, rivals.affordable(self, self.n_target))))
                 if last == done:
                     return
                 before = self.solved
@@ -316,8 +316,8 @@ class Search:
         leaders, lists, hypotheses = self._clustered()
         evidence, level = hypotheses.evidence[leaders], self._false_alarm_level()
         if self.single and len(leaders) and evidence[0] > level:
-            rivals = self._rivals(evidence)
-            evidence, lists = evidence[rivals], lists[rivals]
+            own = self._rivals(evidence)
+            evidence, lists = evidence[own], lists[own]
         return HypothesisClusters(lists, evidence, level)
 
     def assignments(self) -> Integers:
