@@ -195,10 +195,10 @@ class TestChoice:
         code = (
             "import sys\n"
             "import rootmatch as rm\n"
-            "from rootmatch.jit.cuda import make_known\n"
+            "from rootmatch.jit.cuda import register_kernels\n"
             "sys.modules['numba.cuda.cudaimpl'] = None\n"
             "try:\n"
-            "    make_known()\n"
+            "    register_kernels()\n"
             "except rm.InputError as error:\n"
             "    print(error)\n"
         )

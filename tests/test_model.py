@@ -460,7 +460,8 @@ def made_modes(log_odds: list[float], assignments: list[list[int]]) -> Modes:
     return Modes(
         np.array(assignments), np.repeat(np.eye(3)[None], count, 0), places,
         np.repeat(np.eye(6)[None], count, 0), value, value, np.ones((count, n)), np.zeros(count),
-        np.ones((count, n)), np.zeros(count), np.zeros((count, n)), np.ones(count, np.bool_), empty_changes_each(count, n),
+        np.ones((count, n)), np.zeros(count), np.zeros((count, n)), np.ones(count, np.bool_),
+        empty_changes_each(count, n),
     )  # fmt: skip
 
 

@@ -69,8 +69,8 @@ class Statement:
             made = function(X, u)
         except Exception as error:
             raise InputError(
-                f"{name}: the function failed with {type(error).__name__} ({escape_unprintable(str(error))[:200]}); points are "
-                "SymPy column vectors: add numbers to single entries; * is the matrix product"
+                f"{name}: the function failed with {type(error).__name__} ({escape_unprintable(str(error))[:200]}); "
+                "points are SymPy column vectors: add numbers to single entries; * is the matrix product"
             ) from error
         return _flatten(name, made)
 

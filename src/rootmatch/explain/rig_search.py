@@ -117,8 +117,8 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
 def _missed_probability(verified: Integers, missed_by: Floats) -> float:
     """Probability that a pose with as many sightings in each camera as the first assignment was missed in all.
 
-    Of one that no camera shows four points of `is_met_by_search` judges, by the triples that were looked at. ``missed_by``:
-    (C,) that probability in each camera, if it shows enough of them.
+    Of one that no camera shows four points of `is_met_by_search` judges, by the triples that were looked at.
+    ``missed_by``: (C,) that probability in each camera, if it shows enough of them.
     """
     if not len(verified):
         return 1.0

@@ -187,9 +187,10 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
         )
     if facts.present is not None and facts.missed <= TRUST.missed:  # a search that ended by itself
         seen = "" if task.rig is None else "; `diagnose` tries the usual mistakes about a rig"
+        to_give = _enumerate_inputs([*_missing_inputs(task), "more points or detections"])
         return (
             "no trustworthy match: no pose explains more of the points than chance would; "
-            f"check {problem.to_check} and the noise, or {_enumerate_inputs([*_missing_inputs(task), 'more points or detections'])}{seen}"
+            f"check {problem.to_check} and the noise, or {to_give}{seen}"
         )
     return general_advice(Status.UNTRUSTED, problem)
 
@@ -219,7 +220,8 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
         motions = len(np.unique(finding.motion_labels[finding.motion_labels >= 0]))
         return (
             f"ambiguous: {motions} of {task.options.motions} motions were found, and points of another one may be "
-            f"among what is left; see `confidence`, {_enumerate_inputs([*to_give, 'more detections'])}, or ask for fewer motions"
+            f"among what is left; see `confidence`, {_enumerate_inputs([*to_give, 'more detections'])}, "
+            "or ask for fewer motions"
         )
     if _is_unexcluded(finding):
         missed = "another pose that explains as much"

@@ -224,8 +224,8 @@ class KnownInImage:
             value = cells.get(name, "")
             if value and (before := self._cells.setdefault(name, value)) != value:
                 raise InputError(
-                    f"{self.path}, row {row}: {name} is {quote_value(value)}, and {quote_value(before)} in a row of the image "
-                    "before; give one value for each image, in one of its rows or in all"
+                    f"{self.path}, row {row}: {name} is {quote_value(value)}, and {quote_value(before)} in a row of "
+                    "the image before; give one value for each image, in one of its rows or in all"
                 )
             self._row = self._row if not value else row
 

@@ -156,7 +156,8 @@ class Clutter:
     def log_density_of_each(self, taken: Bools, more: Floats) -> Floats:
         """Logarithm (n',) of the density of each detection, as clutter, given that some (n',) are taken already.
 
-        Of one that is taken: given that the others are. ``more`` (n',): see `log_density_of_taken`; of what is taken as well.
+        Of one that is taken: given that the others are. ``more`` (n',): see `log_density_of_taken`; of what is taken
+        as well.
         """
         each, out = 1.0 + more, np.empty(len(self.centres))
         fill_given_densities(taken[self.centres], more[self.centres], self._forest_inverse, out)

@@ -146,8 +146,9 @@ def _copy_log_odds(model: DetectionModel, modes: Modes, uses: Bools, of: Integer
 
 
 def _exclude_same_place(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats) -> Floats:
-    """Log-odds as of `_copy_log_odds` in which a body and its copy are not in one place: their points would be in each other.
+    """Log-odds as of `_copy_log_odds` in which a body and its copy are not in one place.
 
+    Their points would be in each other.
     Cameras of a rig that are off see a body in several poses, each with detections of its own. ``together`` (M, M):
     modes that share none.
     """
@@ -163,8 +164,8 @@ def _exclude_same_place(model: DetectionModel, modes: Modes, together: Bools, as
 def _alike_factors(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None, taken: Bools) -> Floats:
     """Logarithms (M + 1, M) of factors on the odds of a copy, in whose place something alike may be.
 
-    Rows and columns are as of `_copy_log_odds`. All modes of a place have the factor of its best one, in the best other place
-    of the body: only one copy is in a joint hypothesis. ``taken`` (n',): detections of other bodies.
+    Rows and columns are as of `_copy_log_odds`. All modes of a place have the factor of its best one, in the best other
+    place of the body: only one copy is in a joint hypothesis. ``taken`` (n',): detections of other bodies.
     """
     more, prior, mass = np.zeros((len(uses) + 1, len(uses))), own_prior(model.prior), modes.log_mass
     if of is not None and isinstance(prior, Doubted) and len(prior.predictions) > 1:

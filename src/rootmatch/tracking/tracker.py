@@ -31,20 +31,13 @@ from rootmatch.problems.pose_fit.shared_errors import with_whole_covariance
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
+from rootmatch.tracking import search_schedule
 from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, family_likenesses, know_others
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, find_identical_bodies, name_places
 from rootmatch.tracking.inexact_points import InexactPoints
 from rootmatch.tracking.noise_scale import NoiseScale, is_frame_of_row, scale_noise_by
-from rootmatch.tracking.search_schedule import (
-    RepeatedSearch,
-    bodies_found_lately,
-    choose_next_part,
-    ended_searches,
-    frame_budget,
-    remaining_counts,
-)
 from rootmatch.tracking.turns import Turns
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
@@ -57,17 +50,15 @@ TURNS = 3
 class Tracker:
     """`rootmatch.match` for the frames of a sequence, each of which predicts the next.
 
-    The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts a
-    pose with its covariance, which is the prior of the next match: a frame takes a few milliseconds. A body that is
-    not found is still predicted for a while; then it counts as lost and is searched for. The search for one of several
-    bodies goes on over frames: each looks for one body, in one camera of a rig. Kernels are compiled when a frame first
-    needs them; if no frame may wait, call `rootmatch.warmup` before the first one. Threads that share a tracker take
-    turns; the order of their frames is theirs to keep.
+    The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts a pose
+    with its covariance, the prior of the next match: a frame takes a few milliseconds. A body that is not found is
+    still predicted for a while; then it counts as lost and is searched for, over frames: each looks for one body, in
+    one camera of a rig. Kernels are compiled when a frame first needs them; `rootmatch.warmup` does it before the first
+    one. Threads that share a tracker take turns; the order of their frames is theirs to keep.
 
     Parameters
     ----------
-    source : (n, 3) array
-        Points in space in any frame and unit.
+    source : (n, 3) array, in any frame and unit.
     problem : Problem
         `P3P`, also of a `Rig`, `UP2P`, or, where targets are measured in space, `Rigid` or `Similarity`. The scale of
         the latter, one for each body, is taken to be constant but for `MotionOptions.scale_drift`.
@@ -120,9 +111,8 @@ max_evaluations
             raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels; a Matcher can estimate it")
         self.matcher = Matcher(**given)
         check_followed(self.matcher.problem)
-        self.tracking, self._turns = tracking, Turns()
+        self.tracking, self._turns, self._steps = tracking, Turns(), FrameSteps()
         self.labels = self.matcher.labels
-        self._steps = FrameSteps()
         self._bodies: dict[Label | None, FollowedBody] = {}
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
@@ -184,7 +174,8 @@ max_evaluations
         """Forget all poses: the next frame is searched."""
         with self._turns:
             self.time: float | None = None
-            self._frame, self._noise, self._inexact, self._search = 0, NoiseScale(), InexactPoints(), RepeatedSearch()
+            self._frame, self._search = 0, search_schedule.RepeatedSearch()
+            self._noise, self._inexact = NoiseScale(), InexactPoints()
             for body in self._bodies.values():
                 body.forget()
 
@@ -230,8 +221,7 @@ max_evaluations
             If the frame is not later than the last one, or as `rootmatch.Matcher.match`; the tracker stays as it was.
         """
         started = perf_counter()
-        limit = self.matcher.options.max_seconds if max_seconds is None else max_seconds
-        deadline = Deadline(limit, started=started)
+        deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
         given: dict[Label | None, Prior] = {}
         if prior is not None:
             check_predicted(prior, self.labels, self.matcher.problem)
@@ -264,6 +254,7 @@ max_evaluations
         """The finding of a frame: about the predicted poses, and by a search if they do not hold."""
         poses: dict[Label | None, Prior] = {}
         rivals: dict[Label | None, Rivals] = {}
+        frame = self._frame
         for label, body in self._bodies.items():
             told = given.get(label)
             if body.belief and not isinstance(told, Pose):
@@ -277,9 +268,10 @@ max_evaluations
         present = {label: chance for label, body in self._bodies.items() if (chance := body.present(when)) is not None}
         factor = self.noise_factor
         stated = self.matcher.noise if noise is None else noise
-        gap = 0.0 if self.time is None else when - self.time
         # the first frame is limited only as `rootmatch.match` is
-        budget = None if self.time is None else frame_budget(self.tracking.search_budget, gap)
+        budget = (
+            None if self.time is None else search_schedule.frame_budget(self.tracking.search_budget, when - self.time)
+        )
 
         def explained(searching: bool | Choice, factor: float = factor) -> Finding:
             noise = stated if factor == 1.0 else scale_noise_by(stated, factor)
@@ -294,49 +286,49 @@ max_evaluations
         if not of_images or (not poses and self.time is None):
             found = explained(True)
         elif self.labels is not None or self.matcher.problem.rig is not None:
-            found = explained(lambda found: choose_next_part(self._bodies, self._parts(found), self._frame))
-            searched = ended_searches(self._bodies, self._parts(found), self._frame)
+            found = explained(lambda near: search_schedule.choose_next_part(self._bodies, self._parts(near), frame))
+            searched = search_schedule.ended_searches(self._bodies, self._parts(found), frame)
         elif not poses and not self._noise.waiting:
             found = explained(True)
         else:
             searched = set()
 
             def choice(near: Finding) -> SearchPart | None:
-                if self._noise.waiting or not self._bodies[None].needs_search(near, self._frame):
+                body = self._bodies[None]
+                if self._noise.waiting or not body.needs_search(near, frame):
                     return None
                 searched.add(None)
-                return SearchPart(
-                    0, None, self._bodies[None].has_new_detections(near), self._bodies[None].search_share(near)
-                )
+                return SearchPart(0, None, body.has_new_detections(near), body.search_share(near))
 
             found = explained(choice)
         for label, told in given.items():
             if isinstance(told, Pose):
                 self._bodies[label].keep_best(when)
-        each, frame = self._parts(found).items(), self._frame
+        each = self._parts(found).items()
         parts = {label: self._bodies[label].checked(part, when, frame, label in searched) for label, part in each}
         matched = all(part.status is Status.MATCHED for part in parts.values())
         self._search.take(matched, cut=found.is_cut or deadline.stopped_early)
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
-            lost &= is_frame_of_row(self._frame, self.tracking.search_every) or self._noise.is_doubted
-            asked = [None] if lost else bodies_found_lately(self._bodies, poses, frame, doubted=self._noise.is_doubted)
+            doubted = self._noise.is_doubted
+            lost &= is_frame_of_row(frame, self.tracking.search_every) or doubted
+            asked = [None] if lost else search_schedule.bodies_found_lately(self._bodies, poses, frame, doubted=doubted)
             changed = self._noise.compare(
                 self._parts(found), self._noise.waiting or asked, factor,
                 lambda f: self._parts(explained(not poses, f)), later=self.labels is None and bool(searched),
             )  # fmt: skip
         know_others(self._alike, self._bodies)
-        left = remaining_counts(parts)
+        left = search_schedule.remaining_counts(parts)
         for label, part in parts.items():
-            self._bodies[label].take(part, when, self._frame, label in searched)
+            self._bodies[label].take(part, when, frame, label in searched)
             self._bodies[label].belief.room = when, left[label]
             self._noise.take(part, factor)
             if changed:
                 self._bodies[label].acquit()
         self._inexact.take(parts.get(None), self._noise.stays)
         name_places(self._identical, self._bodies, parts, when)
-        if not of_images and self._frame % self.tracking.search_every == 0:
+        if not of_images and frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)
         parts = {label: check_contradiction(part, given.get(label)) for label, part in parts.items()}
         if factor > 1.0:

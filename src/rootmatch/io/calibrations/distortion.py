@@ -97,7 +97,8 @@ def is_fisheye(path: Path, content: Mapping[str, Any]) -> bool:
     for name, value in content.items():
         if normalise_name(name) in MODEL_NAMES and isinstance(value, str) and normalise_name(value) not in BROWNS:
             raise InputError(
-                f"{path}: {quote_value(name)[1:-1]} is {quote_value(value)}; give coefficients of plumb_bob or equidistant"
+                f"{path}: {quote_value(name)[1:-1]} is {quote_value(value)}; "
+                "give coefficients of plumb_bob or equidistant"
             )
     return False
 

@@ -22,7 +22,7 @@ from rootmatch.model.compiled.visibility import fill_visibility_of_pose
 def project_out(duals, covariance, step, work):  # type: ignore[no-untyped-def]
     """A step (6,) to the best pose that has no part along lines, in place.
 
-    ``duals`` (6, w): see `dual_directions`; ``covariance`` (6, 6): of the fit; ``work`` (6, 6), (6, 6) and (6,): scratch.
+    ``duals`` (6, w): see `dual_directions`; ``covariance`` (6, 6): of the fit; ``work`` (6, 6), (6, 6) and (6,): room.
     """
     push, square, along = work
     w = duals.shape[1]

@@ -90,7 +90,7 @@ def likely_mode_changes(
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def list_changes(assignment, points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
-    """What `likely_mode_changes` tells, filled as far as there is room; how many changes, of those made, and rows there are."""
+    """Fill what `likely_mode_changes` tells, as far as there is room; how many changes, those made, and rows are."""
     assignment, points, covariance, image, out = borrow((assignment, points, covariance, image, out))
     kept, gain, order, changed = out
     target, sigma, blur, log_clutter, log_weights, log_counts, image_of = image

@@ -52,9 +52,9 @@ def rig_pose(
 ) -> Pose | None:
     """The most likely pose of the rig for one assignment of sightings (C n,), None if there is none.
 
-    ``image``, ``points``: of `list_sightings`. It is fitted from ``start``, from the prediction, or from the pose of the
-    camera that has most matches. Its `points` are sightings: camera · n + point. With a predicted pose, which is part
-    of the fit, three matches in all are enough.
+    ``image``, ``points``: of `list_sightings`. It is fitted from ``start``, from the prediction, or from the pose of
+    the camera that has most matches. Its `points` are sightings: camera · n + point. With a predicted pose, which is
+    part of the fit, three matches in all are enough.
     """
     centre = points.source[: image.count].mean(axis=0)
     unit = float(np.sqrt(((points.source[: image.count] - centre) ** 2).mean()))

@@ -33,13 +33,6 @@ from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import alternate, minimal_sets, remaining_points, sets_of_parts
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
-from rootmatch.samplers.guided.rivals import (
-    RIVALS_KEPT,
-    allowed_pairs,
-    rival_miss_probability,
-    try_rivals,
-    verify_rivals,
-)
 from rootmatch.samplers.guided.sequential_test import (
     VISIBLE,
     VISIBLE_OF_MANY,
@@ -65,8 +58,8 @@ VERIFIED = 10_000_000
 GROUPS = 1000
 """Most clusters of hypotheses whose hyper-edges are evaluated."""
 LAG = 15.0
-"""Evidence below the highest at which an assignment is not fitted any more: on the development seeds of
-benchmarks/constellations.py what turned out the most probable lagged by at most 7."""
+"""Evidence below the highest at which an assignment is not fitted any more; the most probable one lagged by 7 or less
+(tuning seeds of benchmarks/constellations.py)."""
 RIVAL_EVIDENCE = 0.5
 """Fraction of the highest evidence from which another hypothesis is a rival."""
 
@@ -97,9 +90,8 @@ class Search:
         self.normals = bool(tables.normals[:3].any())
         self.grid = grid_of(tables.rays, np.sqrt(tables.variance), narrow=not self.normals)
         self.density = CROWDING * self.grid.density
-        share = max(
-            float(allowed_shares(self.allowed, self.n).mean()), 1.0 / (self.n * self.n_target)
-        )  # one pair at least
+        one_pair = 1.0 / (self.n * self.n_target)
+        share = max(float(allowed_shares(self.allowed, self.n).mean()), one_pair)
         self.clutter = float(self.density.mean()) * math.pi * self.grid.gate2 * share
         """Mean number of clutter detections within a gate, of those that a point may have."""
         self.possible = share**self.minimal
@@ -150,7 +142,7 @@ class Search:
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
                 wanted = max(batches.CHUNKS, int(batch / (self.possible * (self.n_target - self.minimal + 1))))
-                last = min(tasks, done + pace.block(min(wanted, rivals.affordable(self, self.n_target))))
+                last = min(tasks, done + pace.block(min(wanted, rivals.affordable_tasks(self, self.n_target))))
                 if last == done:
                     return
                 before = self.solved
@@ -237,7 +229,7 @@ class Search:
         evidence = max((float(batch.evidence.max(initial=-math.inf)) for batch in self.hypotheses), default=-math.inf)
         return evidence > self._false_alarm_level()
 
-    _try_rivals, _missed_among = try_rivals, rival_miss_probability
+    _try_rivals, _missed_among = rivals.try_rivals, rivals.rival_miss_probability
 
     def _false_alarm_level(self) -> float:
         return false_alarm_level(self.tested, self.options.stopping)
@@ -260,10 +252,10 @@ class Search:
         """
         columns = self.n_target if images is None else len(images)
         solved = int(self.possible * (last - first) * (columns - self.minimal + 1))
-        most = batches.verification_count(solved, self.single) if images is None else RIVALS_KEPT
+        most = batches.verification_count(solved, self.single) if images is None else rivals.RIVALS_KEPT
         survivors, ratios, counts = run_sequential_tests(
             self.padded, self.grid, test, sets, arrangements,
-            first=first, last=last, allowed=self.allowed if images is None else allowed_pairs(self, images),
+            first=first, last=last, allowed=self.allowed if images is None else rivals.allowed_pairs(self, images),
             keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
             threads=worthwhile_threads(solved // batches.WORTH_A_THREAD), images=images,
         )  # fmt: skip
@@ -271,7 +263,7 @@ class Search:
             self._keep(sets.points, survivors, ratios, counts, most)
             return 0
         self._count(counts)
-        return verify_rivals(self, Survivors.of(sets.points, survivors, ratios, most), known)
+        return rivals.verify_rivals(self, Survivors.of(sets.points, survivors, ratios, most), known)
 
     def _count(self, counts: Integers) -> None:
         """Count what the tests of some chunks did."""

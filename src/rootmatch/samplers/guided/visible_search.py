@@ -129,9 +129,9 @@ class VisibleSearch(Search):
     def _search_rings(self, images: Integers, allowed: Bools, shown: Sequence[int] = ()) -> Iterator[None]:
         """Try triples with some images until a pose that explains so many points can hardly have been missed.
 
-        ``shown``: see `rival_miss_probability`; those that the strongest hypothesis explains, by default. Images that lie close
-        together are few, so their triples come first, as many as their cost allows: those of an object that fills the
-        image are not much later, and those of a small one far sooner.
+        ``shown``: see `rival_miss_probability`; those that the strongest hypothesis explains, by default. Images that
+        lie close together are few, so their triples come first, as many as their cost allows: those of an object that
+        fills the image are not much later, and those of a small one far sooner.
         """
         turns = [
             Turn(ring, math.sqrt(ring.cost)) for ring in make_rings(images, self.grid.positions, ring_sizes(images))
