@@ -194,7 +194,7 @@ scene = p3p_scene(n=6, noise=1.0, seed=0)
 tables = scene.problem.prepare(scene.source, scene.target, 1.0)
 weigh = affinity("joint")
 started = time.perf_counter()
-backend = selection.chosen("cuda", 1e12)
+backend = selection.choose_backend("cuda", 1e12)
 exhaustive_tensor(tables, weigh.residual.kernel_kind(1), weigh, (6, 6), 4, backend=backend)
 print(time.perf_counter() - started)
 """

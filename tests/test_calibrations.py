@@ -323,7 +323,7 @@ from pathlib import Path
 resource.setrlimit(resource.RLIMIT_AS, (2 * 10**9, 2 * 10**9))
 resource.setrlimit(resource.RLIMIT_CPU, (20, 20))
 import rootmatch as rm
-from rootmatch.errors import quoted
+from rootmatch.errors import quote_value
 for path in sorted(Path(sys.argv[1]).glob("*.yaml")):
     try:
         rm.read_cameras(path)
@@ -333,7 +333,7 @@ for path in sorted(Path(sys.argv[1]).glob("*.yaml")):
 value = [1]
 for _ in range(12):
     value = [value] * 8
-assert len(quoted(value)) == 60
+assert len(quote_value(value)) == 60
 try:
     rm.read_cameras("/dev/zero")
 except rm.InputError as error:

@@ -8,9 +8,20 @@ from collections.abc import Iterable
 from source_files import SOURCES, every_file, nodes_of, tree_of
 
 MOST = 5
-KERNELS = {"launch", "frame"}
+KERNELS = {"launch", "fill_triangle_frame", "search"}
 """Plain functions that hand their arguments on to a kernel."""
-JITTED = {"njit", "scalar", "kernel", "part", "internal", "driver", "calls", "chooses", "jit", "overload"}
+JITTED = {
+    "njit",
+    "scalar",
+    "kernel",
+    "part",
+    "internal_function",
+    "driver",
+    "call_by_types",
+    "choose_by_types",
+    "jit",
+    "overload",
+}
 """Decorators of compiled code, where arguments have no names, and of what chooses it."""
 
 

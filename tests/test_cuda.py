@@ -179,7 +179,7 @@ class TestChoice:
             "from rootmatch.backends import cpu, selection\n"
             "from rootmatch.simulation import up2p_scene\n"
             f"scene = up2p_scene(**{SOLVED!r})\n"
-            "assert selection.chosen('auto', 1e12) is cpu\n"
+            "assert selection.choose_backend('auto', 1e12) is cpu\n"
             "try:\n"
             "    rm.match(scene.source, scene.target, scene.problem, backend='cuda')\n"
             "except rm.InputError as error:\n"
@@ -208,7 +208,7 @@ class TestChoice:
 
     @needs_numba_cuda
     def test_a_simulated_card_is_never_preferred(self) -> None:
-        code = "from rootmatch.backends import cpu, selection\nprint(selection.chosen('auto', 1e12) is cpu)"
+        code = "from rootmatch.backends import cpu, selection\nprint(selection.choose_backend('auto', 1e12) is cpu)"
         assert run("-c", code, NUMBA_ENABLE_CUDASIM="1").strip() == "True"
 
     def test_importing_the_package_does_not_import_cuda(self) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from posteriors import told_of
 from rootmatch.explain.finding import make_empty_finding
-from rootmatch.explain.image_decision import is_modelled, tell_image
+from rootmatch.explain.image_decision import image_finding, is_modelled
 from rootmatch.explain.image_hypotheses import Candidate, make_detection_model
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 def believed(task: MatchingTask, told: Posterior) -> tuple[rm.Status, NDArray[np.int64]]:
     """Status and assignment that a posterior leads to."""
-    found = tell_image(make_empty_finding(task, ""), told, Candidate.of(task, []))
+    found = image_finding(make_empty_finding(task, ""), told, Candidate.of(task, []))
     return found.status, found.assignment
 
 

@@ -202,7 +202,7 @@ def test_single_precision_falls_back_to_double(monkeypatch: pytest.MonkeyPatch) 
 
     scene = up2p_scene(5, 0, 0.5, 1)
     tables = scene.problem.prepare(scene.source, scene.target[scene.truth], 0.5)
-    monkeypatch.setattr(float32, "_remade", unlike)
+    monkeypatch.setattr(float32, "_remake_function", unlike)
     float32.can_remake.cache_clear()
     try:
         with pytest.warns(JitFallbackWarning, match="single precision"):

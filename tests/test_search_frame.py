@@ -30,7 +30,7 @@ def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkey
     tracker = rm.Tracker(points.reshape(-1, 3), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 8))
     work, tell, also = (
         image_hypotheses.Candidate.twins,
-        image_bodies.tell_image,
+        image_bodies.image_finding,
         image_hypotheses.Candidate.add_assignments,
     )
 
@@ -50,7 +50,7 @@ def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkey
         strays = rng.uniform(100.0, 800.0, (7, 2)) if k > 5 else shown(points[1], k, 0.7, rng)
         if k == 6:  # from here on the second body is not in view
             monkeypatch.setattr(image_hypotheses.Candidate, "twins", counted)
-            monkeypatch.setattr(image_bodies, "tell_image", telling)
+            monkeypatch.setattr(image_bodies, "image_finding", telling)
             monkeypatch.setattr(image_hypotheses.Candidate, "add_assignments", named)
         told.clear()
         match = tracker.update(np.vstack([shown(points[0], k, 0.0, rng), strays]), time=k / 60.0)

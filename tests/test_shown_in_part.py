@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.explain.finding import make_empty_finding
-from rootmatch.explain.image_decision import tell_image
+from rootmatch.explain.image_decision import image_finding
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model import unrecognised
@@ -135,7 +135,7 @@ def test_only_who_asks_for_one_body_is_told_of_parts_and_fewer_detections_show_f
     task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.3)
 
     def confidence(task: MatchingTask, taken: NDArray[np.bool_] | None = None) -> Floats:
-        told = tell_image(
+        told = image_finding(
             make_empty_finding(task, ""), empty_posterior(6), Candidate.of(task, []), taken=taken
         ).all_confidence
         assert told is not None

@@ -14,7 +14,7 @@ from rootmatch.arrays import Floats
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, make_empty_finding
-from rootmatch.explain.image_decision import is_modelled, tell_image
+from rootmatch.explain.image_decision import image_finding, is_modelled
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.proposals import Proposals
@@ -50,7 +50,7 @@ def match_dense(task: MatchingTask) -> Finding | None:
             told = body.alone()
     except OutOfTime:
         return None
-    found = tell_image(make_empty_finding(task, "no pose aligns the points with the detections"), told, body)
+    found = image_finding(make_empty_finding(task, "no pose aligns the points with the detections"), told, body)
     return None if found.status is Status.UNTRUSTED else replace(found, reason=None, evaluated=ROTATIONS)
 
 

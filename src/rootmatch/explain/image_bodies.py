@@ -22,7 +22,7 @@ from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_bud
 from rootmatch.explain.body_findings import join_findings
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.finding import Finding, make_empty_finding
-from rootmatch.explain.image_decision import is_alike_possible, tell_image
+from rootmatch.explain.image_decision import image_finding, is_alike_possible
 from rootmatch.explain.image_hypotheses import (
     LIKELY,
     NAMED,
@@ -71,7 +71,8 @@ class SearchPart(NamedTuple):
 
 def _left_of(task: MatchingTask, bodies: Sequence[SearchedBody]) -> MatchingTask:
     """The task with what the searches of a frame have left of its budget; among few detections hardly any is needed."""
-    assert task.budget is not None
+    if task.budget is None:
+        return task
     left = task.budget - sum(body.evaluated for body in bodies)
     return copy_with(task, budget=max(left, round(LEAST_LEFT * task.budget)))
 
@@ -171,10 +172,12 @@ class _Body(SearchedBody):
         return self.answer is None or self.answer[2] is None or not is_alike_possible(*self.answer[1:])
 
     def tell(self, taken: Bools, of_others: Bools, beside: bool) -> Finding:
-        """What is told of it, see `tell_image`; worked out anew if it may be something else than the last time."""
+        """What is told of it, see `image_finding`; worked out anew if it may be something else than the last time."""
         given = self.found, self.told, taken.tobytes(), of_others.tobytes()
         if self.answer is None or self.answer[0] != given or (beside and not self.is_neighbourhood_settled):
-            found = tell_image(self.found, self.told, self.candidate, taken=taken, of_others=of_others, beside=beside)
+            found = image_finding(
+                self.found, self.told, self.candidate, taken=taken, of_others=of_others, beside=beside
+            )
             self.answer = given, found, None if beside else of_others
         return self.answer[1]
 
@@ -234,7 +237,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
 def _finding(task: MatchingTask, bodies: list[_Body], beside: bool = True) -> Finding:
     """The finding of all bodies by what is proposed so far, each without the detections of those more certain.
 
-    Unless ``beside``, without what is near their points: see `tell_image`.
+    Unless ``beside``, without what is near their points: see `image_finding`.
     """
     taken = np.zeros(task.shape[1], np.bool_)
     found, each = dict[int, Finding](), {one.number: one.told.used(task.shape[1]) for one in bodies}

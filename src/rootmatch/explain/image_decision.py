@@ -79,10 +79,10 @@ def assess_image(
         told = body.alone()
     except OutOfTime:
         return base
-    return tell_image(base, told, body, missed=sampled.missed)
+    return image_finding(base, told, body, missed=sampled.missed)
 
 
-def tell_image(
+def image_finding(
     base: Finding,
     told: Posterior,
     body: Candidate,

@@ -14,7 +14,7 @@ from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit, is_misfit
-from rootmatch.explain.image_decision import mode_misfit, mode_pose, tell_image
+from rootmatch.explain.image_decision import image_finding, mode_misfit, mode_pose
 from rootmatch.explain.image_hypotheses import Candidate, propose_predicted
 from rootmatch.explain.in_time import final_deadline
 from rootmatch.explain.task import MatchingTask
@@ -42,7 +42,7 @@ as probable as the others. If these were only those that `ERRORS` allows a body,
 
 
 def allow_point_errors(found: Finding, task: MatchingTask, *, missed: float = 0.0) -> Finding:
-    """A finding of one body by `tell_image`, or that with points which are off, where these explain more."""
+    """A finding of one body by `image_finding`, or that with points which are off, where these explain more."""
     if found.alike is None and not (found.noise_factor or 0.0) > 1.0:
         return found  # as it nearly always is
     model, misfit = found.model, _misfit(found)
@@ -74,7 +74,7 @@ def _assume_point_errors(found: Finding, task: MatchingTask, missed: float, befo
     assert misfit is not None
     error = float(ERRORS[which]) * body_radius(task.points.source)
     body = _make_inexact_body(found, task, error)
-    again = tell_image(copy_with(found, task=body.task), body.alone(), body, missed=missed)
+    again = image_finding(copy_with(found, task=body.task), body.alone(), body, missed=missed)
     if again.status is Status.UNTRUSTED or again.posterior is None:
         return found
     if len(model.images) > 1 and is_misfit(mode_misfit(model, again.posterior.modes, again.mode)):

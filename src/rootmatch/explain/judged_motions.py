@@ -22,7 +22,7 @@ from rootmatch.explain.assessment import assess
 from rootmatch.explain.contested_matches import Claims, SharedOut, allot_claims, image_claims, space_claims
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, make_empty_finding
-from rootmatch.explain.image_decision import is_modelled, tell_image
+from rootmatch.explain.image_decision import image_finding, is_modelled
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.known_pose import QUICK
 from rootmatch.explain.missing_motions import (
@@ -174,7 +174,7 @@ def _judge_motion(
             missed = found_by.missed
             named += [restrict_assignments(one[None], points, pixels) for one in found_by.named(len(assignment))]
         body = _motion_candidate(part, np.concatenate(named), proposed)
-        told = tell_image(make_empty_finding(part, None), body.alone(), body, missed=missed)
+        told = image_finding(make_empty_finding(part, None), body.alone(), body, missed=missed)
     else:
         told = judge_one_motion(part, own)
     beyond_chance = told.status is not Status.UNTRUSTED or told.presence_probability >= told.facts.min_probability

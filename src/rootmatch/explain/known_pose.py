@@ -14,7 +14,7 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.explain.body_findings import restore_columns
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding, make_empty_finding
-from rootmatch.explain.image_decision import tell_image
+from rootmatch.explain.image_decision import image_finding
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.in_time import prediction_deadline
 from rootmatch.explain.known_place import Pairs, find_pairs_by_angle, propose_by_position
@@ -62,7 +62,7 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
         proposed = propose_by_knowledge(task, body.model, pairs)
         if proposed is not None:
             body = body.with_assignments([], proposed)
-            found = tell_image(
+            found = image_finding(
                 make_empty_finding(task, "what is known of the pose is not confirmed"), body.alone(), body
             )
             if found.status is Status.MATCHED:
@@ -102,7 +102,7 @@ def _search_narrowed(
                 base = replace(searched, task=task, evaluated=evaluated, named=(), left=None)
                 # where all that is known leaves was proposed, a search need not meet it
                 as_known = missed if proposed is None else 0.0
-                found = tell_image(base, body.alone(), body, missed=missed, missed_as_known=as_known)
+                found = image_finding(base, body.alone(), body, missed=missed, missed_as_known=as_known)
             if found.status is Status.MATCHED and not cut:
                 if beside or not _is_elsewhere(found, task):
                     return found

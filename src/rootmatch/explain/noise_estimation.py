@@ -14,7 +14,7 @@ from rootmatch.backends import cpu
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import is_modelled, tell_image
+from rootmatch.explain.image_decision import image_finding, is_modelled
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import make_candidate
 from rootmatch.hypergraph.affinity import Residual
@@ -87,7 +87,7 @@ def _weigh_known(match: Finding, known: list[Integers]) -> Finding:
         return match
     with suppress(OutOfTime):
         body = make_candidate(task, [*match.every, *more])
-        return tell_image(match, body.alone(), body, missed=match.facts.missed)
+        return image_finding(match, body.alone(), body, missed=match.facts.missed)
     return match
 
 

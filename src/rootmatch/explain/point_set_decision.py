@@ -201,10 +201,10 @@ def assess_labellings(
     if mix_posteriors(before).present - whole.present > LIKELY:
         base = copy_with(base, reason=BY_ITS_LAW)
     model = every[int(np.argmax([told.log_total for told in after]))].model
-    return tell_point_sets(base, whole, model, asked=asked)
+    return point_set_finding(base, whole, model, asked=asked)
 
 
-def tell_point_sets(
+def point_set_finding(
     base: Finding,
     found: PointSetPosterior,
     model: PointSetModel,

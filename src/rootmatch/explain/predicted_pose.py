@@ -12,7 +12,7 @@ from rootmatch.explain.bodies import SURE
 from rootmatch.explain.body_findings import restore_columns
 from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.image_bodies import Choice, SearchPart
-from rootmatch.explain.image_decision import tell_image
+from rootmatch.explain.image_decision import image_finding
 from rootmatch.explain.image_hypotheses import NAMED, Candidate, is_search_needless, propose_predicted
 from rootmatch.explain.in_time import prediction_deadline
 from rootmatch.explain.inexact_points import allow_point_errors
@@ -41,7 +41,7 @@ def match_predicted(
         body = body.with_assignments([], predicted)
         told = body.alone()
         if choice is not None or not searchable or is_search_needless(body.model, told, task.minimal):
-            found = allow_point_errors(tell_image(found, told, body), task)
+            found = allow_point_errors(image_finding(found, told, body), task)
             found = copy_with(found, reason=None) if found.prior_holds else found
             if found.prior_holds and (choice is None or not searchable):
                 return found
@@ -66,6 +66,6 @@ def match_predicted(
         named = searched.named if choice is None else searched.named[:NAMED]
         body = body.with_assignments(named or searched.every, predicted)
         missed = searched.facts.missed
-        found = tell_image(copy_with(searched, task=task), body.alone(), body, missed=missed)
+        found = image_finding(copy_with(searched, task=task), body.alone(), body, missed=missed)
         return allow_point_errors(found, task, missed=missed)
     return searched

@@ -27,7 +27,7 @@ from rootmatch.explain.point_set_decision import (
     complete_predictions,
     judge_determined,
     make_point_set_model,
-    tell_point_sets,
+    point_set_finding,
 )
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
@@ -202,7 +202,7 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     for body in sorted(bodies, key=lambda one: -one.told.motion):
         beside = body.beside()
         own = body.told if beside is None else beside
-        one = tell_point_sets(body.found, own, body.model, taken, asked=beside is not None)
+        one = point_set_finding(body.found, own, body.model, taken, asked=beside is not None)
         taken |= used_mask(one.assignment[None], len(taken))[0]
         by_law = body.told.present - own.present > LIKELY
         told = BY_ITS_LAW if by_law else None if len(own.assignments) else body.found.reason

@@ -99,7 +99,7 @@ def assess_two_views(
         rivals = rival_labellings(model, told, every if sampled.repeated else every[:0], task.options.seed)
     except OutOfTime:
         return base
-    found = tell_two_views(base, told, sampled.missed, rivals)
+    found = two_view_finding(base, told, sampled.missed, rivals)
     return replace(found, named=named) if sampled.repeated else found
 
 
@@ -149,7 +149,7 @@ def reported_assignment(told: TwoViewPosterior) -> Integers:
     return told.proposals[0] if told.shares[0] >= AGREED else told.likeliest_pairs
 
 
-def tell_two_views(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
+def two_view_finding(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior and `rivals_of` it tell them."""
     least = base.task.options.least_probability
     present = min(told.presences)

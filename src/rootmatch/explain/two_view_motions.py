@@ -19,7 +19,7 @@ from rootmatch.explain.two_view_decision import (
     make_two_view_model,
     reported_assignment,
     rival_labellings,
-    tell_two_views,
+    two_view_finding,
 )
 from rootmatch.model.priors import IN_VIEW
 from rootmatch.model.two_view_motions import Motion, motions_posterior
@@ -56,7 +56,7 @@ def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) 
         return base
     if weighed is None:
         return replace(every[0], task=task) if every else base
-    found = tell_two_views(base, told, max(every[label].facts.missed for label in left), rivals)
+    found = two_view_finding(base, told, max(every[label].facts.missed for label in left), rivals)
     numbers, confidence = relabel_by_size(told.label_motions(found.assignment)), told.unmatched
     confidence = confidence if found.confidence is None else found.confidence
     incomplete = task.options.motions != "auto" and len(left) < task.options.motions

@@ -62,6 +62,10 @@ ROUNDS, GROWTH = 6, 3.0
 """Most rounds of growth, a bound that is hardly met, and the evidence that another one has to bring."""
 MISSED = 0.05
 """Probability of having missed a pose that explains as much, below which the search ends. By construction."""
+MOST_MATCHED, RARER = 2.0 / 3.0, 7.0
+"""Share of the points, or of the detections if these are fewer, that the best pose matches from which no other explains
+much more; and how many times less often one that does may be met: along a row many places fit a pose that is shifted or
+stretched. Of 100 railings (40 from seed 151200, 60 from 1200) 19 missed the true pose, and 4 do."""
 
 
 @dataclass
@@ -159,7 +163,8 @@ class LocalSearch(Search):
         self.conclusive, self.wide = True, False
         self._grow()
         self._update_miss_probability()
-        return self.missed <= MISSED
+        matched = 0 if self.best is None else np.count_nonzero(self.best >= 0)
+        return self.missed <= MISSED ** (1.0 if matched >= MOST_MATCHED * min(self.shape) else RARER)
 
     def _try_rivals(self) -> None:
         """See `Search`; local triples would have met them, unless too few of them meet even the best pose."""

@@ -113,7 +113,7 @@ def rival_miss_probability(
     for points in _rival_waves(search, tried, least) if wanted else search._waves():
         sets, met = search._prepare_sets(points, len(arrangements)), 0
         first, tasks = 0, len(points) * len(arrangements)
-        while first < tasks and (block := pace.block(min(tasks - first, _block_size(search, images, known)))):
+        while first < tasks and (block := pace.block(min(tasks - first, _affordable_tasks(search, images, known)))):
             last = first + block
             met += search._try(sets, test, arrangements, first=first, last=last, images=images, known=known)
             first = last
@@ -131,23 +131,12 @@ def rival_miss_probability(
     return tried.missed(shown[0]) if wanted else 0.0
 
 
-def affordable_tasks(search: Search, columns: int, each: float = 1.0) -> int:
-    """Tasks among so many detections until the next look at what was spent: as many as the budget has left.
-
-    ``each``: evaluations of one set, if it takes more than those so far did.
-    """
-    each = max(each, search.evaluated / max(search.solved, 1))
-    left = min(batches.LARGEST, int((search.budget - search.evaluated) / each))
-    return max(left // columns, batches.CHUNKS)
-
-
-def _block_size(search: Search, images: Integers, known: Integers | None) -> int:
-    """Tasks until the next look at what was spent: elsewhere, where those of a copy are all tested to the end."""
-    return (
-        max(batches.LARGEST // len(images), batches.CHUNKS)
-        if known is not None
-        else affordable_tasks(search, len(images), search.n)
-    )
+def _affordable_tasks(search: Search, images: Integers, known: Integers | None) -> int:
+    """Tasks until the next look at what was spent: elsewhere no more than the budget has left, as sets cost so far."""
+    left = batches.LARGEST
+    if known is None:
+        left = min(left, int((search.budget - search.evaluated) * search.solved / max(search.evaluated, 1)))
+    return max(left // len(images), batches.CHUNKS)
 
 
 def verify_rivals(search: Search, found: Survivors, known: Integers | None) -> int:

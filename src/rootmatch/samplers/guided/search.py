@@ -142,7 +142,7 @@ class Search:
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
                 wanted = max(batches.CHUNKS, int(batch / (self.possible * (self.n_target - self.minimal + 1))))
-                last = min(tasks, done + pace.block(min(wanted, rivals.affordable_tasks(self, self.n_target))))
+                last = min(tasks, done + pace.block(wanted))
                 if last == done:
                     return
                 before = self.solved
