@@ -18,13 +18,13 @@ from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.in_time import by_the_last_moment
-from rootmatch.explain.likeness import copies_of, likenesses, place_of
+from rootmatch.explain.likeness import copies_of, exact_copies, likenesses, place_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.hypergraph.tensor import AffinityTensor, strongest
-from rootmatch.model.competition import joint_posterior
+from rootmatch.model.competition import KEPT, joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import NO_CHANGE, Evidence
@@ -34,7 +34,7 @@ from rootmatch.model.gathering import gathered
 from rootmatch.model.known_density import Known
 from rootmatch.model.line_readings import line_readings
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, with_sums
+from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, pooled, with_sums
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
@@ -54,7 +54,7 @@ from rootmatch.model.successive_symmetries import in_succession, moved_along
 from rootmatch.problems.pose_fit.reference_point import about_centre, about_point
 
 TWINS = 4
-"""A body's first poses whose twins, and look-alikes as another body, are proposed. A round value."""
+"""A body's first poses whose twins are proposed. A round value."""
 HYPEREDGES, GATHERED = 4096, 8
 """Strongest hyper-edges of a sweep, whose poses gather detections, and how many assignments that these lead to are
 weighed. Of 217 scenes, 56 are trusted and right, 48 without them (benchmarks/adversary.py, from 1000). Round values."""
@@ -163,32 +163,46 @@ class Candidate:
 
 @by_the_last_moment
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
-    """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
-    every, models = [], []
+    """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own.
+
+    Of exact copies each may be what any of them may be. A look-alike may be wherever the other is weighed.
+    """
     copies = copies_of([(one.task.points.source, one.model) for one in bodies])
-    for k, body in enumerate(bodies):
-        more, others = [], []
-        for other in bodies:
-            if other is body or not len(other.modes.log_odds):
+    alike = exact_copies([one.model for one in bodies])
+    pools = {
+        k: pooled([bodies[j].modes for j in same]) if len(same) > 1 else bodies[k].modes for k, same in alike.items()
+    }
+    models, every = dict[int, DetectionModel](), dict[int, Modes]()
+    for k, own in pools.items():
+        body, more, others = bodies[k], [], []
+        for j, pool in pools.items():
+            other = bodies[j]
+            if other is body or not len(pool.log_odds):
                 continue
             for image in likenesses(other.task.points.source, body.task.points.source):
-                rows = body.task.sightings_of(image)
-                more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
+                rows, places = body.task.sightings_of(image), best_of(pool, KEPT)
+                more.append(look_alikes(places, other.model.points, body.model.points, rows[None]))
                 if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
                     others.append((place, other.model.prior))
         model = beside_others(body.model, others)
-        modes = body.modes if copies is None else grown_in_place_of(copies[k], model, body.modes)
+        modes = own if copies is None else grown_in_place_of(copies[k], model, own)
         if more:
             modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
-        every.append(modes)
-        models.append(model)
-    told = joint_posterior(models, every, copies)
+        models[k], every[k] = model, modes
+    of = {k: first for first, same in alike.items() for k in same}
+
+    def weighed() -> list[Posterior]:
+        own, numbers = every, [of[k] for k in range(len(bodies))]
+        return joint_posterior([models[k] for k in numbers], [own[k] for k in numbers], copies, [*alike.values()])
+
+    told = weighed()
     for _ in range(SUMMED):
-        known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
-        if all(one is before for one, before in zip(known, every, strict=True)):
+        known = {k: _with_first_summed(models[k], modes, told[k]) for k, modes in every.items()}
+        if all(one is every[k] for k, one in known.items()):
             break
-        every, told = known, joint_posterior(models, known, copies)
-    return [marked(*each) for each in zip(models, told, strict=True)]
+        every = known
+        told = weighed()
+    return [marked(models[of[k]], one) for k, one in enumerate(told)]
 
 
 def _with_first_summed(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:
@@ -317,9 +331,9 @@ def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Mo
     return joined(parts)
 
 
-def best_of(modes: Modes) -> Proposals:
+def best_of(modes: Modes, most: int = TWINS) -> Proposals:
     """The poses of which twins are proposed."""
-    return Proposals(modes.assignments[:TWINS], modes.rotation[:TWINS], modes.position[:TWINS])
+    return Proposals(modes.assignments[:most], modes.rotation[:most], modes.position[:most])
 
 
 def symmetries(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
