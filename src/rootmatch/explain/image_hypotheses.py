@@ -180,7 +180,10 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
             if other is body or not len(pool.log_odds):
                 continue
             for image in likenesses(other.task.points.source, body.task.points.source):
-                rows, places = body.task.sightings_of(image), best_of(pool, KEPT)
+                rows, places = (
+                    body.task.sightings_of(image),
+                    Proposals(*pool.first(KEPT).places(body.model.shape[1], TWINS)[:3]),
+                )
                 more.append(look_alikes(places, other.model.points, body.model.points, rows[None]))
                 if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
                     others.append((place, other.model.prior))
@@ -331,9 +334,9 @@ def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Mo
     return joined(parts)
 
 
-def best_of(modes: Modes, most: int = TWINS) -> Proposals:
+def best_of(modes: Modes) -> Proposals:
     """The poses of which twins are proposed."""
-    return Proposals(modes.assignments[:most], modes.rotation[:most], modes.position[:most])
+    return Proposals(modes.assignments[:TWINS], modes.rotation[:TWINS], modes.position[:TWINS])
 
 
 def symmetries(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
