@@ -272,6 +272,29 @@ def test_half_a_pixel_is_named_once_and_only_if_no_other_shift_fits_as_well() ->
     assert half not in [one.mistake for one in match.diagnose(SECONDS).fits]
 
 
+@pytest.mark.parametrize(
+    ("given", "seed", "mistake", "found"),
+    [
+        (rm.Camera(720.0, 720.0, 640.0, 480.0), 1, "the focal length is wrong", "fx is about 900"),
+        (CAMERA, 6, "the camera has distortion that was left out", "k1 about -0.3"),
+    ],
+)
+def test_a_wrong_calibration_is_named_with_one_that_fits(given: rm.Camera, seed: int, mistake: str, found: str) -> None:
+    with_lens = given is CAMERA
+    made = scene(seed, rm.Camera.from_opencv(CAMERA.matrix, [-0.3, 0.0, 0.0, 0.0]) if with_lens else CAMERA, count=10)
+    match = rm.match(**made | {"problem": rm.P3P(given)})
+    assert not match
+    first = match.diagnose(SECONDS).fits[0]
+    assert first.mistake.startswith(f"{mistake}: ")
+    assert found in first.mistake
+    assert first.matched == 10
+
+
+def test_a_calibration_is_not_fitted_to_few_points() -> None:
+    match = rm.match(**scene(2, count=6) | {"problem": rm.P3P(rm.Camera(630.0, 630.0, 640.0, 480.0))})
+    assert not [one.mistake for one in match.diagnose(SECONDS).fits if "focal" in one.mistake]
+
+
 def test_nothing_is_named_where_nothing_is_to_be_found() -> None:
     rng = np.random.default_rng(4)
     match = rm.match(rng.uniform(-0.3, 0.3, (8, 3)), rng.uniform(0, 900, (9, 2)), rm.P3P(CAMERA), noise=0.3)
@@ -312,12 +335,12 @@ def test_mistakes_are_those_that_a_problem_allows() -> None:
     both = rm.match(given["source"], (given["target"], np.zeros(10, int)), rm.P3P(rig), noise=0.3)
     assert names(both) >= {"poses of the cameras map to the rig", "the detections were undistorted already"}
     for match in (plain, upright, pair, rays, both):
-        for mistake, remedy, change, *_ in usual_mistakes(match.task):
-            if mistake.startswith("camera "):
-                continue  # one camera sees everything: nothing tells where the other one is
-            changed = change(match.task)
-            assert changed.shape == match.task.shape, mistake
-            assert remedy
+        for mistake in usual_mistakes(match.task):
+            if mistake.name.startswith("camera ") or mistake.fitted:
+                continue  # one camera sees everything: nothing tells where the other one is; no other camera may fit
+            changed = mistake.change(match.task)
+            assert changed.shape == match.task.shape, mistake.name
+            assert mistake.remedy
             same = replace(changed.points, target=match.task.points.target).source is match.task.points.source
             assert changed.problem != match.task.problem or changed.points is not match.task.points or not same
 

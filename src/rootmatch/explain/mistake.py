@@ -41,7 +41,9 @@ class Mistake(NamedTuple):
     change: Change
     if_nothing_fits: bool = False
     """Whether it is tried only if no mistake before it explains the points: two at once, or the same in another way."""
-    scaled: bool = False
-    """Whether the corrected task finds the scale, which is then part of the name."""
+    complete: Callable[[Mistake, Any], Mistake] | None = None
+    """Adds to the name what the trusted match of the corrected task found, such as a scale."""
+    fitted: int = 0
+    """Number of values that the change fitted to the points, which is no prediction of them."""
     rivals: tuple[Change, ...] = ()
     """Changes of the same size that mean nothing: what fits as well with one of them tells of no mistake."""

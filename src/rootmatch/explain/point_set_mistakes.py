@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -49,11 +50,12 @@ def of_point_sets(problem: Similarity, given: PointSets) -> Iterator[Mistake]:
         for k, (points, is_own) in enumerate(_with_noise_of_units(replace(given, source=source))):
             told = how if is_own else f"{how}; give the noise of each set in its own unit"
             change = corrected(problem=free, points=points)
-            yield Mistake(name, told, change, if_nothing_fits=handed or k > 0, scaled=True)
+            yield Mistake(name, told, change, if_nothing_fits=handed or k > 0, complete=_with_scale)
 
 
-def named_by_scale(mistake: Mistake, scale: float) -> Mistake:
+def _with_scale(mistake: Mistake, match: Any) -> Mistake:
     """A mistake about units with the factor that was found, or about the scale if it is that of no two units."""
+    scale = float(match.pose.scale)
     factor = max(scale, 1.0 / scale)
     larger, smaller = ("target", "source") if scale > 1.0 else ("source", "target")
     units = [names for ratio, names in UNITS.items() if abs(math.log(factor / ratio)) < NEAR]

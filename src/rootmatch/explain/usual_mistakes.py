@@ -22,6 +22,7 @@ from rootmatch.explain.mistake import Change, Mistake, corrected, noisier
 from rootmatch.explain.point_set_mistakes import of_point_sets
 from rootmatch.explain.prior_mistakes import LENGTHS, of_priors
 from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.wrong_calibration import wrong_calibration
 from rootmatch.problems.checks import are_collinear
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Similarity
@@ -113,6 +114,7 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
         yield Mistake("one of the axes is reversed", "negate axis or axis2", posed(axis2=upside))
     yield from _of_coordinates(points, cameras, pointed, filmed)
     yield from _of_lenses(cameras, filmed)
+    yield from wrong_calibration(given)
     if not given.estimates_noise:
         if any(isinstance(camera, UnitRays) for camera in cameras.values()):
             unit = math.radians(1.0)

@@ -20,7 +20,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.exact_shapes import Copies, log_gains
 from rootmatch.model.exchanged import of_itself
-from rootmatch.model.joint import marginals
+from rootmatch.model.joint import marginals, parts_left
 from rootmatch.model.modes import Modes, none_near, same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
@@ -90,12 +90,16 @@ def joint_posterior(
         )  # fmt: skip
 
     shares = weighed(named)
-    disputed = {k for k, _ in named if _is_disputed(shares[k][:-1], uses[k])}
-    if disputed:
-        firsts = [np.asarray(of_modes[:1].any(axis=0)) for of_modes in uses]
-        alike = of_each(
-            lambda k: _alike(models[k], parts[k], uses[k], origins[k], _of_others(firsts, k)) if k in disputed else 0.0
-        )
+    # a body may be in another place than that of its best mode
+    probable = [(k, shares[k][:-1]) for k, _ in named]
+    if disputed := {k for k, of in probable if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL}:
+        firsts = np.array([of_modes[:1].any(axis=0) for of_modes in uses])
+
+        def if_alike(k: int) -> Floats | float:
+            others = np.asarray(np.delete(firsts, k, axis=0).any(axis=0))
+            return _alike(models[k], parts[k], uses[k], origins[k], others) if k in disputed else 0.0
+
+        alike = of_each(if_alike)
         shares = weighed([(k, mass + alike[k]) for k, mass in named])
     of_copy = {k: 1.0 - float(share[-1]) for (k, _), share in zip(named, shares[len(parts) :], strict=True)}
 
@@ -172,16 +176,6 @@ def _apart(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats
     return np.where(np.append(apart, np.ones((1, len(apart)), np.bool_), axis=0), as_copy, -np.inf)
 
 
-def _is_disputed(shares: Floats, uses: Bools) -> bool:
-    """Whether a body may be in another place than that of its best mode, by the shares (M,) of its modes."""
-    return float(shares[~(uses @ uses[int(shares.argmax())])].sum()) >= WRONG_MODEL
-
-
-def _of_others(best: Sequence[Bools], k: int) -> Bools:
-    """Detections (n',) of the best modes of all bodies but one."""
-    return np.asarray(np.any([np.zeros_like(best[k]), *best[:k], *best[k + 1 :]], axis=0))
-
-
 def _alike(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None, taken: Bools) -> Floats:
     """Logarithms (M + 1, M) of factors on the odds of a copy, in whose place something alike may be.
 
@@ -230,18 +224,9 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bool
     shared[:own] = _beside(model, modes, uses[k])
     if not shared.any():
         return modes
-    known = {one.tobytes() for one in modes.assignments}
-    rows, parts = [], []
-    for wanted, row in np.argwhere(shared).tolist():
-        assignment = modes.assignments[row]
-        part = np.where((assignment >= 0) & others[wanted, assignment], -1, assignment)
-        if np.count_nonzero(part >= 0) >= model.prior.least and part.tobytes() not in known:
-            known.add(part.tobytes())
-            rows.append(row)
-            parts.append(part)
-    if not parts:
+    which, assignments = parts_left(modes.assignments, others, shared, model.prior.least)
+    if not len(which):
         return modes
-    which, assignments = np.array(rows), np.array(parts)
     found = evidence(model, assignments, model.linearised(modes.rotation[which], modes.position[which]))
     usable = np.isfinite(found.log_odds)
     part_of = modes.take(which)

@@ -109,6 +109,22 @@ def thinned(log_odds: Floats, most: int) -> tuple[Integers, Floats]:
     return order[np.append(np.arange(whole), others)], np.append(np.zeros(whole), np.log(each / weights[others]))
 
 
+def parts_left(assignments: Integers, others: Bools, shared: Bools, least: int) -> tuple[Integers, Integers]:
+    """What remains of assignments (K, n) if others (J, n') take the detections that they share, each part once.
+
+    The row (P,) that each is part of, and the parts (P, n) with so many matches at the ``least``; ``shared`` (J, K):
+    which take anything from which.
+    """
+    known, rows, parts = {one.tobytes() for one in assignments}, list[int](), [assignments[:0]]
+    for other, row in np.argwhere(shared).tolist():
+        part = np.where((assignments[row] >= 0) & others[other, assignments[row]], -1, assignments[row])
+        if np.count_nonzero(part >= 0) >= least and part.tobytes() not in known:
+            known.add(part.tobytes())
+            rows.append(row)
+            parts.append(part[None])
+    return np.array(rows, np.int64), np.concatenate(parts)
+
+
 def _shares(log_odds: Floats) -> Floats:
     """Probabilities of hypotheses by their log-odds."""
     shares = np.exp(log_odds - log_odds.max())

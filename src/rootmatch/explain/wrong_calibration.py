@@ -1,0 +1,103 @@
+"""A focal length that is wrong, or distortion that was left out: fitted to what matches with a much larger noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
+from rootmatch.arrays import Floats, Integers
+from rootmatch.cameras.brown import Brown
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.errors import InputError
+from rootmatch.explain.decide import Status
+from rootmatch.explain.explain import explain
+from rootmatch.explain.mistake import Mistake, noisier
+from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.pose_fit.pose import Pose
+
+FACTORS = (5.0, 20.0, 60.0)
+"""Factors on σ with which matches are sought before the camera is fitted. Of ten points about 1 m away, focal lengths
+15 % off are found with the first, distortion of k1 = −.25 needs the last in one of ten (seeds 1000 to 1019)."""
+AFTER = 3.0
+"""Factor on σ with which they are sought again after that; the fit to these is the answer. A round value."""
+SPREAD = 0.5
+"""Standard deviation of the logarithm of the focal length over that given, and of k1. A round value."""
+FEWEST = 7
+"""Matches that tell a camera and a pose: six degrees of freedom are left, as for a larger σ."""
+
+
+def wrong_calibration(task: MatchingTask) -> Iterator[Mistake]:
+    """That the focal length of a single camera is wrong, and that it lacks its lens."""
+    camera = getattr(task.problem, "camera", None)
+    if not isinstance(camera, Camera) or task.problem.source_is_image:
+        return
+    remedy = "calibrate the camera again, or use the calibration of this zoom and image size"
+    name = partial(_name, camera)
+    yield Mistake("the focal length is wrong", remedy, partial(_calibrate, 1), complete=name, fitted=1)
+    if camera.lens is None:
+        remedy = "calibrate the camera with its lens, Camera.from_opencv(K, dist), or undistort the detections"
+        mistake = "the camera has distortion that was left out"
+        yield Mistake(mistake, remedy, partial(_calibrate, 2), complete=name, fitted=2)
+
+
+def _name(given: Camera, mistake: Mistake, match: Any) -> Mistake:
+    """The mistake with the calibration that was found."""
+    camera = match.task.problem.camera
+    found = f"fx is about {camera.fx:.4g} instead of {given.fx:.4g}"
+    if camera.lens is not given.lens:
+        found += f", k1 about {camera.lens.values[0]:.2g}"
+    return mistake._replace(name=f"{mistake.name}: {found}")
+
+
+def _calibrate(unknowns: int, given: MatchingTask) -> MatchingTask:
+    """The task with the camera that fits its matches.
+
+    Raises
+    ------
+    InputError
+        If too few points match with any camera.
+    """
+    task = given.without_priors()
+    bodies = [task] if task.bodies is None else [task.body(number) for number in range(len(task.bodies.names))]
+    for body in bodies:
+        for factor in FACTORS:
+            camera: Camera | None = task.problem.camera  # type: ignore[attr-defined]
+            for coarser in (factor, AFTER):
+                changed = replace(body.problem, camera=camera)  # type: ignore[type-var]
+                found = explain(replace(body, problem=changed, points=noisier(body.points, 1.0, coarser)))
+                camera = _fit_camera(body, found.assignment, found.pose, unknowns)
+                if camera is None:
+                    break
+            if camera is not None and found.status is Status.MATCHED:
+                return replace(task, problem=replace(task.problem, camera=camera))  # type: ignore[type-var]
+    raise InputError("too few points match to tell the camera")
+
+
+def _fit_camera(task: MatchingTask, assignment: Integers, start: Pose | None, unknowns: int) -> Camera | None:
+    """The camera with another focal length, and another k1 if two are unknown, that fits matches; None of too few."""
+    from scipy.optimize import least_squares  # slow to import
+
+    own = np.flatnonzero(assignment >= 0)
+    if start is None or len(own) < FEWEST:
+        return None
+    points, pixels = task.points.source[own], task.points.target[assignment[own]]
+    sigma = task.points.target_noise[assignment[own], None]
+    given: Camera = task.problem.camera  # type: ignore[attr-defined]
+
+    def camera_of(values: Floats) -> Camera:
+        zoom = float(np.exp(values[0]))
+        lens = given.lens if unknowns == 1 else Brown((float(values[1]), 0.0, 0.0, 0.0))
+        return replace(given, fx=zoom * given.fx, fy=zoom * given.fy, lens=lens)
+
+    def residuals(values: Floats) -> Floats:
+        moved = points @ one_rotation_matrix(values[:3]).T + values[3:6]
+        off = (camera_of(values[6:]).project(moved) - pixels) / sigma
+        return np.append(np.nan_to_num(off, nan=1e4).ravel(), values[6:] / SPREAD)
+
+    guess = np.array([*one_rotation_vector(start.R), *start.t, *np.zeros(unknowns)])
+    return camera_of(least_squares(residuals, guess, loss="soft_l1").x[6:])
