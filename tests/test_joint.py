@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import gammaln
 
 import rootmatch as rm
-from rootmatch.model.joint import marginals
+from rootmatch.model.joint import joint_marginals
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,9 @@ def test_marginals_are_those_of_all_joint_hypotheses() -> None:
     # the last one's odds depend on what the first one is, or on its absence
     masses = [*(rng.normal(0.0, 2.0, len(one)) for one in uses[:2]), rng.normal(0.0, 2.0, (4, 2))]
     given = [-1, -1, 0]
-    for found, wanted in zip(marginals(uses, masses, log_left, given=given), by_hand(uses, masses, given), strict=True):
+    for found, wanted in zip(
+        joint_marginals(uses, masses, log_left, given=given), by_hand(uses, masses, given), strict=True
+    ):
         np.testing.assert_allclose(found, wanted, rtol=1e-6)
 
 
@@ -56,7 +58,7 @@ def test_bodies_that_are_the_same_have_the_same_marginals() -> None:
     uses, masses = [first, other, first, first, first, first], [mass, rng.normal(size=2), mass, mass, of_copy, of_copy]
     given = [-1, -1, -1, -1, 0, 2]
     uses, masses, given = [*uses, first], [*masses, of_copy], [*given, 3]
-    told = marginals(uses, masses, log_left, given=given, same=[[0, 2, 3]])
+    told = joint_marginals(uses, masses, log_left, given=given, same=[[0, 2, 3]])
     for found, wanted in zip(told, by_hand(uses, masses, given), strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-6)
 
@@ -66,7 +68,7 @@ def test_no_order_of_many_copies_is_told_by_what_is_left_out(exactly: bool) -> N
     """Nine bodies in nine places: more orders than are weighed, of which the first ones are as good as any."""
     uses = [np.repeat(np.eye(9, dtype=bool), 6, axis=1)] * 9
     mass = np.linspace(4.0, 24.0, 9)
-    told = marginals(uses, [mass] * 9, log_left, same=[[*range(9)]] if exactly else ())
+    told = joint_marginals(uses, [mass] * 9, log_left, same=[[*range(9)]] if exactly else ())
     for one in told:
         assert one[:9] == pytest.approx(1.0 / 9.0, abs=0.02 if exactly else 0.2)
 

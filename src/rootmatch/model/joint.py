@@ -17,7 +17,7 @@ BEAM = 4096
 """Most joint hypotheses that are kept from one body to the next, see `thinned`. A round value."""
 
 
-def marginals(
+def joint_marginals(
     uses: Sequence[Bools],
     masses: Sequence[Floats],
     log_left: Callable[[Bools], Floats],
@@ -48,7 +48,7 @@ def marginals(
         Probability of each hypothesis, and of the body's absence as the last.
     """
     if len(uses) == 1:
-        return [_shares(np.concatenate([masses[0], [0.0]]))]
+        return [_softmax(np.concatenate([masses[0], [0.0]]))]
     count, of_each = uses[0].shape[1], given or [-1] * len(uses)
     alike = {k: (alike[p - 1] if p else -1, len(alike) - p) for alike in same for p, k in enumerate(alike)}
     absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
@@ -70,7 +70,7 @@ def marginals(
         if len(value) > BEAM:
             kept, more = thinned(whole - taken @ _worth(uses[k + 1 :], masses[k + 1 :], count), BEAM)
             value, taken, whole, chosen = value[kept] + more, taken[kept], whole[kept] + more, chosen[kept]
-    shares = _shares(whole)
+    shares = _softmax(whole)
     counts = [np.bincount(chosen[:, k], shares, mass.shape[-1] + 1) for k, mass in enumerate(masses)]
     found = [np.asarray(one, np.float64) for one in counts]
     for bodies in same:
@@ -109,7 +109,7 @@ def thinned(log_odds: Floats, most: int) -> tuple[Integers, Floats]:
     return order[np.append(np.arange(whole), others)], np.append(np.zeros(whole), np.log(each / weights[others]))
 
 
-def parts_left(assignments: Integers, others: Bools, shared: Bools, least: int) -> tuple[Integers, Integers]:
+def remaining_parts(assignments: Integers, others: Bools, shared: Bools, least: int) -> tuple[Integers, Integers]:
     """What remains of assignments (K, n) if others (J, n') take the detections that they share, each part once.
 
     The row (P,) that each is part of, and the parts (P, n) with so many matches at the ``least``; ``shared`` (J, K):
@@ -125,7 +125,7 @@ def parts_left(assignments: Integers, others: Bools, shared: Bools, least: int) 
     return np.array(rows, np.int64), np.concatenate(parts)
 
 
-def _shares(log_odds: Floats) -> Floats:
+def _softmax(log_odds: Floats) -> Floats:
     """Probabilities of hypotheses by their log-odds."""
     shares = np.exp(log_odds - log_odds.max())
     return np.asarray(shares / shares.sum())
