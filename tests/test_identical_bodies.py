@@ -43,6 +43,26 @@ def owners(match: rm.Match, owner: NDArray[np.int64]) -> list[set[int]]:
     return [set(owner[body.assignment[body.assignment >= 0]].tolist()) for body in match.bodies.values()]
 
 
+@pytest.mark.parametrize("shown", [6, 5])
+def test_what_one_of_many_copies_may_be_each_may_be(shown: int) -> None:
+    """Also if one of them is out of view: nobody can say which."""
+    rng = np.random.default_rng(1010)
+    shape = rng.uniform(-0.06, 0.06, (7, 3))
+    image = [rng.uniform((0, 0), (1280, 960), (4, 2))]
+    for body in range(shown):
+        seen = shape[rng.permutation(7)[: 7 - body // 2]]  # the last ones show less
+        R, place = Rotation.random(rng=rng).as_matrix(), (0.2 * (body % 3 - 1), 0.2 * (body // 3) - 0.1, 0.9)
+        image.append(CAMERA.project(seen @ R.T + place) + rng.normal(0.0, 0.3, (len(seen), 2)))
+    labels = np.repeat(np.arange(6), 7)
+    match = rm.match(np.tile(shape, (6, 1)), np.concatenate(image), rm.P3P(CAMERA), noise=0.3, bodies=labels)
+    assert match.bodies is not None
+    for body in match.bodies.values():
+        assert body.status is rm.Status.AMBIGUOUS
+        assert "of 6 bodies that are the same no image tells which is where" in body.advice
+    found = [body.probability for body in match.bodies.values() if (body.assignment >= 0).any()]
+    assert found == pytest.approx(shown * [1.0 / 6.0], abs=0.02)
+
+
 @pytest.mark.parametrize("bodies", [2, 3])
 def test_an_image_shows_all_of_them_and_cannot_tell_which_is_which(bodies: int) -> None:
     frames = flight(1, bodies, 1)

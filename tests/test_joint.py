@@ -22,24 +22,55 @@ def log_left(taken: NDArray[np.bool_]) -> Floats:
     return np.asarray(gammaln(count - taken.sum(axis=1) + 0.5) - gammaln(count + 0.5))
 
 
+def by_hand(uses: list[NDArray[np.bool_]], masses: list[Floats], given: list[int]) -> list[Floats]:
+    """The marginals, by all joint hypotheses one by one."""
+    expected, count = [np.zeros(len(one) + 1) for one in uses], uses[0].shape[1]
+    for chosen in itertools.product(*(range(len(one) + 1) for one in uses)):
+        own = [(k, mode) for k, mode in enumerate(chosen) if mode < len(uses[k])]
+        taken = np.array([uses[k][mode] for k, mode in own]).reshape(-1, count)
+        if (taken.sum(axis=0) > 1).any():
+            continue
+        rows = [mass if of < 0 else mass[chosen[of]] for mass, of in zip(masses, given, strict=True)]
+        alone = sum(rows[k][mode] - log_left(uses[k][mode : mode + 1])[0] for k, mode in own)
+        weight = np.exp(alone + log_left(taken.any(axis=0)[None])[0])
+        for k, mode in enumerate(chosen):
+            expected[k][mode] += weight
+    return [one / one.sum() for one in expected]
+
+
 def test_marginals_are_those_of_all_joint_hypotheses() -> None:
     rng = np.random.default_rng(0)
     uses = [rng.random((k, 9)) < 0.3 for k in (3, 4, 2)]
     # the last one's odds depend on what the first one is, or on its absence
     masses = [*(rng.normal(0.0, 2.0, len(one)) for one in uses[:2]), rng.normal(0.0, 2.0, (4, 2))]
-    expected = [np.zeros(len(one) + 1) for one in uses]
-    for chosen in itertools.product(*(range(len(one) + 1) for one in uses)):
-        own = [(k, mode) for k, mode in enumerate(chosen) if mode < len(uses[k])]
-        taken = np.array([uses[k][mode] for k, mode in own]).reshape(-1, 9)
-        if (taken.sum(axis=0) > 1).any():
-            continue
-        rows = [masses[0], masses[1], masses[2][chosen[0]]]
-        alone = sum(rows[k][mode] - log_left(uses[k][mode : mode + 1])[0] for k, mode in own)
-        weight = np.exp(alone + log_left(taken.any(axis=0)[None])[0])
-        for k, mode in enumerate(chosen):
-            expected[k][mode] += weight
-    for found, wanted in zip(joint_marginals(uses, masses, log_left, given=[-1, -1, 0]), expected, strict=True):
-        np.testing.assert_allclose(found, wanted / wanted.sum(), rtol=1e-6)
+    given = [-1, -1, 0]
+    for found, wanted in zip(
+        joint_marginals(uses, masses, log_left, given=given), by_hand(uses, masses, given), strict=True
+    ):
+        np.testing.assert_allclose(found, wanted, rtol=1e-6)
+
+
+def test_bodies_that_are_the_same_have_the_same_marginals() -> None:
+    """As each of them by itself would have; what depends on them, too."""
+    rng = np.random.default_rng(1)
+    first, other = rng.random((4, 9)) < 0.3, rng.random((2, 9)) < 0.3
+    mass, of_copy = rng.normal(0.0, 2.0, 4), rng.normal(-2.0, 1.0, (5, 4))
+    uses, masses = [first, other, first, first, first, first], [mass, rng.normal(size=2), mass, mass, of_copy, of_copy]
+    given = [-1, -1, -1, -1, 0, 2]
+    uses, masses, given = [*uses, first], [*masses, of_copy], [*given, 3]
+    told = joint_marginals(uses, masses, log_left, given=given, same=[[0, 2, 3]])
+    for found, wanted in zip(told, by_hand(uses, masses, given), strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-6)
+
+
+@pytest.mark.parametrize("exactly", [True, False])
+def test_no_order_of_many_copies_is_told_by_what_is_left_out(exactly: bool) -> None:
+    """Nine bodies in nine places: more orders than are weighed, of which the first ones are as good as any."""
+    uses = [np.repeat(np.eye(9, dtype=bool), 6, axis=1)] * 9
+    mass = np.linspace(4.0, 24.0, 9)
+    told = joint_marginals(uses, [mass] * 9, log_left, same=[[*range(9)]] if exactly else ())
+    for one in told:
+        assert one[:9] == pytest.approx(1.0 / 9.0, abs=0.02 if exactly else 0.2)
 
 
 @pytest.mark.parametrize("seed", [1000, 1001, 1004])

@@ -122,9 +122,11 @@ def image_finding(
     if base.task.weighs_parts:
         told = allow_few_shown(told, model, base, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
-    present, least = float(told.probabilities.sum()), base.task.options.least_probability
+    least = base.task.options.least_probability
     scoreless = base.evaluated == 0
-    if (k := next(free, None)) is None:
+    k = next(free, None)
+    present = told.present(k or 0)
+    if k is None:
         nothing = np.full(base.task.rows, -1, np.int64)
         return copy_with(
             base,

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.in_time import final_deadline
-from rootmatch.explain.likeness import find_copies, likenesses, relative_place
+from rootmatch.explain.likeness import exact_copies, find_copies, likenesses, relative_place
 from rootmatch.explain.predicted_poses import pose_knowledge, predicted_mixture, problem_vertical
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.tensor import AffinityTensor, strongest_assignments
-from rootmatch.model.competition import joint_posterior
+from rootmatch.model.competition import KEPT, joint_posterior
 from rootmatch.model.depth_reversal import reverse_depths
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import NO_CHANGE, Evidence
@@ -33,7 +33,7 @@ from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.known_density import Known
 from rootmatch.model.line_readings import propose_line_readings
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes, grow_mode
+from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes, grow_mode, pooled
 from rootmatch.model.modes import Modes, empty_modes
 from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
@@ -53,7 +53,7 @@ from rootmatch.model.successive_symmetries import compose_symmetries, propose_mo
 from rootmatch.problems.pose_fit.reference_point import centre_points, pose_about_point
 
 TWINS = 4
-"""A body's first poses whose twins, and look-alikes as another body, are proposed. A round value."""
+"""A body's first poses whose twins are proposed. A round value."""
 HYPEREDGES, GATHERED = 4096, 8
 """Strongest hyper-edges of a sweep, whose poses gather detections, and how many assignments that these lead to are
 weighed. Of 217 scenes, 56 are trusted and right, 48 without them (benchmarks/adversary.py, from 1000). Round values."""
@@ -169,35 +169,52 @@ class Candidate:
 
 
 def weigh_candidates(bodies: Sequence[Candidate]) -> list[Posterior]:
-    """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
+    """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own.
+
+    Of exact copies each may be what any of them may be. A look-alike may be wherever the other is weighed.
+    """
     with final_deadline().enforce():
-        every, models = [], []
-        copies = find_copies([(one.task.points.source, one.model) for one in bodies])
-        for k, body in enumerate(bodies):
-            more, others = [], []
-            for other in bodies:
-                if other is body or not len(other.modes.log_odds):
-                    continue
-                for image in likenesses(other.task.points.source, body.task.points.source):
-                    rows = body.task.sighting_rows(image)
-                    more.append(
-                        look_alikes(best_proposals(other.modes), other.model.points, body.model.points, rows[None])
-                    )
-                    if (place := relative_place(other.task.points.source, body.task.points.source, image)) is not None:
-                        others.append((place, other.model.prior))
-            model = add_family_places(body.model, others)
-            modes = body.modes if copies is None else grow_in_copies_place(copies[k], model, body.modes)
-            if more:
-                modes = find_modes(model, join_proposals(more), modes, of_several=True, least=-HOPELESS)
-            every.append(modes)
-            models.append(model)
-        told = joint_posterior(models, every, copies)
-        for _ in range(SUMMED):
-            known = [_sum_first_mode(*each) for each in zip(models, every, told, strict=True)]
-            if all(one is before for one, before in zip(known, every, strict=True)):
-                break
-            every, told = known, joint_posterior(models, known, copies)
-        return [mark_exchanged(*each) for each in zip(models, told, strict=True)]
+        return _compete(bodies)
+
+
+def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
+    copies = find_copies([(one.task.points.source, one.model) for one in bodies])
+    alike = exact_copies([one.model for one in bodies])
+    pools = {
+        k: pooled([bodies[j].modes for j in same]) if len(same) > 1 else bodies[k].modes for k, same in alike.items()
+    }
+    models, every = dict[int, DetectionModel](), dict[int, Modes]()
+    for k, own in pools.items():
+        body, more, others = bodies[k], [], []
+        for j, pool in pools.items():
+            other = bodies[j]
+            if other is body or not len(pool.log_odds):
+                continue
+            for image in likenesses(other.task.points.source, body.task.points.source):
+                rows = body.task.sighting_rows(image)
+                places = Proposals(*pool.first(KEPT).places(body.model.shape[1], TWINS)[:3])
+                more.append(look_alikes(places, other.model.points, body.model.points, rows[None]))
+                if (place := relative_place(other.task.points.source, body.task.points.source, image)) is not None:
+                    others.append((place, other.model.prior))
+        model = add_family_places(body.model, others)
+        modes = own if copies is None else grow_in_copies_place(copies[k], model, own)
+        if more:
+            modes = find_modes(model, join_proposals(more), modes, of_several=True, least=-HOPELESS)
+        models[k], every[k] = model, modes
+    of = {k: first for first, same in alike.items() for k in same}
+
+    def weighed() -> list[Posterior]:
+        own, numbers = every, [of[k] for k in range(len(bodies))]
+        return joint_posterior([models[k] for k in numbers], [own[k] for k in numbers], copies, [*alike.values()])
+
+    told = weighed()
+    for _ in range(SUMMED):
+        known = {k: _sum_first_mode(models[k], modes, told[k]) for k, modes in every.items()}
+        if all(one is every[k] for k, one in known.items()):
+            break
+        every = known
+        told = weighed()
+    return [mark_exchanged(models[of[k]], one) for k, one in enumerate(told)]
 
 
 def _sum_first_mode(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:

@@ -7,6 +7,7 @@ need have met that.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,8 @@ A round value."""
 NEARNESS = 0.02, 0.2, 1.0
 """Parts of `SAME_SHAPE` within which they do: where some points of a body are elsewhere, the others are mostly where
 they were, and a looser motion would fit all of them badly. Round values."""
+OF_BODY = "points", "normals", "view_cosine", "source_covariance", "rate", "resolution", "allowed", "log_weights"
+"""What a model of an image has of its body."""
 MOST_POINTS = 16
 """Number of points beyond which a body is compared with its copies and mirror images alone: ten milliseconds."""
 
@@ -67,6 +70,33 @@ def find_copies(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies]
         pairs = [(other, twin_points(points, own)) for own, other in others]
         found.append([(other, image) for other, image in pairs if image is not None])
     return found
+
+
+def exact_copies(models: Sequence[DetectionModel]) -> dict[int, list[int]]:
+    """The models of one image by the first that weighs every pose as they do: of one body, of which as much is known.
+
+    Where a body is predicted, only its own model does.
+    """
+    found = dict[int, list[int]]()
+    for k, model in enumerate(models):
+        first = next((first for first in found if _weigh_alike(models[first], model)), k)
+        found.setdefault(first, []).append(k)
+    return found
+
+
+def _weigh_alike(first: DetectionModel, second: DetectionModel) -> bool:
+    """Whether two models of one image are of the same points, and of the same knowledge without a prediction."""
+    if not all(np.array_equal(getattr(first, name), getattr(second, name)) for name in OF_BODY):
+        return False
+    known = first.prior.for_kernels
+    return known is not None and not len(known[0][0]) and _is_equal(known, second.prior.for_kernels)
+
+
+def _is_equal(first: Any, second: Any) -> bool:
+    """Whether the numbers of two nested tuples are equal."""
+    if not isinstance(first, tuple) or not isinstance(second, tuple):
+        return np.array_equal(first, second)
+    return len(first) == len(second) and all(map(_is_equal, first, second))
 
 
 @cache_by_values(256)

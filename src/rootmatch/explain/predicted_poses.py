@@ -17,8 +17,9 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.blob_labels import resolve_blobs
 from rootmatch.model.evidence import source_errors, squared_deviations
+from rootmatch.model.exchanged import own_prior
 from rootmatch.model.known_density import Known
-from rootmatch.model.pose_density import Gaussian
+from rootmatch.model.pose_density import Doubted, Gaussian
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.either_axes import covariance_in_either_axes
@@ -88,6 +89,15 @@ def agrees_with_prior(found: Finding) -> bool | None:
         return False
     off = np.array([*one_rotation_vector(pose.R @ prior.R.T), *(pose.t - prior.t)])
     return bool(off @ np.linalg.solve(prior.covariance + pose.covariance, off) <= WITHIN)
+
+
+def is_against_prior(found: Finding) -> bool:
+    """Whether what was found contradicts a prior, but for which it would be trusted."""
+    told, prior = found.posterior, None if found.model is None else own_prior(found.model.prior)
+    if told is None or told.origins is None or not isinstance(prior, Doubted) or told.origins[found.mode] >= 0:
+        return False
+    chance, least = found.facts.probability or 0.0, found.facts.min_probability
+    return chance * (1.0 - least) >= prior.doubt * (1.0 - chance) * least
 
 
 def contradicts(known: PosePrior, pose: Pose) -> bool:

@@ -12,9 +12,9 @@ from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.inexact_points import alike_error
-from rootmatch.explain.predicted_poses import agrees_with_prior
+from rootmatch.explain.predicted_poses import agrees_with_prior, is_against_prior
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.usual_mistakes import obvious_fault
+from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
 from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.model.priors import PRESENT_ODDS, probability
 from rootmatch.problems.base import Problem
@@ -42,10 +42,6 @@ NOISY = 1.5
 """Factor on the stated σ that a sequence suggests from which it is told. A round value."""
 UNDETERMINED = 1.0
 """Standard deviation of a rotation, radians, from which a pose does not tell it. A round value."""
-TOGETHER = 4.0
-"""Distance in σ within which .98 of the pairs of detections of one thing lie, by the χ² of their difference."""
-TWICE = 0.5
-"""Share of detections beside another from which advice speaks of it: fewer are neighbours by chance. A round value."""
 
 
 def general_advice(status: Status, problem: Problem, to_tell: str | None = None) -> str:
@@ -92,7 +88,7 @@ def advice(
                 f"; by the frames so far the noise is {finding.sequence_factor:.1f} times as large as given, "
                 "as it also looks if a similar object is followed in place of this one"
             )
-    if finding.status is not Status.MATCHED and _is_detected_twice(finding.task):
+    if finding.status is not Status.MATCHED and is_detected_twice(finding.task):
         text += (
             f"; most detections have another within {TOGETHER:.0f} σ: if each thing is reported twice, merge them "
             "first, as the second of a pair counts as clutter"
@@ -101,19 +97,6 @@ def advice(
         text += "; this pose contradicts the prior and was found without it; check the prior and its σ"
     told = "max_seconds" in text or not stopped_early
     return text if told else f"{text}; max_seconds ended it before it was finished"
-
-
-def _is_detected_twice(task: MatchingTask) -> bool:
-    """Whether most detections are as near to another one of their image as two measurements of one thing."""
-    from scipy.spatial import cKDTree  # slow to import
-
-    near = np.zeros(len(task.points.target), bool)
-    for camera in np.unique(task.camera_of):
-        own = task.camera_of == camera
-        target, noise = task.points.target[own], task.points.detection_noise[own]
-        away, other = cKDTree(target).query(target, 2)
-        near[own] = (other[:, 1] < len(target)) & (away[:, 1] < TOGETHER * noise)
-    return bool(near.sum() > TWICE * len(near))
 
 
 def is_undetermined(poses: Sequence[Pose | None]) -> bool:
@@ -171,9 +154,10 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
         )
     if _is_maybe_chance(finding):
         chance, least = _format_distinct(facts.probability or 0.0, facts.min_probability)
+        against = "it contradicts the prior and is much more probable without; check the prior and its σ, or "
         return (
-            f"no trustworthy match: what was found could be chance (probability {chance}, "
-            f"`min_probability` {least}); {_enumerate_inputs([*_missing_inputs(task), 'fewer stray detections'])}"
+            f"no trustworthy match: what was found could be chance (probability {chance}, `min_probability` {least}); "
+            f"{against * is_against_prior(finding)}{_enumerate_inputs([*_missing_inputs(task), 'fewer stray detections'])}"
         )
     if stopped_early:
         return (
@@ -249,9 +233,15 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
             f"ambiguous: the pose is certain, but for {unsure} of the {of} it is not certain which detection "
             f"they have, if any; see {where}, or {to_tell}"
         )
+    if finding.posterior is not None and finding.posterior.copies > 1:
+        return (
+            f"ambiguous: of {finding.posterior.copies} bodies that are the same no image tells which is where; "
+            "see `alternatives`, or give a `prior` of each, or points that tell them apart"
+        )
     if _is_elsewhere(finding):
         # in a unit that is too small, cameras are as good as in one place, and each shows the object elsewhere
-        unit = "" if task.rig is None else "; check that points and rig are in one unit, or see `diagnose`"
+        one_camera = len({*task.camera_of[finding.assignment[finding.assignment >= 0]]}) == 1 and task.rig is not None
+        unit = "; check that points and rig are in one unit, or see `diagnose`" if one_camera else ""
         return (
             "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
             f"see `alternatives`{prior or (', or ' + to_tell)}{unit}"

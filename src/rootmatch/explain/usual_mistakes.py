@@ -40,6 +40,11 @@ NORMALISED, IN_PIXELS = 2.0, 10.0
 """Coordinates up to which all of an image are taken for x/z and y/z without any trial, 63° from the axis, and focal
 length from which a camera is in pixels: no image has all that it shows within two of them. Round values."""
 
+TOGETHER = 4.0
+"""Distance in σ within which .98 of the pairs of detections of one thing lie, by the χ² of their difference."""
+TWICE = 0.5
+"""Share of detections beside another from which advice speaks of it: fewer are neighbours by chance. A round value."""
+
 
 def obvious_fault(task: MatchingTask) -> str | None:
     """What is wrong with points, or with detections of a camera, at a glance; None if nothing is."""
@@ -322,3 +327,16 @@ def _to_fisheye(camera: Camera) -> Camera:
 
 def _to_brown(camera: Camera) -> Camera:
     return replace(camera, lens=Brown(camera.lens.values)) if isinstance(camera.lens, KannalaBrandt) else camera
+
+
+def is_detected_twice(task: MatchingTask) -> bool:
+    """Whether most detections are as near to another one of their image as two measurements of one thing."""
+    from scipy.spatial import cKDTree  # slow to import
+
+    near = np.zeros(len(task.points.target), bool)
+    for camera in np.unique(task.camera_of):
+        own = task.camera_of == camera
+        target, noise = task.points.target[own], task.points.detection_noise[own]
+        away, other = cKDTree(target).query(target, 2)
+        near[own] = (other[:, 1] < len(target)) & (away[:, 1] < TOGETHER * noise)
+    return bool(near.sum() > TWICE * len(near))

@@ -9,7 +9,8 @@ An image may also show a copy of a body that nobody named: of two places where i
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, COUNTS, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.model.unrecognised import odds_of_unrecognised
 
+Value = TypeVar("Value")
 IN_PLACE = 0.25
 """Distance of a body's points from where they are in another pose, over its radius, below which all are in one place.
 A round value."""
@@ -34,7 +36,10 @@ KEPT = 16
 
 
 def joint_posterior(
-    models: Sequence[DetectionModel], every: Sequence[Modes], copies: Sequence[Copies] | None = None
+    models: Sequence[DetectionModel],
+    every: Sequence[Modes],
+    copies: Sequence[Copies] | None = None,
+    same: Sequence[Sequence[int]] = (),
 ) -> list[Posterior]:
     """The marginal posteriors of several bodies in one image.
 
@@ -47,56 +52,69 @@ def joint_posterior(
     copies : sequence of sequence, optional
         For each body, the others that may be copies of it, and which of their points are its own. None if no body's
         points have errors: then none is of an exact shape that they hide.
+    same : sequence of sequence of int
+        Numbers, ascending, of bodies that are weighed alike, with the same modes.
 
     Returns
     -------
     list of Posterior
         The modes of each, those among them that leave detections to others, and the marginal of each.
     """
-    count = models[0].shape[1]
+    count, first = models[0].shape[1], {k: bodies[0] for bodies in same for k in bodies}
+    numbers = {k: len(bodies) for bodies in same for k in bodies}
+
+    def of_each(worked_out: Callable[[int], Value]) -> list[Value]:
+        every = {k: worked_out(k) for k in range(len(models)) if first.get(k, k) == k}
+        return [every[first.get(k, k)] for k in range(len(models))]
+
     if copies is not None:
-        every = [_sort_by_gains(*each) for each in zip(models, every, copies, strict=True)]
-    uses = [modes.uses(count)[:KEPT] for modes in every]
-    parts = [
-        _add_partial_modes(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))
-    ]
-    pairs = zip(uses, parts, strict=True)
-    uses = [known if len(known) == len(modes.log_odds) else modes.uses(count) for known, modes in pairs]
-    masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
-    origins = [_prediction_indices(*each) for each in zip(models, parts, strict=True)]
-    as_copies = [(k, _copy_log_odds(*one)) for k, one in enumerate(zip(models, parts, uses, origins, strict=True))]
-    named = [(k, mass) for k, mass in as_copies if mass is not None]
+        known, own = every, copies
+        every = of_each(lambda k: _sort_by_gains(models[k], known[k], own[k]))
+    modes = every
+    best = of_each(lambda k: modes[k].uses(count)[:KEPT])
+    parts = of_each(lambda k: _add_partial_modes(models[k], modes[k], k, best))
+    uses = of_each(lambda k: best[k] if len(best[k]) == len(parts[k].log_odds) else parts[k].uses(count))
+    masses = of_each(lambda k: parts[k].log_mass + PRESENT_ODDS)
+    origins = of_each(lambda k: _prediction_indices(models[k], parts[k]))
+    as_copies = of_each(lambda k: _copy_log_odds(models[k], parts[k], uses[k], origins[k]))
     if copies is not None:
-        gains = [exact_shape_log_gains(*each) for each in zip(models, parts, copies, strict=True)]
+        gains = of_each(lambda k: exact_shape_log_gains(models[k], parts[k], own[k]))
         masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
-        named = [(k, mass + gains[k]) for k, mass in named]
+        as_copies = [None if mass is None else mass + gain for mass, gain in zip(as_copies, gains, strict=True)]
+    named = [(k, mass) for k, mass in enumerate(as_copies) if mass is not None]
 
     def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
         return joint_marginals(
             [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_odds_of_left,
-            given=[*(-1 for _ in parts), *(k for k, _ in named)],
+            given=[*(-1 for _ in parts), *(k for k, _ in named)], same=same,
         )  # fmt: skip
 
-    each_of = weighed(named)
+    shares = weighed(named)
     # a body may be in another place than that of its best mode
-    shares = [(k, each_of[k][:-1]) for k, _ in named]
-    if disputed := [k for k, of in shares if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL]:
-        best = np.array([of_modes[:1].any(axis=0) for of_modes in uses])
-        others = {k: np.asarray(np.delete(best, k, axis=0).any(axis=0)) for k in disputed}
-        alike = {k: _alike_factors(models[k], parts[k], uses[k], origins[k], others[k]) for k in disputed}
-        each_of = weighed([(k, mass + alike[k] if k in alike else mass) for k, mass in named])
-    found = []
-    of_copy = {k: 1.0 - float(share[-1]) for (k, _), share in zip(named, each_of[len(parts) :], strict=True)}
-    for k, (modes, share) in enumerate(zip(parts, each_of, strict=False)):  # those of copies follow
-        each, of = (1.0 - WRONG_MODEL) * share, origins[k]
+    probable = [(k, shares[k][:-1]) for k, _ in named]
+    if disputed := {k for k, of in probable if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL}:
+        firsts = np.array([of_modes[:1].any(axis=0) for of_modes in uses])
+
+        def if_alike(k: int) -> Floats | float:
+            others = np.asarray(np.delete(firsts, k, axis=0).any(axis=0))
+            return _alike_factors(models[k], parts[k], uses[k], origins[k], others) if k in disputed else 0.0
+
+        alike = of_each(if_alike)
+        shares = weighed([(k, mass + alike[k]) for k, mass in named])
+    of_copy = {k: 1.0 - float(share[-1]) for (k, _), share in zip(named, shares[len(parts) :], strict=True)}
+
+    def told(k: int) -> Posterior:
+        each, of = (1.0 - WRONG_MODEL) * shares[k], origins[k]
         copy = min(of_copy[k], float(each[-1])) if k in of_copy else 0.0
         order = (-each[:-1]).argsort(kind="stable")
         if (order[1:] > order[:-1]).all():  # as they are, nearly always
-            found.append(Posterior(modes, each[:-1], float(each[-1]), origins=of, copy=copy))
-        else:
-            of = None if of is None else of[order]
-            found.append(Posterior(modes.take(order), each[:-1][order], float(each[-1]), origins=of, copy=copy))
-    return found
+            return Posterior(parts[k], each[:-1], float(each[-1]), origins=of, copy=copy, copies=numbers.get(k, 1))
+        of = None if of is None else of[order]
+        return Posterior(
+            parts[k].take(order), each[:-1][order], float(each[-1]), origins=of, copy=copy, copies=numbers.get(k, 1)
+        )
+
+    return of_each(told)
 
 
 def _sort_by_gains(model: DetectionModel, modes: Modes, copies: Copies) -> Modes:

@@ -6,6 +6,7 @@ clutter points: clutter is what none of the bodies explains, so each body gains 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 
 BEAM = 4096
-"""Most joint hypotheses that are kept from one body to the next, the most probable ones. A round value."""
+"""Most joint hypotheses that are kept from one body to the next, see `thinned`. A round value."""
 
 
 def joint_marginals(
@@ -22,6 +23,7 @@ def joint_marginals(
     log_left: Callable[[Bools], Floats],
     *,
     given: Sequence[int] | None = None,
+    same: Sequence[Sequence[int]] = (),
 ) -> list[Floats]:
     """The marginal probabilities of each body's hypotheses.
 
@@ -37,6 +39,8 @@ def joint_marginals(
         leave; part of the log-odds.
     given : sequence of int, optional
         The body on which the log-odds of each depend; −1 for none.
+    same : sequence of sequence of int
+        Numbers, ascending, of bodies whose hypotheses and log-odds are the same, and so are their marginals.
 
     Returns
     -------
@@ -45,25 +49,64 @@ def joint_marginals(
     """
     if len(uses) == 1:
         return [_softmax(np.concatenate([masses[0], [0.0]]))]
-    count = uses[0].shape[1]
+    count, of_each = uses[0].shape[1], given or [-1] * len(uses)
+    alike = {k: (alike[p - 1] if p else -1, len(alike) - p) for alike in same for p, k in enumerate(alike)}
     absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
     taken, value = np.zeros((1, count), np.float32), np.zeros(1)
     whole, chosen = value, np.empty((1, 0), np.int64)
-    for used, mass, of in zip(uses, masses, given or [-1] * len(uses), strict=True):
-        own = np.atleast_2d(mass) - log_left(used)
+    for k, (used, mass, of) in enumerate(zip(uses, masses, of_each, strict=True)):
+        before, orders = alike.get(k, (-1, 1))
+        own = np.atleast_2d(mass) - log_left(used) + math.log(orders)
         mine, own = np.concatenate([used, absent]), np.concatenate([own, np.zeros((len(own), 1))], axis=1)
         with np.errstate(invalid="ignore"):  # BLAS may set the flag for what it pads small matrices with
             row, mode = (taken @ mine.T < 0.5).nonzero()  # which joint hypotheses leave which modes their detections
+        if before >= 0:  # bodies that are the same in the order of their hypotheses stand for all orders
+            (ordered,) = ((mode > chosen[row, before]) | (mode == len(used))).nonzero()
+            row, mode = row[ordered], mode[ordered]
         value = value[row] + own[chosen[row, of] if of >= 0 and len(own) > 1 else 0, mode]
         taken = taken[row] + mine[mode]
         whole = value + log_left(taken > 0.5)
         chosen = np.concatenate([chosen[row], mode[:, None]], axis=1)
         if len(value) > BEAM:
-            best = np.argsort(-whole, kind="stable")[:BEAM]
-            value, taken, whole, chosen = value[best], taken[best], whole[best], chosen[best]
+            kept, more = thinned(whole - taken @ _worth(uses[k + 1 :], masses[k + 1 :], count), BEAM)
+            value, taken, whole, chosen = value[kept] + more, taken[kept], whole[kept] + more, chosen[kept]
     shares = _softmax(whole)
     counts = [np.bincount(chosen[:, k], shares, mass.shape[-1] + 1) for k, mass in enumerate(masses)]
-    return [np.asarray(one, np.float64) for one in counts]
+    found = [np.asarray(one, np.float64) for one in counts]
+    for bodies in same:
+        for each in bodies, [k for k, of in enumerate(of_each) if of in bodies]:  # and what depends on them
+            mean = np.sum([found[k] for k in each], axis=0) / max(len(each), 1)
+            found = [mean if k in each else one for k, one in enumerate(found)]
+    return found
+
+
+def _worth(uses: Sequence[Bools], masses: Sequence[Floats], count: int) -> Floats:
+    """What each of so many detections (n',) is worth to bodies that are still to come, at most.
+
+    What they would take if it was left is no reason to prefer that another one has taken it.
+    """
+    most = np.zeros(count)
+    for used, mass in zip(uses, masses, strict=True):
+        each = np.maximum(np.atleast_2d(mass).max(axis=0), 0.0) / np.maximum(used.sum(axis=1), 1)
+        most = np.maximum(most, (used * each[:, None]).max(axis=0, initial=0.0))
+    return most
+
+
+def thinned(log_odds: Floats, most: int) -> tuple[Integers, Floats]:
+    """At most so many of hypotheses (K,), and logarithms of factors on their odds, with which they stand for all.
+
+    The most probable ones are kept as they are. Of the others, every so often one is kept for as much as lies between:
+    where copies are in many places, all orders of them are as probable, and the first few alone would name them.
+    """
+    order = np.argsort(-log_odds, kind="stable")
+    weights = np.exp(log_odds[order] - log_odds[order[0]])
+    rest = weights[::-1].cumsum()[::-1]
+    whole = int((weights[:most] * (most - np.arange(most)) <= rest[:most]).argmax())
+    each = rest[whole] / (most - whole)
+    if not each > 0.0:
+        return order[:whole], np.zeros(whole)
+    others = whole + np.searchsorted(weights[whole:].cumsum(), each * (np.arange(most - whole) + 0.5))
+    return order[np.append(np.arange(whole), others)], np.append(np.zeros(whole), np.log(each / weights[others]))
 
 
 def remaining_parts(assignments: Integers, others: Bools, shared: Bools, least: int) -> tuple[Integers, Integers]:

@@ -143,6 +143,14 @@ def _insert_mode(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
     return sorted([*kept, mode], key=lambda one: -one.log_mass)
 
 
+def pooled(several: list[Modes]) -> Modes:
+    """The distinct modes of several bodies that are weighed alike: what one may be, each may be."""
+    kept = list[_Mode]()
+    for mode in sorted((one for modes in several for one in _Mode.every(modes)), key=lambda one: -one.log_mass):
+        kept = _add_mode(kept, mode)
+    return _stack_modes(kept, several[0].assignments.shape[1])
+
+
 def grow_mode(model: DetectionModel, modes: Modes, which: int) -> Modes:
     """Modes of which one is grown that seemed too far behind the best: other bodies may have taken its detections."""
     kept = _Mode.every(modes)

@@ -67,6 +67,14 @@ class Modes(NamedTuple):
         """The most probable modes; these themselves if there are no more."""
         return self if len(self.log_odds) <= most else self.take(slice(most))
 
+    def places(self, count: int, least: int) -> Modes:
+        """So many modes, the first ones, and the best one in each other place; ``count`` of detections."""
+        if len(self.log_odds) <= least:
+            return self
+        of_better = np.asarray(np.tril(is_same_place(self.uses(count)), -1).any(axis=1))
+        of_better[:least] = False
+        return self.take(np.flatnonzero(~of_better))
+
     def and_(self, others: Modes) -> Modes:
         """These modes, followed by others."""
         return Modes._make(np.concatenate(pair) for pair in zip(self, others, strict=True))

@@ -52,6 +52,8 @@ class Posterior:
         Which prediction each mode is about, −1 for none; see `rootmatch.model.pose_density.Doubted.prediction_indices`.
     copy : float
         Part of ``clutter`` in which the modes are those of a copy of the body.
+    copies : int
+        How many bodies are weighed alike, this one among them: the name of each is a convention.
     """
 
     modes: Modes
@@ -61,6 +63,7 @@ class Posterior:
     exchanged: Bools | None = None
     origins: Integers | None = None
     copy: float = 0.0
+    copies: int = 1
 
     @once
     def undetected_probability(self) -> Floats | float:
@@ -87,6 +90,15 @@ class Posterior:
             self.probabilities @ each + np.where(unmatched, self.clutter * self.undetected_probability, 0.0)
         )
 
+    def present(self, mode: int = 0) -> float:
+        """Probability that the body is in view, or that one of its copies is where one of its modes has it."""
+        own = float(self.probabilities.sum())
+        if self.copies == 1 or not len(self.probabilities):
+            return own
+        matched = self.modes.assignments[mode][self.modes.assignments[mode] >= 0]
+        there = np.isin(self.modes.assignments, matched).any(axis=1)
+        return max(own, min(self.copies * float(self.probabilities[there].sum()), 1.0 - WRONG_MODEL))
+
     @property
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no detection."""
@@ -112,7 +124,7 @@ class Posterior:
         origins = None if self.origins is None else self.origins[order]
         return Posterior(
             self.modes.take(order), whole * weights[order], whole * clutter, self.few, exchanged,
-            origins=origins, copy=whole * self.copy * math.exp(-top),
+            origins=origins, copy=whole * self.copy * math.exp(-top), copies=self.copies,
         )  # fmt: skip
 
     def ranked(self, most: int) -> list[tuple[Integers, float]]:
