@@ -13,6 +13,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.inexact_points import error_if_alike
 from rootmatch.explain.predicted_poses import agrees_with_prior
+from rootmatch.explain.silent_cameras import advice_on_cameras
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import obvious_fault
 from rootmatch.hypergraph.assignment import apart_from
@@ -93,6 +94,7 @@ def advice(
                 f"; it fits if the points of the body are off by {finding.point_error:.2g} on each axis, which nobody "
                 "stated: give `source_noise=`, or a larger `noise=` if the detections are"
             )
+        text += advice_on_cameras(finding)
         if undetermined:
             text += "; these points do not determine the pose in every direction: see its covariance"
         if finding.sequence_factor >= NOISY:
@@ -126,12 +128,9 @@ def _is_detected_twice(task: MatchingTask) -> bool:
 
 def is_undetermined(poses: Sequence[Pose | None]) -> bool:
     """Whether the covariance of any pose leaves a rotation open, as points on a line leave the turn about it."""
-    for pose in poses:
-        if pose is not None and pose.covariance is not None:
-            size = 3 if len(pose.t) == 3 else 1
-            if float(np.linalg.eigvalsh(pose.covariance[:size, :size])[-1]) > UNDETERMINED**2:
-                return True
-    return False
+    every = [(one.covariance, 3 if len(one.t) == 3 else 1) for one in poses if one is not None]
+    largest = (np.linalg.eigvalsh(known[:size, :size])[-1] for known, size in every if known is not None)
+    return any(float(one) > UNDETERMINED**2 for one in largest)
 
 
 def _of_bodies(finding: Finding) -> str | None:
@@ -265,7 +264,7 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
         unit = "" if task.rig is None else "; check that points and rig are in one unit, or see `diagnose`"
         return (
             "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
-            f"see `alternatives`{prior or (', or ' + to_tell)}{unit}"
+            f"see `alternatives`{prior or (', or ' + to_tell)}{unit}{advice_on_cameras(finding)}"
         )
     if _is_assignment_certain(finding):
         return (
