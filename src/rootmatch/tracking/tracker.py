@@ -21,6 +21,7 @@ from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.predicted_poses import compared
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
+from rootmatch.explain.validation import noise_of_cameras
 from rootmatch.frozen import copied
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
@@ -65,8 +66,8 @@ class Tracker:
         `P3P`, also of a `Rig`, `UP2P`, or, where targets are measured in space, `Rigid` or `Similarity`. The scale of
         the latter, one for each body, is taken to be constant but for `MotionOptions.scale_drift`.
     noise : float, (n',) or (n', 2, 2) array
-        Standard deviation of a pixel coordinate, in pixels, or covariances; `update` can override it. For `Rigid` and
-        `Similarity` as in `rootmatch.match`.
+        Standard deviation of a pixel coordinate, in pixels, or covariances, of a rig also by camera; `update` can
+        override it. For `Rigid` and `Similarity` as in `rootmatch.match`.
     tracking : TrackingOptions
         Frame rate, how long a body may be missing, and how fast bodies may move.
     normals, view_angle, detection_rate, resolution, min_probability, bodies, source_noise
@@ -269,7 +270,7 @@ max_evaluations
         of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
         present = {label: chance for label, body in self._bodies.items() if (chance := body.present(when)) is not None}
         factor = self.noise_factor
-        stated = self.matcher.noise if noise is None else noise
+        stated = noise_of_cameras(self.matcher.problem.rig, self.matcher.noise if noise is None else noise, target)
         gap = 0.0 if self.time is None else when - self.time
         # the first frame is limited only as `rootmatch.match` is
         budget = None if self.time is None else budget_of(self.tracking.search_budget, gap)
