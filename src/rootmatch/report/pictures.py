@@ -69,6 +69,7 @@ def match_figure(
     assignment: ArrayLike,
     *,
     motions: ArrayLike | None = None,
+    motion_names: Sequence[str] | None = None,
     truth: ArrayLike | None = None,
     poses: Sequence[Pose | None] | None = None,
     camera: CameraModel | None = None,
@@ -90,6 +91,8 @@ def match_figure(
         Index into the target, −1 where unmatched.
     motions : (n,) array, optional
         Label of the rigid motion of each source point; each has its own colour and marker.
+    motion_names : sequence of str, optional
+        What the legend calls each motion, such as the label of a body; by default its number.
     truth : (n,) array, optional
         The true assignment: wrong matches are drawn red and dashed.
     poses : sequence of Pose, optional
@@ -158,7 +161,7 @@ def match_figure(
 
     figure.draw_without_rendering()  # fixes the axes, and with them the projection of the 3D points
     flat, flat_target = to_axes_plane(left, source), to_axes_plane(right, target)
-    groups = _groups(match, labels, wrong)
+    groups = _groups(match, labels, wrong, motion_names)
     for group in groups:
         _connect(
             figure=figure,
@@ -232,12 +235,12 @@ class _Group:
         return Line2D([], [], linestyle=self.line, label=f"{self.name} ({len(self.members)})", **self.marker)
 
 
-def _groups(match: Integers, labels: Integers, wrong: Bools) -> list[_Group]:
+def _groups(match: Integers, labels: Integers, wrong: Bools, names: Sequence[str] | None) -> list[_Group]:
     """The matches of each motion and the wrong ones, without empty groups."""
     kinds = np.unique(labels[match >= 0])
     groups = [
         _Group(
-            f"motion {kind}" if len(kinds) > 1 else "matched",
+            "matched" if len(kinds) == 1 else f"motion {kind}" if names is None else names[kind],
             COLOURS[k % len(COLOURS)],
             MARKERS[k % len(MARKERS)],
             False,

@@ -211,6 +211,7 @@ def _fit(poses: Sequence[Pose | None]) -> str:
 def _pose(match: Match, pose: Pose, label: int) -> dict[str, Any]:
     """A pose as text, and its camera in the frame of the points."""
     lines = [f"motion {label}" if match.motion_labels.max(initial=0) > 0 else "pose"]
+    lines = lines if match.bodies is None else [f"body {list(match.bodies)[label]}"]
     lines += [f"  R {row}  t {value: .6g}" for row, value in zip(_rows(pose.R), pose.t.tolist(), strict=True)]
     if pose.scale != 1.0:
         lines.append(f"  scale {pose.scale:.6g}")
