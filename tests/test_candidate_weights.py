@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.detection_odds import candidate_log_odds
+from rootmatch.explain.task import candidate_log_odds
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)

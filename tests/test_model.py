@@ -20,9 +20,9 @@ from rootmatch.model.clutter import clutter_of
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.compiled.evidence import log_of_first, log_of_squared
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about, evidence, settled, stepped
+from rootmatch.model.evidence import about, evidence, settled
 from rootmatch.model.known_density import Known
-from rootmatch.model.mode_search import _without_misfits, modes_of
+from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_density import Broad, Gaussian, PoseDensity
 from rootmatch.model.posterior import Posterior
@@ -432,17 +432,6 @@ def test_a_flat_body_is_turned_over_and_not_only_reversed_in_depth() -> None:
     other = DetectionModel(CAMERA, turned, model.target, model.sigma)
     off = np.abs(other.linearised(found.rotation, found.position).pixels - image).max(axis=(1, 2))
     assert off.max() > 1.0 > 10.0 * off.min()
-
-
-def test_a_twin_of_which_nothing_fits_keeps_its_matches() -> None:
-    model, R, position, assignment = made(1000, 6, normals=False)
-    crossed = np.tile(np.where(np.arange(6) < 4, np.roll(assignment, 1), -1), (2, 1))
-    crossed[1, :4] = [assignment[1], *assignment[1:4]]  # and one of which three do
-    crossed[1, 4:] = assignment[4:]
-    found, at = about(model, crossed, np.tile(R, (2, 1, 1)), np.tile(position, (2, 1)))
-    kept = _without_misfits(model, crossed, found, at, stepped(found, at))[0]
-    np.testing.assert_array_equal(kept[0], crossed[0])
-    np.testing.assert_array_equal(kept[1], [-1, *assignment[1:]])
 
 
 def test_several_ways_to_look_alike_are_taken_one_by_one() -> None:

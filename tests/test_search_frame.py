@@ -28,11 +28,11 @@ def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkey
     rng, twins, told = np.random.default_rng(5), list[Any](), list[bool]()
     points = rng.uniform(-0.2, 0.2, (2, 8, 3))
     tracker = rm.Tracker(points.reshape(-1, 3), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 8))
-    work, tell, also = image_hypotheses.twins_of, image_bodies.told_by, image_hypotheses.Candidate.also
+    work, tell, also = image_hypotheses.Candidate.twins, image_bodies.told_by, image_hypotheses.Candidate.also
 
-    def counted(task: Any, model: Any, modes: Any) -> Any:
+    def counted(self: Any, modes: Any) -> Any:
         twins.append(modes)
-        return work(task, model, modes)
+        return work(self, modes)
 
     def telling(*given: Any, **more: Any) -> Any:
         told.append(more["beside"])
@@ -45,7 +45,7 @@ def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkey
     for k in range(60):
         strays = rng.uniform(100.0, 800.0, (7, 2)) if k > 5 else shown(points[1], k, 0.7, rng)
         if k == 6:  # from here on the second body is not in view
-            monkeypatch.setattr(image_hypotheses, "twins_of", counted)
+            monkeypatch.setattr(image_hypotheses.Candidate, "twins", counted)
             monkeypatch.setattr(image_bodies, "told_by", telling)
             monkeypatch.setattr(image_hypotheses.Candidate, "also", named)
         told.clear()
@@ -83,11 +83,11 @@ def test_what_another_body_explains_has_no_twins(monkeypatch: pytest.MonkeyPatch
     points = rng.uniform(-0.2, 0.2, (10, 3))
     other = np.where(np.arange(10)[:, None] < 5, points, rng.uniform(-0.2, 0.2, (10, 3)))
     tracker = rm.Tracker(np.concatenate([points, other]), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 10))
-    work, also = image_hypotheses.twins_of, image_hypotheses.Candidate.also
+    work, also = image_hypotheses.Candidate.twins, image_hypotheses.Candidate.also
 
-    def counted(task: Any, model: Any, modes: Any) -> Any:
+    def counted(self: Any, modes: Any) -> Any:
         twins.append(float(modes.log_mass[0]))
-        return work(task, model, modes)
+        return work(self, modes)
 
     def naming(self: Any, assignments: Any) -> Any:
         found = also(self, assignments)
@@ -96,7 +96,7 @@ def test_what_another_body_explains_has_no_twins(monkeypatch: pytest.MonkeyPatch
 
     for k in range(20):
         if k == 6:
-            monkeypatch.setattr(image_hypotheses, "twins_of", counted)
+            monkeypatch.setattr(image_hypotheses.Candidate, "twins", counted)
             monkeypatch.setattr(image_hypotheses.Candidate, "also", naming)
         seen = shown(points, k, 0.0, rng)[: 10 if k < 6 else 7]
         match = tracker.update(np.vstack([seen, rng.uniform(100.0, 800.0, (4, 2))]), time=k / 60.0)

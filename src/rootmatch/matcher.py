@@ -170,30 +170,18 @@ max_hyperedges, max_evaluations
         source_noise: float | None = None,
         log_inexact: tuple[float, ...] = (),
     ) -> Finding:
-        """The finding of a frame.
+        """The finding of a frame; ``options`` and ``source_noise`` in the place of the matcher's own.
+
+        What is not explained here is an attribute of `MatchingTask`, or an argument of `match`.
 
         Parameters
         ----------
-        target, noise, candidates, prior
-            As `match`.
-        options : MatchOptions, optional
-            In the place of the matcher's own.
-        deadline : Deadline
-        budget : int, optional
-            Evaluations of a guided search.
-        rivals : dict, optional
-            By the label of a body, None for a single one: what else its pose may be than that of ``prior``.
-        present : dict, optional
-            By label as well: probability that a body is in view, before the frame is seen.
+        rivals, present : dict, optional
+            By the label of a body, None for a single one: what else its pose may be than that of ``prior``, and the
+            probability that it is in view, before the frame is seen.
         searching : bool or callable
             False: nothing is looked for elsewhere than about the predicted poses. A function of the finding about those
             says what to look for.
-        more_images : bool
-            Whether the time of this frame may be spent on what searches in later ones need.
-        source_noise : float, optional
-            Where none was stated.
-        log_inexact : tuple of float
-            See `MatchingTask.log_inexact`.
         """
         options = options or self.options
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")

@@ -255,18 +255,13 @@ class Match:
         Between point sets in space it names the usual mistake that explains them, such as a left-handed set.
         """
         confidence = None if self.finding.every_confidence is None else self.confidence
-        told = advice(self.shown, confidence, self.stopped_early, self._is_undetermined)
+        posed = self.status is Status.MATCHED and self.problem.least_for_pose > 0 and self.bodies is None
+        told = advice(self.shown, confidence, self.stopped_early, posed and is_undetermined(self.poses))
         asked = isinstance(self.problem, Similarity) and self.status is Status.UNTRUSTED and self.bodies is None
         fits = self.diagnose(ADVISED).fits if asked and self.finding.reason is None else ()
         if fits and (fits[0].probability or 0.0) > 0.5:
             return f"no trustworthy match: {fits[0].mistake}; {fits[0].remedy}"
         return told if self.bodies else told + advice_on_points(self.finding, self.whole)
-
-    @property
-    def _is_undetermined(self) -> bool:
-        """Whether a trusted match leaves a direction of its pose open; that of several bodies is not asked for."""
-        posed = self.status is Status.MATCHED and self.problem.least_for_pose > 0 and self.bodies is None
-        return posed and is_undetermined(self.poses)
 
     @cached_property
     def poses(self) -> list[Pose | None]:

@@ -16,19 +16,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """Detections of the points in each camera of a rig.
-
-    Attributes
-    ----------
-    assignment : (C, n) int64
-        Index into the target of each source point in each camera; −1 where it is not seen.
-    alternatives : list of (C, n) int64
-        The next most probable sightings.
-    poses : list of Pose or None
-        Poses of the bodies in the rig, each fitted to all sightings; their ``points`` are camera · n + point.
-    confidence : (n,) float64
-        Of each point: of its surest sighting, or the least of those that an unseen point lacks.
-    """
+    """Detections of the points in each camera of a rig."""
 
     finding: Finding
 
@@ -44,7 +32,7 @@ class Sightings:
 
     @property
     def alternatives(self) -> list[Integers]:
-        """The next most probable sightings."""
+        """The next most probable sightings, each (C, n)."""
         return [other.reshape(self.cameras, -1) for other in self.finding.others]
 
     @cached_property

@@ -62,6 +62,7 @@ class Camera(CameraModel):
     cy: float = None  # type: ignore[assignment]
     lens: Lens | None = None
     size: tuple[float, float] | None = None
+    dimension = 2
 
     def __post_init__(self) -> None:
         if self.cx is None or self.cy is None:
@@ -186,11 +187,6 @@ class Camera(CameraModel):
     def matrix(self) -> Floats:
         """The (3, 3) intrinsic matrix."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
-
-    @property
-    def dimension(self) -> int:
-        """A pixel has two coordinates."""
-        return 2
 
     @property
     def focal(self) -> float:

@@ -49,6 +49,8 @@ class Rig(CameraModel):
 
     views: tuple[tuple[CameraModel, Any, Any], ...]
     sizes: tuple[tuple[float, float], ...] | None
+    dimension = 3
+    """A pixel and the index of its camera."""
 
     def __init__(
         self, views: Sequence[tuple[CameraModel, ArrayLike, ArrayLike]], sizes: ArrayLike | None = None
@@ -102,11 +104,6 @@ class Rig(CameraModel):
     def centres(self) -> Floats:
         """Centres (C, 3) of the cameras in the rig's frame."""
         return np.asarray(-np.einsum("cji,cj->ci", self.rotations, self.translations))
-
-    @property
-    def dimension(self) -> int:
-        """A pixel and the index of its camera."""
-        return 3
 
     @property
     def focal(self) -> float:

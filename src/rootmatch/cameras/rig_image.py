@@ -30,11 +30,7 @@ class RigImage(CameraModel):
     """(n',) camera of each detection."""
     unit: float = 1.0
     """Length of a unit of the points, in that of the rig."""
-
-    @property
-    def dimension(self) -> int:
-        """Pixels of the common plane."""
-        return 2
+    dimension = 2
 
     @property
     def focal(self) -> float:

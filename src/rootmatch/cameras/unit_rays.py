@@ -15,15 +15,12 @@ from rootmatch.errors import InputError
 class UnitRays(CameraModel):
     """Detections are directions (m, 3) of the camera frame, of any length but 0; all around is seen."""
 
+    focal = 1.0
+
     @property
     def dimension(self) -> int:
         """A ray has three coordinates."""
         return 3
-
-    @property
-    def focal(self) -> float:
-        """Noise is in radians."""
-        return 1.0
 
     def bearings(self, pixels: ArrayLike) -> Floats:
         """The rays, made unit ones; see `CameraModel.bearings`."""

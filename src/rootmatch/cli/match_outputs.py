@@ -14,7 +14,6 @@ from rootmatch.cli.surroundings import printed
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
-    from rootmatch.cameras.base import CameraModel
     from rootmatch.explain.diagnosis import Diagnosis
     from rootmatch.io import PointSet
     from rootmatch.result import Match
@@ -114,7 +113,7 @@ class Outputs:
                     motion_names=None if found.bodies is None else [f"body {label}" for label in found.bodies],
                     truth=true,
                     poses=found.poses if found.problem.least_for_pose else None,
-                    camera=_image_camera(found),
+                    camera=getattr(found.problem, "camera", None) if found.problem.source_dimension == 3 else None,
                     photo=self.photo,
                     source_names=source.names,
                     target_names=target.names,
@@ -141,12 +140,6 @@ class Outputs:
         known = [int(one) for one in ids] if all(one.isdecimal() and len(one) < 19 for one in ids) else None
         name = "image.jpg" if self.photo is None else self.photo.name.replace(" ", "_")
         write_colmap(folder, {name: found}, ids=known)
-
-
-def _image_camera(found: Match) -> CameraModel | None:
-    """The camera of the image of points in space, where there is one."""
-    camera: CameraModel | None = getattr(found.problem, "camera", None)
-    return camera if found.problem.source_dimension == 3 else None
 
 
 def print_match(

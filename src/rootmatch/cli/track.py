@@ -75,14 +75,6 @@ Prior = Annotated[
         "Predicted pose of the first frame, as for rootmatch match; with several bodies, by label.", metavar="JSON"
     ),
 ]
-Known = Annotated[
-    Path | None,
-    option.points(
-        "Rotation, position or vertical that is known, of each frame and body; σ in degrees, of a position in the "
-        "model's unit.",
-        metavar="CSV",
-    ),
-]
 Frames = Annotated[
     Path,
     typer.Argument(
@@ -137,7 +129,7 @@ def track(
     vertical_world: VerticalWorld = None,
     vertical_noise: option.VerticalNoise = None,
     prior: Prior = None,
-    known: Known = None,
+    known: option.Known = None,
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
     detection_rate: option.DetectionRate = None,

@@ -72,11 +72,6 @@ class Agreeing(NamedTuple):
         """Some of them, in this order."""
         return Agreeing(self.first[which], self.second[which], self.rotation[which])
 
-    def and_those(self, more: Agreeing) -> Agreeing:
-        """These and others."""
-        first, second, rotation = (np.concatenate(two) for two in zip(self, more, strict=True))
-        return Agreeing(first, second, rotation)
-
 
 class _Cones(NamedTuple):
     """The cone in which a detection is seen from the place, whichever point it is."""
@@ -136,9 +131,10 @@ def looked_up(given: Directions, rng: np.random.Generator, *, most: int) -> Agre
         begin, last = last, min(max(int(np.searchsorted(sums, wanted, side="right")), last + 1), len(sizes))
         more = _looked_up_for(given, table, match, slice(begin, last))
         best, explained, matched = _explaining_most(given, more, tree, cones, most=most, rng=rng)
-        found, score = found.and_those(more.take(best)), np.concatenate([score, explained])
+        first, second, rotation = (np.concatenate(two) for two in zip(found, more.take(best), strict=True))
+        score = np.concatenate([score, explained])
         order = np.argsort(-score, kind="stable")[:most]
-        found, score = found.take(order), score[order]
+        found, score = Agreeing(first, second, rotation).take(order), score[order]
         if (1.0 - last / len(sizes)) ** math.comb(matched, 2) <= MISSED:
             break
     return found

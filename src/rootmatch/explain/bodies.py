@@ -110,15 +110,7 @@ class _Body(SearchedBody):
 
 
 def match_bodies(task: MatchingTask, solve: Solve) -> Finding:
-    """The match of a task whose source points are of several bodies.
-
-    Parameters
-    ----------
-    task : MatchingTask
-        With labels.
-    solve : callable
-        From the task of one body to its match.
-    """
+    """The match of a task whose source points are of several bodies; ``solve`` matches one of them."""
     assert task.bodies is not None
     parts = [task.body(k) for k in range(len(task.bodies.names))]
     bodies = [_Body(number=k, task=own, found=nothing_found(own, LATE)) for k, own in enumerate(parts)]
@@ -199,7 +191,7 @@ def searched_among(
             sub = copied(sub, budget=budget)
         found = solve(sub)
     except UnseenPixelError as error:
-        if not task.prior_poses:
+        if not task.is_predicted:
             raise
         return nothing_found(part, str(error)), False  # the bodies whose pose is predicted need no rays
     # a rig has a budget for each camera

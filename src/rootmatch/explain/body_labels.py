@@ -22,18 +22,12 @@ SAME_SHAPE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class BodyLabels:
-    """Validated labels.
-
-    Attributes
-    ----------
-    names : tuple of int or str
-        The labels, in the order in which they appear.
-    index : (n,) int64
-        Position in ``names`` of each source point's label.
-    """
+    """Validated labels."""
 
     names: tuple[Label, ...]
+    """The labels, in the order in which they appear."""
     index: Integers
+    """(n,) position in ``names`` of each source point's label."""
 
     def points_of(self, k: int) -> Integers:
         """Source points of one body, ascending."""

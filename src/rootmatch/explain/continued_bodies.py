@@ -139,14 +139,7 @@ def _beyond(source: Floats, places: Floats, radius: float) -> Bools:
 def beside_continuations(told: Posterior, model: DetectionModel, places: Places, taken: Bools | None) -> Posterior:
     """A posterior in which what goes on by a body's law may be beside it, or in its stead.
 
-    Parameters
-    ----------
-    told : Posterior
-    model : DetectionModel
-    places : Places
-        Of the body. Where none of them has a detection, the posterior stays as it is.
-    taken : (n',) bool array, optional
-        Detections of other bodies.
+    The same where no detection is in one of the places. ``taken``: (n',) detections of other bodies.
     """
     if not len(places.points) or not float(told.probabilities.sum()) >= LIKELY:
         return told
@@ -177,16 +170,8 @@ def factors_of(
 ) -> tuple[Floats, float] | None:
     """Logarithm (K,) of the factor of each mode by what is beside it, and of the weight of something in its stead.
 
-    None where no detection is in a place.
-
-    Parameters
-    ----------
-    every : sequence of (float, float), optional
-        Log-odds, over each mode, of this with what goes on beside it, and of something else in its stead.
-    probabilities : (K,) array
-        Of the modes.
-    log_prior : float
-        Logarithm of the odds that either is in view.
+    None where no detection is in a place. ``every``: log-odds, over each mode, of this with what goes on beside it, and
+    of something else in its stead. ``log_prior``: logarithm of the odds that either is in view.
     """
     of = [k for k, one in enumerate(every) if one is not None]
     if not of:

@@ -31,12 +31,7 @@ ROUNDS = 3
 def beside_sets(told: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> PointSetPosterior:
     """A posterior in which what goes on by a body's law may be beside it, or in its stead.
 
-    Parameters
-    ----------
-    told : PointSetPosterior
-    model : PointSetModel
-    taken : (n',) bool array, optional
-        Targets of other bodies.
+    ``taken``: (n',) targets of other bodies.
     """
     source = model.clouds.source
     if not float(told.probabilities.sum()) >= LIKELY:

@@ -13,43 +13,31 @@ from enum import Enum
 
 @dataclass(frozen=True)
 class TrustOptions:
-    """Thresholds of the status, set on the tuning seeds of `benchmarks/accuracy.py` (docs/notebook/comparison.md).
-
-    Parameters
-    ----------
-    margin : float
-        Least lead in score of a matched assignment if no probability is known.
-    false_alarms : float
-        Decimal logarithm of the expected number of false alarms up to which an assignment is trusted.
-    missed : float
-        Probability that there is another pose which explains as much and was missed, beyond which an assignment is
-        ambiguous: the search was cut short before it looked for one. As `MIN_PROBABILITY`; searches that end by
-        themselves are below it.
-    noise_factor, noise_chance : float
-        Factor on σ suggested by the residuals about the best pose, from which an assignment is not trusted if such
-        residuals are rarer than this chance when σ is right: σ was stated too small, and points may be missing. With σ
-        1.5 times too small no match is wrong; with four times, some are.
-    most_named : float
-        Factor up to which the advice blames the noise rather than the match. A round value.
-    alternatives : int
-        Largest number of alternatives kept.
-    support : float
-        Share of the median support below which a matched point is left unmatched: true matches seldom have less than
-        0.3, accidental ones seldom more than 0.2.
-    last_support, last_pairs : float, int
-        The same share if at most so many pairs would remain, which leaves little room for accidents.
-    """
+    """Thresholds of the status, set on the tuning seeds of `benchmarks/accuracy.py` (docs/notebook/comparison.md)."""
 
     margin: float = 0.2
+    """Least lead in score of a matched assignment if no probability is known."""
     false_alarms: float = -2.0
+    """Decimal logarithm of the expected number of false alarms up to which an assignment is trusted."""
     noise_factor: float = 1.9
     noise_chance: float = 1e-3
+    """Factor on σ suggested by the residuals about the best pose, from which an assignment is not trusted if such
+    residuals are rarer than this chance when σ is right: σ was stated too small, and points may be missing. With σ
+    1.5 times too small no match is wrong; with four times, some are."""
     most_named: float = 8.0
+    """Factor up to which the advice blames the noise rather than the match. A round value."""
     missed: float = 0.05
+    """Probability that there is another pose which explains as much and was missed, beyond which an assignment is
+    ambiguous: the search was cut short before it looked for one. As `MIN_PROBABILITY`; searches that end by
+    themselves are below it."""
     alternatives: int = 16
+    """Largest number of alternatives kept."""
     support: float = 0.25
+    """Share of the median support below which a matched point is left unmatched: true matches seldom have less than
+    0.3, accidental ones seldom more than 0.2."""
     last_support: float = 0.1
     last_pairs: int = 4
+    """The same share if at most so many pairs would remain, which leaves little room for accidents."""
 
 
 TRUST = TrustOptions()

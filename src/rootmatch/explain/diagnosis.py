@@ -106,14 +106,7 @@ class Diagnosis:
 def diagnosed(match: Any, judge: Callable[[Finding], Any], max_seconds: float) -> Diagnosis:
     """Try the usual mistakes; see `rootmatch.Match.diagnose`.
 
-    Parameters
-    ----------
-    match : rootmatch.Match
-        Of the input as it was given.
-    judge : callable
-        Makes the match of a finding; passed in because this package is a layer below.
-    max_seconds : float
-        Time limit for all trials together.
+    ``judge`` makes the match of a finding; passed in because this package is a layer below.
     """
     given = _trial(Mistake("", "", lambda task: task), match)
     mistakes = list(usual_mistakes(match.task))

@@ -44,15 +44,7 @@ class Displaced(NamedTuple):
 
 
 def displaced_points(found: Finding, taken: Bools | None = None) -> list[Displaced]:
-    """Points of a trusted body that are probably somewhere else.
-
-    Parameters
-    ----------
-    found : Finding
-        Of one body, before one camera or several, or among points of a space.
-    taken : (n',) bool array, optional
-        Detections of other bodies.
-    """
+    """Points of a trusted body that are probably somewhere else; ``taken``: (n',) detections of other bodies."""
     model, told, problem = found.model, found.posterior, found.task.problem
     if found.status is Status.MATCHED and found.labellings is not None:
         return _between_sets(found, taken)

@@ -39,16 +39,8 @@ def log10_false_alarms(
     There are C(n, m) n'! / (n' − m)! ways to match m points. A minimal set of them fixes the motion, up to the roots
     of its polynomial, and each further point agrees accidentally with the probability that a random hyper-edge does.
 
-    Parameters
-    ----------
-    problem : Problem
-    shape : (n, n')
-    score : float
-        Score of the assignment, with all hyper-edges among its points evaluated.
-    true_weight : float
-        Mean weight of a true hyper-edge.
-    chance : float
-        Mean weight of a random hyper-edge over ``true_weight``.
+    ``score``: of the assignment, all hyper-edges among its points evaluated. ``true_weight``: mean weight of a true
+    hyper-edge. ``chance``: that of a random one over it.
     """
     n, n_target = shape
     m = min(supported_points(score, problem.order, true_weight), float(n), float(n_target))

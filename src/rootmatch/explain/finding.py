@@ -40,103 +40,67 @@ class Finding:
     """An assignment and what is known about it; `rootmatch.Match` explains what the attributes mean to a caller.
 
     The finding of a rig has a row for each sighting of a point, see `MatchingTask.rows`: n is their number.
-
-    Attributes
-    ----------
-    task : MatchingTask
-    assignment : (n,) int64
-        Index into the target points; −1 where unmatched.
-    others : sequence of (n,) int64
-        The best different assignments, the most probable first where probabilities are known.
-    other_probabilities : sequence of float, optional
-        Of the others, if they are known and `Others` does not tell them; see `every_other_probability`.
-    facts : Facts
-        From which `status` follows.
-    tensor : AffinityTensor
-    scores : sequence of float, optional
-        Scores of the assignment and of the others, if already known; see `every_score`.
-    scoreless : bool
-        Whether a model decided without any hyper-edge: there are no scores then.
-    soft : (n, n') float64, optional
-        Soft assignment of a solver; None if none ran.
-    labels : (n,) int64, optional
-        Motion of each point; None if all matches are one motion.
-    converged : bool
-    evaluated : int
-    confidence : (n,) float64, optional
-        Where the status needed it.
-    log_odds : float, optional
-        Of the assignment against clutter alone, where the status needed it.
-    noise_factor : float, optional
-    noise_dof : int
-        Degrees of freedom of the residuals that tell it.
-    alike : (W,) float64, optional
-        Log-odds of points that are off by each of `rootmatch.model.image_alike.ERRORS`, of those as given, where there
-        is something near points that have no match.
-    mode : int
-        Which mode of ``posterior`` it tells.
-    point_error : float
-        Standard deviation of the points' coordinates which it takes, though none was stated.
-    unmet : float
-        Probability that the search would have met no mode of a body that is in view, see `SampledTensor`.
-    sequence_factor : float
-        Factor on the stated σ that the frames before suggest, with which this one was matched; 1 for a single image.
-    reason : str, optional
-        Why nothing could be matched, or why the match is not trusted.
-    prior_holds : bool, optional
-    contradicted : bool
-        Whether something that is known of the pose in part, and was combined with a prediction, all but excludes it.
-    pose : Pose, optional
-        Of which a model of the image tells the assignment; a prediction that holds is part of it.
-    posterior : Posterior, optional
-        Of which it is told, where a model of the image decides.
-    model : DetectionModel, optional
-        That model.
-    labellings : PointSetPosterior, optional
-        Of which it is told, where a model of two point sets decides.
-    parts : dict, optional
-        The findings of several bodies by their labels.
-    named : sequence of (n,) int64
-        All assignments that a search named, where no model has judged them, or where two views show a scene that looks
-        like itself.
-    left : MatchingTask, optional
-        What remains to be searched if they are not believed.
-    mirrored : sequence of (n,) int64
-        Of two point sets, those by reflections, which are no answers.
     """
 
     task: MatchingTask
     assignment: Integers
+    """(n,) index into the target points; −1 where unmatched."""
     others: Sequence[Integers]
+    """Each (n,): the best different assignments, the most probable first where probabilities are known."""
     facts: Facts
+    """From which `status` follows."""
     tensor: AffinityTensor
     other_probabilities: Sequence[float] | None = None
+    """Of the others, if they are known and `Others` does not tell them; see `every_other_probability`."""
     scores: Sequence[float] | None = None
+    """Scores of the assignment and of the others, if already known; see `every_score`."""
     scoreless: bool = False
+    """Whether a model decided without any hyper-edge: there are no scores then."""
     soft: Floats | None = None
+    """(n, n') soft assignment of a solver; None if none ran."""
     labels: Integers | None = None
+    """(n,) motion of each point; None if all matches are one motion."""
     converged: bool = True
     evaluated: int = 0
     confidence: Floats | None = None
+    """(n,) where the status needed it."""
     log_odds: float | None = None
+    """Of the assignment against clutter alone, where the status needed it."""
     noise_factor: float | None = None
     noise_dof: int = 0
+    """Degrees of freedom of the residuals that tell it."""
     alike: Floats | None = None
+    """(W,) log-odds of points that are off by each of `rootmatch.model.image_alike.ERRORS`, of those as given, where
+    there is something near points that have no match."""
     mode: int = 0
+    """Which mode of ``posterior`` it tells."""
     sequence_factor: float = 1.0
+    """Factor on the stated σ that the frames before suggest, with which this one was matched; 1 for a single image."""
     point_error: float = 0.0
+    """Standard deviation of the points' coordinates which it takes, though none was stated."""
     unmet: float = 0.0
+    """Probability that the search would have met no mode of a body that is in view, see `SampledTensor`."""
     reason: str | None = None
+    """Why nothing could be matched, or why the match is not trusted."""
     prior_holds: bool | None = None
     contradicted: bool = False
+    """Whether something that is known of the pose in part, and was combined with a prediction, all but excludes it."""
     pose: Pose | None = None
+    """Of which a model of the image tells the assignment; a prediction that holds is part of it."""
     posterior: Posterior | None = None
+    """Of which it is told, where a model of the image decides."""
     model: DetectionModel | None = None
+    """That model."""
     labellings: PointSetPosterior | None = None
+    """Of which it is told, where a model of two point sets decides."""
     parts: dict[Label, Finding] | None = None
+    """The findings of several bodies by their labels."""
     named: Sequence[Integers] = ()
+    """Each (n,): all that a search named, where no model has judged them, or two views show a scene that repeats."""
     left: MatchingTask | None = None
+    """What remains to be searched if they are not believed."""
     mirrored: Sequence[Integers] = ()
+    """Each (n,): of two point sets, those by reflections, which are no answers."""
 
     @once
     def status(self) -> Status:

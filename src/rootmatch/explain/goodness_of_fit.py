@@ -106,16 +106,8 @@ def doubted_by_fit(
 ) -> Finding:
     """A finding that is less probable by how its residuals speak for something else; a wrong model is allowed for.
 
-    Parameters
-    ----------
-    found : Finding
-    fault : Misfit
-    of_rig : bool
-        Whether it is of several cameras.
-    alike : float
-        Share of what else there is that has nearly the shape, as where a scene repeats itself.
-    as_off : float
-        Odds of the body with points that are off, of the body as given: that is the body, too.
+    ``alike``: share of what else there is that has nearly the shape, as where a scene repeats itself. ``as_off``: odds
+    of the body with points that are off, of the body as given: that is the body, too.
     """
     as_given = fault.alike is None and fault.another == -math.inf and not fault.sigma > 1.0
     if found.facts.probability is None or as_given:

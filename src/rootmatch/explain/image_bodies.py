@@ -48,6 +48,10 @@ IN_VIEW, DOUBTED = 0.95, 0.9
 would add nothing, because several poses explain as much. Round values."""
 
 
+LEAST_LEFT = 0.1
+"""Share of a frame's budget for a rival of what was found, whatever the search before has left. A round value."""
+
+
 class SearchPart(NamedTuple):
     """What one frame of a tracker searches, whose searches go on over frames."""
 
@@ -63,6 +67,13 @@ class SearchPart(NamedTuple):
         """The part of a task."""
         budget = None if task.budget is None else round(self.share * task.budget)
         return copied(task, search_camera=self.camera, budget=budget)
+
+
+def _left_of(task: MatchingTask, bodies: Sequence[SearchedBody]) -> MatchingTask:
+    """The task with what the searches of a frame have left of its budget; among few detections hardly any is needed."""
+    assert task.budget is not None
+    left = task.budget - sum(body.evaluated for body in bodies)
+    return copied(task, budget=max(left, round(LEAST_LEFT * task.budget)))
 
 
 Choice = Callable[[Finding], SearchPart | None]
@@ -169,20 +180,14 @@ class _Body(SearchedBody):
 def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | None = None) -> Finding:
     """The match of a task of one image whose source points are of several bodies.
 
-    Parameters
-    ----------
-    task : MatchingTask
-        With labels, and of poses of its camera.
-    solve : callable
-        From the task of one body to its match.
-    choice : callable, optional
-        What to search; everything if not given.
+    ``solve`` matches one of them; ``choice`` says what to search, everything if not given.
     """
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
     for body in bodies:
         others = [other for other in bodies if other is not body]
-        body.alike = [other.number for other in others if _is_alike(body.task, other.task)]
+        source = body.task.points.source
+        body.alike = [one.number for one in others if twin_points(source, one.task.points.source) is not None]
         # a tracker's earlier frames have tried all of them
         body.rivals = [other.number for other in others] if choice is None else body.alike
 
@@ -220,7 +225,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             for rival in bodies:
                 if body.candidate is not before and body.is_new and rival.is_lost:
                     rival.free = body.told.modes.uses(task.shape[1])[0]
-                    search(rival, budget, of_part)
+                    search(rival, budget, _left_of(of_part, bodies))
     return _finding(task, bodies)
 
 
@@ -265,11 +270,6 @@ def _body(task: MatchingTask, number: int) -> _Body:
     return _Body(
         number=number, task=own, found=nothing, candidate=Candidate.of(own, []), told=told, free=free, used=used
     )
-
-
-def _is_alike(first: MatchingTask, second: MatchingTask) -> bool:
-    """Whether two bodies have the same or the mirrored shape."""
-    return twin_points(first.points.source, second.points.source) is not None
 
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:

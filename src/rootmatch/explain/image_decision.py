@@ -93,23 +93,18 @@ def told_by(
     of_others: NDArray[np.bool_] | None = None,
     beside: bool = True,
 ) -> Finding:
-    """A finding with the assignment, facts and confidence that a posterior gives.
+    """A finding with the assignment, facts and confidence that a posterior of ``body`` gives.
 
     Parameters
     ----------
     base : Finding
         Of the same task.
-    told : Posterior
-    body : Candidate
-        The body of that posterior.
-    missed : float
-        Probability that a pose which explains as much was never met.
-    missed_as_known : float
-        The same where the pose agrees with what was known before: no search need meet what was predicted.
-    taken : (n',) bool array, optional
-        Detections of other bodies: the result is a mode without any of them, or nothing.
-    of_others : (n',) bool array, optional
-        Detections that are explained by other bodies, whether or not these are more certain.
+    missed, missed_as_known : float
+        Probability that a pose which explains as much was never met; and if the pose agrees with what was known before,
+        as no search need meet what was predicted.
+    taken, of_others : (n',) bool arrays, optional
+        Detections of other bodies: the result is a mode without any of them, or nothing. Those that are explained by
+        others, whether or not these are more certain.
     beside : bool
         Whether what is near points without a match counts, see `beside_of`.
     """

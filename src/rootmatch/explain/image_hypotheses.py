@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
-from rootmatch.explain.detection_odds import candidate_log_odds
-from rootmatch.explain.in_time import by_the_last_moment
+from rootmatch.explain.in_time import last_moment
 from rootmatch.explain.likeness import copies_of, likenesses, place_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rivals import DOUBT
@@ -39,7 +38,7 @@ from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.near_symmetries import symmetries_of
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
-from rootmatch.model.prediction import proposals_about
+from rootmatch.model.prediction import about_each
 from rootmatch.model.proposals import (
     Proposals,
     fitted,
@@ -101,8 +100,11 @@ class Candidate:
         return poses_of_sets(self.model, rows, rows.shape[1]).alone
 
     def proposals(self, assignments: Sequence[Integers]) -> Proposals:
-        """Assignments with the poses that they lead to."""
-        return proposals_of(self.task, self.model, assignments)
+        """Assignments with their fitted poses, and all poses of those with few matches."""
+        rows = with_poses(self.task, assignments)
+        if not len(rows):
+            return no_proposals(self.task.rows)
+        return joined([rough_fits(self.model, rows), poses_of_few(self.model, rows)])
 
     def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
         """Assignments (K, n) at the best poses that lead on from these, and their evidence."""
@@ -110,7 +112,12 @@ class Candidate:
 
     def twins(self, modes: Modes) -> Proposals:
         """Poses in which the body looks as in its best modes, whether the search met them or not."""
-        return twins_of(self.task, self.model, modes)
+        model, points, first = self.model, self.task.points, best_of(modes)
+        parts = [reversed_in_depth(model, first), line_readings(model, first.assignments)]
+        parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(self.task)]
+        further = in_succession(points.source, points.normals)
+        images = self.task.sightings_of(further.image)
+        return joined([*parts, moved_along(first, further, images, model.points.mean(axis=0))])
 
     def proposed(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
@@ -161,34 +168,34 @@ class Candidate:
         return competing([self])[0]
 
 
-@by_the_last_moment
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
-    every, models = [], []
-    copies = copies_of([(one.task.points.source, one.model) for one in bodies])
-    for k, body in enumerate(bodies):
-        more, others = [], []
-        for other in bodies:
-            if other is body or not len(other.modes.log_odds):
-                continue
-            for image in likenesses(other.task.points.source, body.task.points.source):
-                rows = body.task.sightings_of(image)
-                more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
-                if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
-                    others.append((place, other.model.prior))
-        model = beside_others(body.model, others)
-        modes = body.modes if copies is None else grown_in_place_of(copies[k], model, body.modes)
-        if more:
-            modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
-        every.append(modes)
-        models.append(model)
-    told = joint_posterior(models, every, copies)
-    for _ in range(SUMMED):
-        known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
-        if all(one is before for one, before in zip(known, every, strict=True)):
-            break
-        every, told = known, joint_posterior(models, known, copies)
-    return [marked(*each) for each in zip(models, told, strict=True)]
+    with last_moment().enforced():
+        every, models = [], []
+        copies = copies_of([(one.task.points.source, one.model) for one in bodies])
+        for k, body in enumerate(bodies):
+            more, others = [], []
+            for other in bodies:
+                if other is body or not len(other.modes.log_odds):
+                    continue
+                for image in likenesses(other.task.points.source, body.task.points.source):
+                    rows = body.task.sightings_of(image)
+                    more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
+                    if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
+                        others.append((place, other.model.prior))
+            model = beside_others(body.model, others)
+            modes = body.modes if copies is None else grown_in_place_of(copies[k], model, body.modes)
+            if more:
+                modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
+            every.append(modes)
+            models.append(model)
+        told = joint_posterior(models, every, copies)
+        for _ in range(SUMMED):
+            known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
+            if all(one is before for one, before in zip(known, every, strict=True)):
+                break
+            every, told = known, joint_posterior(models, known, copies)
+        return [marked(*each) for each in zip(models, told, strict=True)]
 
 
 def _with_first_summed(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:
@@ -230,8 +237,8 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
     """Assignments about each predicted pose, with the poses that they lead to; None if there are none."""
     if not isinstance(model.prior, Doubted):
         return None
-    found = [proposals_about(model, one) for one in model.prior.predictions if isinstance(one, Gaussian)]
-    parts = [one.take(slice(MOST_PREDICTED)) for one in found if one is not None]
+    predictions = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
+    parts = [one.take(slice(MOST_PREDICTED)) for one in about_each(model, predictions)]
     others = [poses_of_few(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
         others += [reversed_in_depth(model, one.take(slice(1))) for one in parts]
@@ -242,14 +249,10 @@ def model_of(task: MatchingTask) -> DetectionModel:
     """The model of a task of one body."""
     points, problem, allowed = task.points, task.problem, task.allowed
     centre, _, radius = about_centre(points.source)
-    log_weights = None if task.weights is None else candidate_log_odds(task.weights)
     camera: CameraModel
     if task.rig is not None:
-        (camera, points), repeats = task.sightings, (len(task.rig.views), 1)
-        own = np.repeat(np.arange(len(task.rig.views)), task.shape[0])[:, None] == task.camera_of
-        allowed = own if allowed is None else own & np.tile(allowed, repeats)
-        if task.weights is not None:
-            log_weights = candidate_log_odds(np.tile(task.weights, repeats), own)
+        (camera, points), own = task.sightings, task.own_camera
+        allowed = own if allowed is None else own & np.tile(allowed, (len(task.rig.views), 1))
         target, sigma = points.target, points.detection_noise
     else:
         camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
@@ -263,7 +266,7 @@ def model_of(task: MatchingTask) -> DetectionModel:
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
         source_covariance=points.source_covariance, target_covariance=points.target_covariance,
         rate=task.options.detection_rate, prior=prior,
-        allowed=allowed, log_weights=log_weights, resolution=task.options.resolution or 0.0,
+        allowed=allowed, log_weights=task.log_weights, resolution=task.options.resolution or 0.0,
     )  # fmt: skip
 
 
@@ -280,26 +283,10 @@ def _with_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.flo
     return Doubted(predictions, shares, without, doubt, task.rivals.places, lit=known)
 
 
-def proposals_of(task: MatchingTask, model: DetectionModel, assignments: Sequence[Integers]) -> Proposals:
-    """Assignments with their fitted poses, and all poses of those with few matches."""
-    rows = with_poses(task, assignments)
-    return joined([rough_fits(model, rows), poses_of_few(model, rows)]) if len(rows) else no_proposals(task.rows)
-
-
 def with_poses(task: MatchingTask, assignments: Sequence[Integers]) -> Integers:
     """Those of some assignments (K, n) that have more matches than a minimal set, each once."""
     enough = {one.tobytes(): one for one in assignments if np.count_nonzero(one >= 0) > task.minimal}
     return np.array(list(enough.values()), np.int64).reshape(-1, task.rows)
-
-
-def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
-    """Poses in which the body looks as in its best modes, whether the search met them or not."""
-    first = best_of(modes)
-    parts = [reversed_in_depth(model, first), line_readings(model, first.assignments)]
-    parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(task)]
-    further = in_succession(task.points.source, task.points.normals)
-    parts.append(moved_along(first, further, task.sightings_of(further.image), model.points.mean(axis=0)))
-    return joined(parts)
 
 
 def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextvars import ContextVar
-from functools import wraps
-from typing import ParamSpec, TypeVar
 
 from rootmatch.deadline import Deadline, OutOfTime, in_force
 from rootmatch.explain.body_findings import nothing_in_any
@@ -21,8 +19,6 @@ PREDICTED, TOLD = (0.02, 0.0005), (0.06, 0.003)
 """Shares of the time allowed, and seconds, that a prediction may take beyond it, which is better than nothing, and by
 which all is weighed and doubted. Parts of the tenth and 5 ms by which a match may be late; the rest is for a tracker's
 belief. Round values."""
-P = ParamSpec("P")
-T = TypeVar("T")
 TOO_LATE = "max_seconds were over before anything was found"
 
 _last: ContextVar[Deadline | None] = ContextVar("_last", default=None)
@@ -43,17 +39,6 @@ def in_time(task: MatchingTask, found: Callable[[MatchingTask], Finding]) -> Fin
 def last_moment() -> Deadline:
     """The deadline by which a match is told, of whatever part of its work runs; outside of a match that in force."""
     return _last.get() or in_force()
-
-
-def by_the_last_moment(weigh: Callable[P, T]) -> Callable[P, T]:
-    """A function that weighs what was found, until the last moment of a match."""
-
-    @wraps(weigh)
-    def weighed(*arguments: P.args, **options: P.kwargs) -> T:
-        with last_moment().enforced():
-            return weigh(*arguments, **options)
-
-    return weighed
 
 
 def to_predict(deadline: Deadline) -> Deadline:

@@ -34,16 +34,7 @@ as probable as the others. If these were only those that `ERRORS` allows a body,
 
 
 def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0.0) -> Finding:
-    """A finding of one body, or that with points which are off, where these explain more.
-
-    Parameters
-    ----------
-    found : Finding
-        By `told_by`.
-    task : MatchingTask
-    missed : float
-        As of `told_by`.
-    """
+    """A finding of one body by `told_by`, or that with points which are off, where these explain more."""
     if found.alike is None and not (found.noise_factor or 0.0) > 1.0:
         return found  # as it nearly always is
     model, misfit = found.model, _misfit(found)

@@ -50,15 +50,7 @@ def poses_by_position(
 ) -> Proposals | None:
     """What is assigned about the best poses with a known position; None if it is vague, or no pair agrees with it.
 
-    Parameters
-    ----------
-    task : MatchingTask
-        Of one body.
-    known : PosePrior
-    model : DetectionModel
-        Of the task.
-    pairs : Pairs, optional
-        Those of `pairs_by_angle`.
+    ``pairs``: those of `pairs_by_angle`.
     """
     if known.place is None or known.turn is not None:
         return None

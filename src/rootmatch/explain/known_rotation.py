@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import NamedTuple
 
 import numpy as np
 
@@ -43,25 +42,8 @@ SAME = 3.0
 """Standard deviations on each axis within which poses are the same. A round value."""
 
 
-class Guess(NamedTuple):
-    """A pose that two matches tell, of the body's centre, and its covariance."""
-
-    rotation: Floats
-    position: Floats
-    covariance: Floats
-
-
 def poses_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionModel) -> Proposals | None:
-    """What is assigned about the best poses with a known rotation; None if it is not known, or no pair agrees with it.
-
-    Parameters
-    ----------
-    task : MatchingTask
-        Of one body.
-    known : PosePrior
-    model : DetectionModel
-        Of the task.
-    """
+    """What is assigned about the best poses with a known rotation; None without one, or if no pair agrees with it."""
     turn = known.turn
     if turn is None:
         return None
@@ -81,10 +63,9 @@ def assigned_about(
     ``poses``: rotations (K, 3, 3) and positions (K, 3) of the centre.
     """
     settled: dict[bytes, Settled] = {}
-    for guess in _ranked(model, Known(known, model.centre, body_radius(model.points)), pairs, poses):
-        pose = guess.rotation[None], guess.position[None]
+    for R, place, covariance in _ranked(model, Known(known, model.centre, body_radius(model.points)), pairs, poses):
         with suppress(OutOfTime):  # what is known by then is handed on
-            settle(model, pose, guess.covariance, known=settled)
+            settle(model, (R[None], place[None]), covariance, known=settled)
     return proposals_of_settled(list(settled.values()))
 
 
@@ -176,8 +157,10 @@ def _possible(
     return np.asarray(allowed)
 
 
-def _ranked(model: DetectionModel, prior: Known, pairs: Integers, poses: tuple[Floats, Floats]) -> list[Guess]:
-    """The poses of pairs whose predictions explain most, different ones, the best first."""
+def _ranked(
+    model: DetectionModel, prior: Known, pairs: Integers, poses: tuple[Floats, Floats]
+) -> list[tuple[Floats, Floats, Floats]]:
+    """The poses of pairs whose predictions explain most, with their covariances: different ones, the best first."""
     size = max(BATCH // (model.shape[0] * max(model.shape[1], 1)), 1)
     parts = []
     for start in range(0, len(pairs), size):
@@ -195,7 +178,7 @@ def _ranked(model: DetectionModel, prior: Known, pairs: Integers, poses: tuple[F
             kept.append(k)
         if len(kept) == KEPT:
             break
-    return [Guess(R[k], place[k], covariance[k]) for k in kept]
+    return [(R[k], place[k], covariance[k]) for k in kept]
 
 
 def _score(

@@ -104,10 +104,7 @@ def _groups(laws: Sequence[NearSymmetry], source: Floats, near: float) -> list[l
 def rates_of(held: Bools, moved: Bools) -> Floats:
     """Probability (n,) that a point obeys a law, of two kinds: those that obey any, and those that obey none.
 
-    Parameters
-    ----------
-    held, moved : (L, n) bool arrays
-        Which points each law puts onto another point, and which elsewhere than where they are.
+    ``held``, ``moved``: (L, n) which points each law puts onto another point, and which elsewhere than where they are.
     """
     out = np.empty(held.shape[1])
     for kind in (held.any(axis=0), ~held.any(axis=0)):
@@ -123,14 +120,7 @@ def _in_place(points: Floats, place: Floats, near: float) -> Integers:
 def beside_lacking(told: Posterior, model: DetectionModel, lacking: Lacking, taken: Bools | None) -> Posterior:
     """A posterior in which the body may have the points that it lacks by its own law.
 
-    Parameters
-    ----------
-    told : Posterior
-    model : DetectionModel
-    lacking : Lacking
-        Of the body. Where none of the places has a detection, the posterior stays as it is.
-    taken : (n',) bool array, optional
-        Detections of other bodies.
+    The same where none of their places has a detection. ``taken``: (n',) detections of other bodies.
     """
     if not len(lacking.chance) or not float(told.probabilities.sum()) >= LIKELY:
         return told

@@ -34,10 +34,7 @@ MOST_POINTS = 16
 def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
     """For each way in which two bodies are alike, the point (n,) of the second for each of the first; −1 for none.
 
-    Parameters
-    ----------
-    first, second : (n, 3) and (m, 3) arrays
-        Their points. They are alike up to `SAME_SHAPE` times the size of the first.
+    They (n, 3), (m, 3) are alike up to `SAME_SHAPE` times the size of the first.
     """
     twin = twin_points(first, second)
     if twin is not None:
@@ -74,15 +71,9 @@ def copies_of(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies] |
 
 @kept_by_values(256)
 def place_of(first: Floats, second: Floats, image: Integers) -> Places | None:
-    """How a second body lies where a first one does if they are alike in a way; None for a mirror image or a copy.
+    """How a second body lies where a first one does if they are alike by an ``image`` of `likenesses`.
 
-    Of copies no image tells which one it is: their names are a convention.
-
-    Parameters
-    ----------
-    first, second : (n, 3) and (m, 3) arrays
-    image : (n,) int array
-        Of `likenesses`.
+    None for a mirror image or a copy: of copies no image tells which one it is, as their names are a convention.
     """
     own, radius = np.flatnonzero(image >= 0), body_radius(second)
     is_copy = len(own) == len(first) == len(second)

@@ -148,14 +148,11 @@ class MatchOptions:
         """Which hyper-edges are evaluated."""
         return self.sampler or ("random" if self.is_paper or self.samples is not None else "auto")
 
-    @property
-    def chosen_solver(self) -> Solver:
-        """The solver of one group of points."""
-        return get_solver(self.solver if self.solver is not None else "power-l1" if self.is_paper else "ascent")
-
     def solver_after(self, searched: bool) -> Solver:
         """The solver; the default one has fewer starts if a search has named the assignments worth starting from."""
-        return AFTER_SEARCH if searched and self.solver is None and not self.is_paper else self.chosen_solver
+        if searched and self.solver is None and not self.is_paper:
+            return AFTER_SEARCH
+        return get_solver(self.solver if self.solver is not None else "power-l1" if self.is_paper else "ascent")
 
     @property
     def packs_motions(self) -> bool:

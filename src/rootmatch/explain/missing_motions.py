@@ -49,11 +49,6 @@ class Rest(NamedTuple):
         return same and not np.isin(self.detections, used).any()
 
     @property
-    def is_asked_for(self) -> bool:
-        """Whether there is one more motion, as far as the caller knows."""
-        return len(self.few) > 0
-
-    @property
     def odds(self) -> float:
         """Odds, against no motion, of one that shows more points than that."""
         present = 0.0 if self.told is None else self.told.facts.present or 0.0
@@ -87,7 +82,7 @@ class Rest(NamedTuple):
 
     def may_show(self, least: float) -> bool:
         """Whether one more that is asked for may be in view: nothing of it with less than this probability."""
-        return self.is_asked_for and self.is_empty < least
+        return len(self.few) > 0 and self.is_empty < least
 
     def named(self, count: int) -> list[Integers]:
         """What the search named beside what it found, each (count,) as an assignment of all points."""
@@ -112,20 +107,8 @@ def with_missing(
 ) -> Rest | None:
     """What is left where no more motions are found, or None of as many as were asked for.
 
-    Those that the model of one motion finds are added to the assignment and its labels.
-
-    Parameters
-    ----------
-    alone : MatchingTask
-        Of one motion among all points.
-    solve : callable
-        The route of a task of one motion.
-    assignment, labels : (n,) int64 arrays
-    asked : int or "auto"
-    searched : list
-        To which each search is appended.
-    budget : int
-        Most evaluations of each.
+    Those that the model of one motion finds, by ``solve``, are added to the assignment (n,) and its labels (n,), and
+    each search, of so many evaluations, to ``searched``. ``alone``: the task of one motion among all points.
     """
     while asked == "auto" or len(np.unique(labels[labels >= 0])) < asked:
         missing = 0 if asked == "auto" else asked - len(np.unique(labels[labels >= 0]))

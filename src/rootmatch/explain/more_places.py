@@ -30,13 +30,7 @@ class Places(NamedTuple):
 
 
 class Beside:
-    """A body's model with points in more places: the same for all of its modes.
-
-    Attributes
-    ----------
-    others, outside, whole : DetectionModel
-        Of points in the places alone; in those beyond the body; and in all of them beside its own points.
-    """
+    """A body's model with points in more places: the same for all of its modes."""
 
     def __init__(self, model: DetectionModel, places: Places, taken: Bools | None) -> None:
         self.model, self.places, self.images = model, places, max(len(model.images), 1)
@@ -45,17 +39,17 @@ class Beside:
 
     @once
     def others(self) -> DetectionModel:
-        """See the class."""
+        """The model of points in the places alone."""
         return self.shape.only(self.places).model(self.model, self.free)
 
     @once
     def outside(self) -> DetectionModel:
-        """See the class."""
+        """The model of points in the places beyond the body."""
         return self.shape.only(self.places).take(self.places.beyond).model(self.model, self.free)
 
     @once
     def whole(self) -> DetectionModel:
-        """See the class."""
+        """The model of points in all of the places, beside the body's own."""
         return self.shape.and_(self.places).model(self.model, self.free)
 
     def each(self, told: Posterior) -> list[Modes]:

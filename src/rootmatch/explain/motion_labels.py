@@ -24,12 +24,6 @@ def label_motions(assignment: Integers, tensor: AffinityTensor, motions: int | s
 
     Points are merged by the weight of the hyper-edges that hold both (average linkage). With ``"auto"`` the cut is
     taken where the weights within groups exceed `EXPECTED_WEIGHT` a hyper-edge by most in sum.
-
-    Parameters
-    ----------
-    assignment : (n,) int64
-    tensor : AffinityTensor
-    motions : int or "auto"
     """
     labels = np.full(len(assignment), -1, dtype=np.int64)
     matched = np.flatnonzero(assignment >= 0)

@@ -53,14 +53,7 @@ LEAST = 1e-3
 
 
 def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
-    """The finding at a σ that is consistent with its own residuals.
-
-    Parameters
-    ----------
-    task : MatchingTask
-    solve : callable
-        The finding of a task whose noise is known.
-    """
+    """The finding at a σ that is consistent with its own residuals; ``solve`` finds that of a known σ."""
     first = first_guess(task.image[0], task.camera_of)
     found, budget = _first_matches(task, solve, first)
     match, guess = found[0]

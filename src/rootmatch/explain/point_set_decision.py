@@ -13,7 +13,6 @@ from rootmatch.errors import InputError
 from rootmatch.explain.continued_bodies import LIKELY
 from rootmatch.explain.continued_sets import beside_sets
 from rootmatch.explain.decide import TRUST, Facts, Status
-from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, empty_tensor, unjudged
 from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import BY_ITS_LAW, lead_by_odds
@@ -59,7 +58,7 @@ def model_of(task: MatchingTask) -> PointSetModel | None:
         clouds,
         mirror=bool(getattr(task.problem, "mirror", False)),
         allowed=task.allowed,
-        weights=None if task.weights is None else np.exp(candidate_log_odds(task.weights)),
+        weights=None if task.log_weights is None else np.exp(task.log_weights),
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
         prior=_prior_of(task),
         present=PRESENT if task.present is None else task.present,
@@ -213,8 +212,6 @@ def told_by(
     ----------
     base : Finding
         Of the same task, with what its search may have missed.
-    found : PointSetPosterior
-    model : PointSetModel
     taken : (n',) bool array, optional
         Targets of other bodies: the result is a labelling without any of them, or nothing.
     asked : bool
@@ -268,7 +265,6 @@ def told_by(
         facts=Facts(
             present=present,
             probability=min(probability, present),
-            contested=True,  # until it is asked below
             lead=lead_by_odds(probability) if base.scoreless else None,
             min_probability=least,
             false_alarms=math.inf if does_not_fit(fault) else -math.inf,
@@ -282,15 +278,16 @@ def told_by(
         prior_holds=prior_holds,
         pose=_with_prior(model, judged),
     )
-    if task.noise_is_estimated:
-        return told.with_facts(contested=sure is None, sure_of_the_rest=sure is not None)
     # what is left out as unsure may be what does not fit
-    whole = fault
-    with last_moment().within():
-        whole = _misfit_of(model, found, taken)
-        told = copied(told, alike=whole.alike)
-        if asked:
-            told = told.with_facts(contested=sure is None, sure_of_the_rest=sure is not None)
+    whole, in_time = fault, task.noise_is_estimated
+    if not task.noise_is_estimated:
+        with last_moment().within():
+            whole = _misfit_of(model, found, taken)
+            in_time = asked
+    certain = sure is not None and in_time
+    told = copied(told.with_facts(contested=not certain, sure_of_the_rest=certain), alike=whole.alike)
+    if task.noise_is_estimated:
+        return told
     as_off = float(np.exp(np.minimum(whole.for_points_off(task.log_inexact), MOST_ALIKE)).sum())
     doubted = doubted_by_fit(told, whole, alike=model.clutter.repeats, as_off=as_off)
     # something is there that does not fit, which the advice says

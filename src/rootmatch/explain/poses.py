@@ -16,27 +16,10 @@ LEAST = 1
 
 
 def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers) -> list[list[Pose | None]]:
-    """Poses of each assignment, one per motion.
+    """Poses of each assignment (n,), one per motion (n,); raises `InputError` if the problem fits none.
 
-    Parameters
-    ----------
-    task : MatchingTask
-        The points with their noise, and the problem.
-    assignments : list of (n,) int arrays
-        −1 where unmatched. All are fitted at once.
-    motions : (n,) int array
-        Motion of each source point; matched points without a motion are left out, unless there is only one motion.
-
-    Returns
-    -------
-    list of list of Pose or None
-        None if a motion has fewer matches than the problem's pose needs, or if no pose puts them in front of the
-        camera.
-
-    Raises
-    ------
-    InputError
-        If the problem fits no poses.
+    Matched points without a motion are left out, unless there is only one. None for a motion with fewer matches than
+    the problem's pose needs, or if no pose puts them in front of the camera. All are fitted at once.
     """
     problem = task.problem
     Capability.POSE.require(problem.least_for_pose, problem.name)

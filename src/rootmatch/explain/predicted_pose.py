@@ -30,15 +30,8 @@ def match_predicted(
     """The match of a task with a predicted pose, or with several.
 
     Where what is assigned about the prediction leaves a doubt, all is searched without it; what is told is the
-    posterior of both, under a prediction that may be wrong. `Match.prior_holds` says what came of it.
-
-    Parameters
-    ----------
-    task : MatchingTask
-    solve : callable, optional
-        From a task without a prediction to its match; nothing is searched if it is not given.
-    choice : callable, optional
-        Says what to search; by default all, where the prediction leaves a doubt.
+    posterior of both, under a prediction that may be wrong. `Match.prior_holds` says what came of it. Nothing is
+    searched without ``solve``, from a task without a prediction to its match; ``choice`` says what is.
     """
     searchable = solve is not None and task.shape[1] >= task.problem.order
     body = Candidate.of(task, [])

@@ -8,12 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from rootmatch.explain.body_labels import Label
 from rootmatch.explain.mistake import Mistake, corrected
-from rootmatch.explain.prior_validation import Prior
+from rootmatch.explain.prior_validation import Prior, as_attributes
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_prior import PosePrior, with_vertical
+from rootmatch.problems.pose_fit.pose_prior import with_vertical
 
 LENGTHS = {
     1e-3: ("millimetres", "metres"),
@@ -39,17 +38,11 @@ def of_priors(task: MatchingTask) -> Iterator[Mistake]:
 
 def _changed(task: MatchingTask, name: str, remedy: str, change: Callable[[Prior], Prior | None]) -> Iterator[Mistake]:
     """The mistake of all that is known of poses, if any of it can be changed so."""
-    one = [change(known) for known in (task.prior_pose, task.known) if known is not None]
-    every: dict[Label, Prior] = {**task.prior_poses, **task.known_of}
-    each = {label: change(known) for label, known in every.items()}
-    new = [known for known in (*one, *each.values()) if known is not None]
-    if not new:
-        return
-    poses = {label: known for label, known in each.items() if isinstance(known, Pose)}
-    parts = {label: known for label, known in each.items() if isinstance(known, PosePrior)}
-    pose = next((known for known in one if isinstance(known, Pose)), None)
-    part = next((known for known in one if isinstance(known, PosePrior)), None)
-    yield Mistake(name, remedy, corrected(prior_pose=pose, known=part, prior_poses=poses, known_of=parts))
+    one: Prior | None = task.prior_pose or task.known
+    each = {label: new for label, known in task.priors.items() if (new := change(known)) is not None}
+    attributes = as_attributes(each if one is None else change(one))
+    if any(attributes.values()):
+        yield Mistake(name, remedy, corrected(**attributes))
 
 
 def _inverse(known: Prior) -> Prior | None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from rootmatch.errors import InputError
-from rootmatch.explain.body_labels import BodyLabels, Label
+from rootmatch.explain.body_labels import BodyLabels
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
@@ -62,6 +63,10 @@ def check_followed(problem: Problem) -> None:
         )
 
 
-def of_each(prior: object) -> dict[Label, Prior]:
-    """The priors of several bodies by label."""
-    return dict(prior) if isinstance(prior, Mapping) else {}
+def as_attributes(prior: object) -> dict[str, Any]:
+    """The attributes of a task that hold a prior, or those of several bodies by label."""
+    return {
+        "prior_pose": prior if isinstance(prior, Pose) else None,
+        "known": prior if isinstance(prior, PosePrior) else None,
+        "priors": dict(prior) if isinstance(prior, Mapping) else {},
+    }

@@ -208,11 +208,11 @@ def _sample_of_hyperedges(task: MatchingTask, groups: list[Integers], rng: np.ra
     from rootmatch.hypergraph.random_tuples import permuted_tuples
 
     indices, weights = [np.empty((0, task.problem.order), np.int32)], [np.empty(0)]
-    kind = task.affinity.residual.kernel_kind(task.problem.pair_count)
+    kind, tables = task.affinity.residual.kernel_kind(task.problem.pair_count), task.problem.tables(task.points)
     for group in groups:
         members = np.flatnonzero(group >= 0)
         source = members[np.sort(permuted_tuples(rng, EDGES, len(members), task.problem.order), axis=1)]
-        residuals = cpu.residuals(task.tables_as_given, kind, source, group[source])
+        residuals = cpu.residuals(tables, kind, source, group[source])
         keep = residuals <= task.affinity.gate
         indices.append((source[keep] * task.shape[1] + group[source[keep]]).astype(np.int32))
         weights.append(task.affinity.weights(residuals[keep]))

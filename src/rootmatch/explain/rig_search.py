@@ -7,7 +7,6 @@ cameras; those that it gathers there are what the model of all images judges.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.image_hypotheses import Candidate, is_enough, model_of
 from rootmatch.explain.inexact_points import allowing_for_errors
 from rootmatch.explain.rig_triples import assignments_of_triples
-from rootmatch.explain.sampling import sample
+from rootmatch.explain.sampling import guided_with, sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
 from rootmatch.hypergraph.assignment import one_hot
@@ -45,6 +44,7 @@ are narrowed from match to match: of wristbands and their mirror images 1,193 si
 (benchmarks/flights.py, rig, 6 flights from 1100)."""
 BUDGET = 3_000_000
 """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
+IN_PART = StoppingOptions(in_part=True)
 SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 
@@ -69,7 +69,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     n = task.shape[0]
     guided = task.options.sampler
     if not isinstance(guided, Guided):
-        guided = _guided(task.budget or BUDGET, limits[0])
+        guided = guided_with(budget=task.budget or BUDGET, hypotheses=limits[0], stopping=IN_PART)
     hypotheses, evaluated, whole, missed_by = list[Integers](), 0, True, np.ones(len(task.rig.cameras))
     tensors = [empty_tensor(task)]
     searching = task.deadline.part(SEARCHED)
@@ -117,24 +117,13 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
 def _missed(verified: Integers, missed_by: Floats) -> float:
     """Probability that a pose with as many sightings in each camera as the first assignment was missed in all.
 
-    Of one that no camera shows four points of `search_meets` judges, by the triples that were looked at.
-
-    Parameters
-    ----------
-    verified : (K, n) int array
-    missed_by : (C,) array
-        That probability in each camera, if it shows enough of them.
+    Of one that no camera shows four points of `search_meets` judges, by the triples that were looked at. ``missed_by``:
+    (C,) that probability in each camera, if it shows enough of them.
     """
     if not len(verified):
         return 1.0
     enough = (verified[0].reshape(len(missed_by), -1) >= 0).sum(axis=1) >= LEAST
     return float(missed_by[enough].prod()) if enough.any() else 0.0
-
-
-@lru_cache(maxsize=32)
-def _guided(budget: int, hypotheses: int) -> Guided:
-    """A sampler with these options, checked once and not in every frame."""
-    return Guided(budget=budget, hypotheses=hypotheses, stopping=StoppingOptions(in_part=True))
 
 
 def of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers, MatchingTask]:

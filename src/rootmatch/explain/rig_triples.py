@@ -35,22 +35,8 @@ def assignments_of_triples(
 ) -> tuple[list[Integers], bool] | None:
     """Assignments of sightings that triples of one camera lead to in all cameras, the most likely first.
 
-    Parameters
-    ----------
-    part : MatchingTask
-        Of that camera and its detections.
-    model : DetectionModel
-        Of the sightings and all detections.
-    camera : int
-    own : (m,) int64 array
-        The detections of that camera among all.
-    options : GuidedOptions
-
-    Returns
-    -------
-    list of (n,) int64 arrays, and bool; or None
-        Those, and whether all triples were looked at.
-        None if triples cannot be searched: among too many detections, or, without normals, of too many points.
+    With whether all triples were looked at. None if they cannot be searched: among too many detections, or, without
+    normals, of too many points. ``part``: the task of that camera, whose detections (m,) are ``own`` of all.
     """
     found = _every(part) if part.points.normals is None else _visible(part, options)
     if found is None:

@@ -13,24 +13,16 @@ DOUBT = 0.01
 
 
 class Rivals(NamedTuple):
-    """What else a body's pose may be than the one that is most probably predicted.
-
-    Attributes
-    ----------
-    poses : tuple of (Pose, float)
-        Other predicted poses with the share of each; that of the first one is the rest.
-    doubt : float
-        Probability that none of all of them is right.
-    places : tuple of int
-        Numbers of the places in which all of them are followed, the first one's before the others.
-    lit : (n,) array, optional
-        Probability that each sighting of a point is lit by the frames before; all are where not given.
-    """
+    """What else a body's pose may be than the one that is most probably predicted."""
 
     poses: tuple[tuple[Pose, float], ...] = ()
+    """Other predicted poses with the share of each; that of the first one is the rest."""
     doubt: float = DOUBT
+    """Probability that none of all of them is right."""
     places: tuple[int, ...] = ()
+    """Numbers of the places in which all of them are followed, the first one's before the others."""
     lit: Floats | None = None
+    """(n,) probability that each sighting of a point is lit by the frames before; all are where not given."""
 
     def given(self, known: PosePrior) -> Rivals:
         """The same poses with partial knowledge."""

@@ -130,7 +130,7 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     automatic = sampler == "auto"
     if automatic and task.budget is not None:
         searched = pays(sampling) or is_quick(sampling) or _relative_poses_decide(task)
-        return (_guided(task.budget) if searched else "exhaustive"), False
+        return (guided_with(budget=task.budget) if searched else "exhaustive"), False
     affordable = LIMITS.affordable
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)
@@ -145,14 +145,14 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     elif automatic and pays(sampling):
         on_device = options.backend in selection.ON_CARD and sampling.sweep_cost <= LIMITS.cheap_on_device
         sampler = "exhaustive" if on_device else "guided"
-    budget = max(int(sampling.sweep_cost) // LIMITS.per_searched, LIMITS.quick) if fallback else None
-    return (_guided(budget) if sampler == "guided" else sampler), fallback
+    bounds = {"budget": max(int(sampling.sweep_cost) // LIMITS.per_searched, LIMITS.quick)} if fallback else {}
+    return (guided_with(**bounds) if sampler == "guided" else sampler), fallback
 
 
-@lru_cache(maxsize=16)
-def _guided(budget: int | None) -> Guided:
-    """The guided search with a budget: frame after frame the same, and checking its options takes 0.1 ms."""
-    return Guided() if budget is None else Guided(budget=budget)
+@lru_cache(maxsize=32)
+def guided_with(**options: Any) -> Guided:
+    """The guided search with some options: frame after frame the same, and checking them takes 0.1 ms."""
+    return Guided(**options)
 
 
 def _searched_first(task: MatchingTask) -> bool:

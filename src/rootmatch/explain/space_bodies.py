@@ -22,7 +22,7 @@ from rootmatch.explain.continued_sets import beside_sets
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
 from rootmatch.explain.image_decision import BY_ITS_LAW
-from rootmatch.explain.in_time import by_the_last_moment, last_moment, to_predict
+from rootmatch.explain.in_time import last_moment, to_predict
 from rootmatch.explain.point_set_decision import judged_of, model_of, told_by, wholly_predicted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copied
@@ -113,12 +113,7 @@ class _Body(SearchedBody):
 def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
     """The match of a task of two point sets of one space whose source points are of several bodies.
 
-    Parameters
-    ----------
-    task : MatchingTask
-        With labels.
-    solve : callable
-        From the task of one body to what its search proposes.
+    ``solve``: from the task of one body to what its search proposes.
     """
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
@@ -172,10 +167,10 @@ def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
         _share(bodies)
 
 
-@by_the_last_moment
 def _weigh(bodies: list[_Body]) -> None:
     """Weigh all bodies together."""
-    told = joint_posterior([body.model for body in bodies], [body.weighed for body in bodies])
+    with last_moment().enforced():
+        told = joint_posterior([body.model for body in bodies], [body.weighed for body in bodies])
     for body, one in zip(bodies, told, strict=True):
         body.told = one
     _share(bodies)

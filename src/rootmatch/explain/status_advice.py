@@ -62,15 +62,7 @@ def advice(
 ) -> str:
     """The status of a finding as a sentence, with what can be done about it.
 
-    Parameters
-    ----------
-    finding : Finding
-    confidence : (n,) array, optional
-        Confidence in each match, if the status needed it.
-    stopped_early : bool
-        Whether the time limit ended the search.
-    undetermined : bool
-        Whether the matches leave a direction of the pose open; see `is_undetermined`.
+    ``stopped_early``: whether the time limit ended the search. ``undetermined``: see `is_undetermined`.
     """
     if finding.status is Status.UNTRUSTED and (reason := obvious_fault(finding.task) or finding.reason) is not None:
         return f"no trustworthy match: {reason}"
@@ -165,10 +157,11 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
     if factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named and _is_noise_larger(finding):
         told = f"noise={factor * noise:.2g}" if isinstance(noise, int | float) else "a larger noise="
         if _is_pose_with_larger_noise(finding):
+            exact = problem.takes_prior and task.points.source_covariance is None
+            told += ", or source_noise= if the model is inexact" if exact else ""
             return (
                 f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given, "
-                f"or else the pose is wrong; give {told}{_or_inexact(task)}, "
-                f"and check {problem.to_check}{causes}"
+                f"or else the pose is wrong; give {told}, and check {problem.to_check}{causes}"
             )
         return (
             "no trustworthy match: no pose fits, and even with "
@@ -215,12 +208,6 @@ def _told_apart(less: float, more: float) -> tuple[str, str]:
     """Two probabilities with as many digits as it takes to see that they differ."""
     digits = next((k for k in range(3, 17) if f"{less:.{k}g}" != f"{more:.{k}g}"), 17)
     return f"{less:.{digits}g}", f"{more:.{digits}g}"
-
-
-def _or_inexact(task: MatchingTask) -> str:
-    """The noise of the model, where it could be stated and is not."""
-    possible = task.problem.takes_prior and task.points.source_covariance is None
-    return ", or source_noise= if the model is inexact" if possible else ""
 
 
 def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:

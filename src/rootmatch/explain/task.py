@@ -17,7 +17,7 @@ from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.explain.prior_validation import Prior, check_predicted, of_each
+from rootmatch.explain.prior_validation import Prior, as_attributes, check_predicted
 from rootmatch.explain.rivals import NONE, Rivals
 from rootmatch.explain.validation import check_not_exact, check_problem, noise_of_cameras, split_candidates
 from rootmatch.frozen import copied, once
@@ -46,79 +46,53 @@ class MatchingTask:
     """Points, problem and options, validated.
 
     Detections of a rig have a camera each, and an assignment has a row for each sighting: every point in every camera.
-
-    Attributes
-    ----------
-    problem : Problem
-    points : PointSets
-        Source and target with their noise and normals.
-    affinity : Affinity
-        From a hyper-edge's residual to its weight.
-    options : MatchOptions
-    noise : float, array or pair
-        Standard deviation as it was given, or as it was estimated.
-    estimates_noise, noise_is_estimated : bool
-        Whether the noise is to be estimated, that of ``points`` is meaningless then; and whether it has been.
-    allowed : (n, n') bool, optional
-        Correspondences that are possible.
-    weights : (n, n') float64, optional
-        Prior weights of correspondences.
-    bodies : BodyLabels, optional
-        Which rigid body each source point belongs to, where there are several.
-    prior_pose : Pose, optional
-        A predicted pose with its covariance.
-    rivals : Rivals
-        Of ``prior_pose``.
-    prior_poses, rivals_of : dict
-        Those of several bodies, by label.
-    prior_freedom : float
-        Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`.
-    present, present_of : float, optional, and dict
-        Probability that the body, or each of several, is in space, or what two views show; by default the model's.
-    weighs_parts : bool
-        Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised.
-    log_inexact : tuple of float
-        Log-odds by earlier frames that points are off by each of the first `rootmatch.model.image_alike.ERRORS`.
-    known, known_of : PosePrior, optional, and dict
-        Partial knowledge of the pose, and of those of several bodies, by label.
-    budget : int, optional
-        Evaluations of a guided search that a tracker or the search for several bodies bounds.
-    search_camera : int, optional
-        The only camera of a rig in which minimal sets are searched.
-    found_before : (K, n) int64, optional
-        Assignments that a guided search begins with.
-    more_images : bool
-        Whether images of the same points follow, so that what all of them need is prepared at once.
-    deadline : Deadline
-        When every stage hands on what it has found.
     """
 
     problem: Problem
     points: PointSets
+    """Source and target with their noise and normals."""
     affinity: Affinity
+    """From a hyper-edge's residual to its weight."""
     options: MatchOptions = field(default_factory=MatchOptions)
     noise: Any = 1.0
+    """Standard deviation as it was given, or as it was estimated."""
     estimates_noise: bool = False
     noise_is_estimated: bool = False
+    """Whether the noise is to be estimated, that of ``points`` is meaningless then; and whether it has been."""
     allowed: NDArray[np.bool_] | None = None
+    """(n, n') correspondences that are possible."""
     weights: NDArray[np.float64] | None = None
+    """(n, n') prior weights of correspondences."""
     bodies: BodyLabels | None = None
+    """Which rigid body each source point belongs to, where there are several."""
     prior_pose: Pose | None = None
+    """A predicted pose with its covariance."""
     rivals: Rivals = NONE
-    prior_poses: dict[Label, Pose] = field(default_factory=dict)
+    """Of ``prior_pose``."""
+    priors: dict[Label, Prior] = field(default_factory=dict)
     rivals_of: dict[Label, Rivals] = field(default_factory=dict)
+    """What is known of the poses of several bodies, by label, and what else those may be."""
     prior_freedom: float = math.inf
+    """Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`."""
     present: float | None = None
     present_of: dict[Label, float] = field(default_factory=dict)
+    """Probability that the body, or each of several, is in space, or what two views show; by default the model's."""
     weighs_parts: bool = True
+    """Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised."""
     log_inexact: tuple[float, ...] = ()
+    """Log-odds by earlier frames that points are off by each of the first `rootmatch.model.image_alike.ERRORS`."""
     known: PosePrior | None = None
-    known_of: dict[Label, PosePrior] = field(default_factory=dict)
+    """Partial knowledge of the pose."""
     budget: int | None = None
+    """Evaluations of a guided search that a tracker or the search for several bodies bounds."""
     search_camera: int | None = None
+    """The only camera of a rig in which minimal sets are searched."""
     found_before: NDArray[np.int64] | None = None
+    """(K, n) assignments that a guided search begins with."""
     more_images: bool = False
+    """Whether images of the same points follow, so that what all of them need is prepared at once."""
     deadline: Deadline = NEVER
+    """When every stage hands on what it has found."""
 
     @classmethod
     def of(
@@ -193,10 +167,7 @@ class MatchingTask:
             allowed=allowed,
             weights=weights,
             bodies=labels,
-            prior_pose=prior if isinstance(prior, Pose) else None,
-            prior_poses={label: one for label, one in of_each(prior).items() if isinstance(one, Pose)},
-            known=prior if isinstance(prior, PosePrior) else None,
-            known_of={label: one for label, one in of_each(prior).items() if isinstance(one, PosePrior)},
+            **as_attributes(prior),
             **told,
         )
 
@@ -242,6 +213,18 @@ class MatchingTask:
         """Prior weights of each row of an assignment and each detection, (rows, n')."""
         return None if self.weights is None else np.tile(self.weights, (self.rows // self.shape[0], 1))
 
+    @once
+    def log_weights(self) -> NDArray[np.float64] | None:
+        """Log-odds (rows, n') of the candidates by their weights, see `candidate_log_odds`; None without weights."""
+        if self.weights is None or self.row_weights is None:
+            return None
+        return candidate_log_odds(self.row_weights, None if self.rig is None else self.own_camera)
+
+    @once
+    def own_camera(self) -> NDArray[np.bool_]:
+        """Which detections are of the camera of each row of an assignment, (rows, n')."""
+        return np.asarray(np.arange(self.rows)[:, None] // self.shape[0] == self.camera_of)
+
     def sightings_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Rows (…, C m) of an assignment for points (…, m), those of the first camera first; −1 for a point −1."""
         if self.rig is None:
@@ -252,11 +235,16 @@ class MatchingTask:
     @property
     def has_prior(self) -> bool:
         """Whether anything is known of the pose, or of that of any body."""
-        return any(one is not None for one in (self.prior_pose, self.known)) or bool(self.prior_poses or self.known_of)
+        return self.prior_pose is not None or self.known is not None or bool(self.priors)
+
+    @property
+    def is_predicted(self) -> bool:
+        """Whether a pose is predicted, of any body."""
+        return self.prior_pose is not None or any(isinstance(one, Pose) for one in self.priors.values())
 
     def without_priors(self) -> Self:
         """A copy of the task without any knowledge of poses."""
-        return copied(self, prior_pose=None, rivals=NONE, prior_poses={}, rivals_of={}, known=None, known_of={})
+        return copied(self, rivals=NONE, rivals_of={}, **as_attributes(None))
 
     @once
     def image(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -283,11 +271,6 @@ class MatchingTask:
     def tables(self) -> Any:
         """Tables for the kernels, the source points in `permutation`."""
         return self.problem.tables(self.ordered_points)
-
-    @once
-    def tables_as_given(self) -> Any:
-        """Tables for the kernels, the source points as they were given."""
-        return self.problem.tables(self.points)
 
     @once
     def sampling_task(self) -> SamplingTask:
@@ -323,9 +306,9 @@ class MatchingTask:
         assert self.bodies is not None
         every = []
         for k, name in enumerate(self.bodies.names):
-            told = {"known": self.known_of.get(name), "present": self.present_of.get(name)}
-            predicted = {"prior_pose": self.prior_poses.get(name), "rivals": self.rivals_of.get(name, NONE)}
-            every.append(self.subset(self.bodies.points_of(k), np.arange(self.shape[1]), **told, **predicted))
+            told = as_attributes(self.priors.get(name)) | {"present": self.present_of.get(name)}
+            told["rivals"] = self.rivals_of.get(name, NONE)
+            every.append(self.subset(self.bodies.points_of(k), np.arange(self.shape[1]), **told))
         return every
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64], **known: Any) -> Self:
@@ -334,7 +317,7 @@ class MatchingTask:
         Partial knowledge of the pose holds for some of the points as well.
         """
         nothing: dict[str, Any] = {"prior_pose": None, "rivals": NONE, "found_before": None}
-        nothing |= {"prior_poses": {}, "rivals_of": {}, "known_of": {}}
+        nothing |= {"priors": {}, "rivals_of": {}}
 
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
             return None if whole is None else np.ascontiguousarray(whole[np.ix_(source, target)])
@@ -348,3 +331,18 @@ class MatchingTask:
             bodies=None,
             **(nothing | known),
         )
+
+
+def candidate_log_odds(weights: NDArray[np.float64], among: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+    """Logarithms (n, n') of the weights of candidates over their mean in each row; −∞ where one is zero.
+
+    A row tells which of its candidates is the detection of a point, if it has one: the weight of each over their sum
+    stands in the place of one over their number. So only ratios within a row count, as those of likelihoods do. The
+    factor of a clutter point is 1 in the mean: weights that know nothing make no pose more probable than clutter.
+
+    ``among``: (n, n') which pairs may be, of a rig those of a sighting's own camera.
+    """
+    possible = weights > 0.0 if among is None else among & (weights > 0.0)
+    mean = np.where(possible, weights, 0.0).sum(axis=1) / np.maximum(possible.sum(axis=1), 1)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(weights) - np.log(np.where(mean > 0.0, mean, 1.0))[:, None])

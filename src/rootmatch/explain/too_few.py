@@ -20,13 +20,8 @@ def are_too_few(task: MatchingTask, log_share: float = 0.0) -> bool:
     """Whether chance is expected to bring a pose that is as good as any that the detections can tell.
 
     Every minimal set of points and detections has a pose, and the evidence of a pose comes by chance at most once in as
-    many trials as it says. So what a search finds is not believed, the right pose or another.
-
-    Parameters
-    ----------
-    task : MatchingTask
-    log_share : float
-        Logarithm of the prior probability of the poses that are searched.
+    many trials as it says. So what a search finds is not believed, the right pose or another. ``log_share``: logarithm
+    of the prior probability of the poses that are searched.
     """
     (n, n_target), minimal = task.shape, task.minimal
     alone = task.rig is None and task.bodies is None and not task.has_prior and task.weights is None

@@ -15,7 +15,6 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import TRUST, Facts, Status
-from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
 from rootmatch.explain.image_decision import KEPT
@@ -61,7 +60,7 @@ def model_of(task: MatchingTask) -> TwoViewModel | None:
     camera, points = task.problem.camera, task.points  # type: ignore[attr-defined]
     crowds, _ = _crowds(camera, points.source, points.source_noise)
     clutter, sigma = _crowds(getattr(task.problem, "camera2", None) or camera, points.target, points.target_noise)
-    log_weights = None if task.weights is None else candidate_log_odds(task.weights)
+    log_weights = task.log_weights
     if task.allowed is not None:
         log_weights = np.where(task.allowed, 0.0 if log_weights is None else log_weights, -np.inf)
     rate = task.options.detection_rate

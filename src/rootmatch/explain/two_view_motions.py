@@ -22,15 +22,7 @@ from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 
 
 def match_motions(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
-    """The finding of several motions in two views.
-
-    Parameters
-    ----------
-    task : MatchingTask
-        Which asks for them.
-    solve : callable
-        The route of a task of one motion.
-    """
+    """The finding of several motions in two views, of a task that asks for them; ``solve`` is the route of one."""
     alone = replace(task, options=replace(task.options, motions=1))
     if task.options.motions != "auto":
         alone = replace(alone, present=IN_VIEW)

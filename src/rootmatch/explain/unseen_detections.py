@@ -41,8 +41,7 @@ def seen_alone(task: MatchingTask, explain: Callable[[MatchingTask], Finding]) -
     unseen = _unseen(task)
     if unseen is None:
         return explain(task)
-    predicted = task.prior_pose is not None or bool(task.prior_poses)
-    _report(task, unseen, wrong=bool(unseen.all() or (not predicted and unseen.mean() > MOST)))
+    _report(task, unseen, wrong=bool(unseen.all() or (not task.is_predicted and unseen.mean() > MOST)))
     columns = np.flatnonzero(~unseen)
     return _among_all(explain(_among(task, columns)), task, columns)
 

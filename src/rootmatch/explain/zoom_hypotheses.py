@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.image_hypotheses import Candidate, best_of, symmetries, with_poses
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -52,7 +51,7 @@ class ZoomCandidate(Candidate):
         return ZoomModel.of(
             np.array(problem.centre), problem.upright, points.source, points.target, sigma=points.target_noise,
             rate=task.options.detection_rate, allowed=task.allowed,
-            log_weights=None if task.weights is None else candidate_log_odds(task.weights),
+            log_weights=task.log_weights,
         )  # fmt: skip
 
     def poses_of(self, rows: Integers) -> Proposals:

@@ -51,25 +51,20 @@ def read_camera(path: Path, name: str | None = None) -> Calibration:
         Which of several cameras.
     """
     with rereadable(path) as file:
-        return _read_camera(file, name)
-
-
-def _read_camera(path: Path, name: str | None) -> Calibration:
-    content = load_json(path, read_small_text(path)) if path.suffix.lower() == ".json" else None
-    ours = content is not None and not (isinstance(content, dict) and is_opencv(content))
-    if ours and isinstance(content, dict) and "cameras" not in content and name is None:
-        camera = camera_of(path, content, ("camera2", *DIRECTIONS))
-        camera2 = camera_of(path, content["camera2"], ()) if content.get("camera2") is not None else None
-        return Calibration(camera, camera2, **_directions(path, content))
-    found = read_cameras(path)
-    if name is None and len(found) > 1:
-        raise InputError(
-            f"{path}: cameras {_listed(found)}; choose one by its name, such as {path}#{next(iter(found))}"
-        )
-    if name is not None and name not in found:
-        raise InputError(f"{path}: no camera is named {quoted(name)}; it has {_listed(found)}")
-    camera = found[name] if name is not None else next(iter(found.values()))
-    return Calibration(camera, None, **_directions(path, content if ours and isinstance(content, dict) else {}))
+        content = load_json(file, read_small_text(file)) if file.suffix.lower() == ".json" else None
+        ours = content if isinstance(content, dict) and not is_opencv(content) else None
+        if ours is not None and "cameras" not in ours and name is None:
+            camera = camera_of(file, ours, ("camera2", *DIRECTIONS))
+            camera2 = camera_of(file, ours["camera2"], ()) if ours.get("camera2") is not None else None
+            return Calibration(camera, camera2, **_directions(file, ours))
+        found = read_cameras(file)
+        if name is None and len(found) > 1:
+            hint = f"choose one by its name, such as {file}#{next(iter(found))}"
+            raise InputError(f"{file}: cameras {_listed(found)}; {hint}")
+        if name is not None and name not in found:
+            raise InputError(f"{file}: no camera is named {quoted(name)}; it has {_listed(found)}")
+        chosen = next(iter(found.values())) if name is None else found[name]
+        return Calibration(chosen, None, **_directions(file, ours or {}))
 
 
 def write_camera(path: Path, calibration: Calibration) -> None:

@@ -84,15 +84,13 @@ def read_points(
     needed = (*COORDINATES[:2], "camera") if of_rig else COORDINATES[:dimension]
     known = ("id", *needed, "sigma", *((*NORMALS, "body", *DEVIATIONS) if dimension == 3 and not of_rig else ()))
     rows = read_table(path, needed, (*known, *((*COVARIANCE, *COLUMNS) if of_image else ())))
-    told = KnownInImage(path)
-    if of_image and check_groups(path, rows[0][1]):
+    told, columns = KnownInImage(path), rows[0][1]
+    if of_image and check_groups(path, columns):
         for row, cells in rows:
             told.take(row, cells)
-    with_normals, noisy = whole(path, rows[0][1], NORMALS), noise_columns(path, rows[0][1])
+    with_normals, noisy = whole(path, columns, NORMALS), noise_columns(path, columns)
     points = np.array([[number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
-    bodies = None
-    if "body" in rows[0][1]:
-        bodies = _labels(path, rows, "body", "label")
+    bodies = _labels(path, rows, "body", "label") if "body" in columns else None
     if dimension == 3 or not of_image:  # a detection may be reported twice: both stay unmatched
         owners = bodies or ("",) * len(rows)
         each = zip(rows, points.tolist(), owners, strict=True)
@@ -103,9 +101,8 @@ def read_points(
         for (row, _), length in zip(rows, np.linalg.norm(normals, axis=1).tolist(), strict=True):
             if length < 1e-12:
                 raise InputError(f"{path}, row {row}: a normal of length 0; give the surface's outward direction")
-    ids = None
-    if "id" in rows[0][1]:
-        ids = _labels(path, rows, "id", "name")
+    ids = _labels(path, rows, "id", "name") if "id" in columns else None
+    if ids is not None:
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
     sigma = noise_of_rows(noisy, [noise_of_row(path, row, noisy, cells) for row, cells in rows])
     if len(points) < least:

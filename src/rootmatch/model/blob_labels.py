@@ -60,14 +60,7 @@ def of_surest(assignment: Integers, values: Floats, surest: Integers) -> tuple[I
 def resolved(model: DetectionModel, points: PointSets, assignment: Integers, pose: Pose) -> PointSets:
     """Points of an image in which each point of a blob is detected by itself, as far from its image as the blob was.
 
-    Parameters
-    ----------
-    model : DetectionModel
-        Of the points.
-    points : PointSets
-    assignment : (n,) int64 array
-    pose : Pose
-        In which the blobs are.
+    ``assignment`` (n,): in which a blob is one detection; ``pose``: that of the blobs.
     """
     R, position = model.centred(pose.R[None], pose.t[None])
     at = model.linearised(R, position) if model.resolution > 0.0 else None

@@ -96,16 +96,8 @@ def of_blobs(assignments: Integers, blob: Integers) -> Integers:
 def lit_chances(pixels: Floats, lit: Floats, detection: Floats, variance: float) -> Floats:
     """Chance (m,) that each point of a blob is lit, by where the blob is detected.
 
-    Parameters
-    ----------
-    pixels : (m, 2) array
-    lit : (m,) array
-        Chance of each without that.
-    detection : (2,) array
-    variance : float
-        Of each coordinate of the detection.
-
-    One of them alone, or all: the chance of some is counted as that of all.
+    ``pixels`` (m, 2): images of the points; ``lit`` (m,): chance of each without that; ``detection`` (2,) has so much
+    ``variance`` on each axis. One of them is lit alone, or all: the chance of some is counted as that of all.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         odds = lit / (1.0 - np.minimum(lit, 0.999))

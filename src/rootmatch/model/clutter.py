@@ -197,12 +197,7 @@ def clutter_of(target: Floats, sigma: Floats, areas: Floats, image_of: Integers 
 def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
     """The clutter among targets of a plane or of space, which fills a box.
 
-    Parameters
-    ----------
-    target, sigma : (n', k) and (n',) arrays
-        Targets along the axes of the box, with their σ.
-    extents : (k,) array
-        Of the box.
+    ``target`` (n', k): along the axes of the box, whose ``extents`` are (k,); ``sigma`` (n',).
     """
     uniform, label = np.full(len(target), 1.0 / np.prod(extents)), np.zeros(len(target), np.int64)
     return _clutter(target, sigma, uniform, extents, label, crowds=PSEUDO_IN_SPACE)

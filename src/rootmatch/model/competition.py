@@ -19,7 +19,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.exact_shapes import Copies, log_gains
 from rootmatch.model.exchanged import of_itself
-from rootmatch.model.joint import marginals
+from rootmatch.model.joint import marginals, parts_left
 from rootmatch.model.modes import Modes, none_near, same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
@@ -76,9 +76,12 @@ def joint_posterior(
         )  # fmt: skip
 
     each_of = weighed(named)
-    if disputed := [k for k, _ in named if _is_disputed(each_of[k][:-1], uses[k])]:
-        best = [np.asarray(of_modes[:1].any(axis=0)) for of_modes in uses]
-        alike = {k: _alike(models[k], parts[k], uses[k], origins[k], _of_others(best, k)) for k in disputed}
+    # a body may be in another place than that of its best mode
+    shares = [(k, each_of[k][:-1]) for k, _ in named]
+    if disputed := [k for k, of in shares if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL]:
+        best = np.array([of_modes[:1].any(axis=0) for of_modes in uses])
+        others = {k: np.asarray(np.delete(best, k, axis=0).any(axis=0)) for k in disputed}
+        alike = {k: _alike(models[k], parts[k], uses[k], origins[k], others[k]) for k in disputed}
         each_of = weighed([(k, mass + alike[k] if k in alike else mass) for k, mass in named])
     found = []
     of_copy = {k: 1.0 - float(share[-1]) for (k, _), share in zip(named, each_of[len(parts) :], strict=True)}
@@ -153,16 +156,6 @@ def _apart(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats
     return np.where(np.append(apart, np.ones((1, len(apart)), np.bool_), axis=0), as_copy, -np.inf)
 
 
-def _is_disputed(shares: Floats, uses: Bools) -> bool:
-    """Whether a body may be in another place than that of its best mode, by the shares (M,) of its modes."""
-    return float(shares[~(uses @ uses[int(shares.argmax())])].sum()) >= WRONG_MODEL
-
-
-def _of_others(best: Sequence[Bools], k: int) -> Bools:
-    """Detections (n',) of the best modes of all bodies but one."""
-    return np.asarray(np.any([np.zeros_like(best[k]), *best[:k], *best[k + 1 :]], axis=0))
-
-
 def _alike(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None, taken: Bools) -> Floats:
     """Logarithms (M + 1, M) of factors on the odds of a copy, in whose place something alike may be.
 
@@ -211,18 +204,9 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bool
     shared[:own] = _beside(model, modes, uses[k])
     if not shared.any():
         return modes
-    known = {one.tobytes() for one in modes.assignments}
-    rows, parts = [], []
-    for wanted, row in np.argwhere(shared).tolist():
-        assignment = modes.assignments[row]
-        part = np.where((assignment >= 0) & others[wanted, assignment], -1, assignment)
-        if np.count_nonzero(part >= 0) >= model.prior.least and part.tobytes() not in known:
-            known.add(part.tobytes())
-            rows.append(row)
-            parts.append(part)
-    if not parts:
+    which, assignments = parts_left(modes.assignments, others, shared, model.prior.least)
+    if not len(which):
         return modes
-    which, assignments = np.array(rows), np.array(parts)
     found = evidence(model, assignments, model.linearised(modes.rotation[which], modes.position[which]))
     usable = np.isfinite(found.log_odds)
     part_of = modes.take(which)

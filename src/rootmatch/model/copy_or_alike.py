@@ -37,14 +37,7 @@ time."""
 def log_beside_copy(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> float:
     """Logarithm of the factor on the odds of a copy in the place of a mode: something alike may be there instead.
 
-    Parameters
-    ----------
-    model : DetectionModel
-    modes : Modes
-    k : int
-        Which of them.
-    taken : (n',) bool array
-        Detections of the body in its own place, and of others.
+    ``k``: which mode; ``taken`` (n',): detections of the body in its own place, and of others.
 
     Returns
     -------
@@ -125,9 +118,12 @@ def _each_off(
     out = np.empty((len(order), len(errors)))
     for row, one in enumerate(order.tolist()):
         place, shown = (at.one(one), found.covariance[one], without[one]), off[one] & (found.visible[one] > HIDDEN)
-        for w, error in enumerate(errors):
-            wide = off_by(model, error, off[one])
+        for w in range(len(errors))[::-1]:  # what is too far for the largest errors is so for all
+            wide = off_by(model, errors[w], off[one])
             own = _with_nearest(wide, place, shown.nonzero()[0], free)
+            if (own == place[2]).all():
+                out[row, : w + 1] = found.log_odds[one]
+                break
             out[row, w] = float(evidence(wide, own[None], place[0]).log_odds[0])
     return order, out
 

@@ -94,31 +94,29 @@ class _Place:
     def _near(self, row: int, image: int, free: Bools) -> Integers:
         """Detections of an image that may be of a row's point."""
         (own,) = (free & (self.model.image_of == image)).nonzero()
-        squared, _, _ = self._apart(row, own, np.zeros(9), self.spread)
-        return np.asarray(own[squared < REACH**2])
+        off, across, _ = self._apart(row, own, np.zeros(9), self.spread)
+        return np.asarray(own[(off @ np.linalg.inv(across) * off).sum(axis=1) < REACH**2])
 
     def _apart(self, row: int, own: Integers, step: Floats, spread: Floats) -> tuple[Floats, Floats, Floats]:
-        """Squared deviations (m,) of detections, their covariance (2, 2), and the gain (9, 2) by one of them."""
+        """Deviations (m, 2) of detections, their covariance (2, 2), and their Jacobian (2, 9) by pose and point."""
         jacobian = np.hstack([self.at.jacobian[0, row], self.at.jacobian[0, row][:, 3:]])
         sigma = float(self.model.sigma[own].max(initial=0.0)) + 1e-300
         across = jacobian @ spread @ jacobian.T + sigma**2 * np.eye(2)
-        off = self.model.target[own] - self.at.pixels[0, row] - jacobian @ step
-        inverse = np.linalg.inv(across)
-        return (off @ inverse * off).sum(axis=1), across, spread @ jacobian.T @ inverse
+        return self.model.target[own] - self.at.pixels[0, row] - jacobian @ step, across, jacobian
 
     def _grown(self, possible: list[tuple[int, Integers]], lit: Floats) -> tuple[float, Integers, Integers]:
         """What a point has in each image in turn, as far as those before tell where it is."""
         step, spread, total, pairs = np.zeros(9), self.spread, 0.0, list[tuple[int, int]]()
         for row, own in possible:
-            squared, across, gain = self._apart(row, own, step, spread)
-            chance = USUAL_RATE * float(lit[row])
-            worth = math.log(chance / (1.0 - chance)) - self.model.clutter.log_density[own] - 0.5 * squared
+            off, across, jacobian = self._apart(row, own, step, spread)
+            inverse, chance = np.linalg.inv(across), USUAL_RATE * float(lit[row])
+            worth = math.log(chance / (1.0 - chance)) - self.model.clutter.log_density[own]
+            worth -= 0.5 * (off @ inverse * off).sum(axis=1)
             worth -= 0.5 * float(np.linalg.slogdet(2.0 * np.pi * across)[1])
             one = int(worth.argmax())
             if worth[one] > 0.0 or not pairs:
-                jacobian = np.hstack([self.at.jacobian[0, row], self.at.jacobian[0, row][:, 3:]])
-                off = self.model.target[own[one]] - self.at.pixels[0, row] - jacobian @ step
-                step, spread = step + gain @ off, spread - gain @ jacobian @ spread
+                gain = spread @ jacobian.T @ inverse
+                step, spread = step + gain @ off[one], spread - gain @ jacobian @ spread
                 total += float(worth[one])
                 pairs.append((row, int(own[one])))
         rows, detections = np.array(pairs, np.int64).reshape(-1, 2).T

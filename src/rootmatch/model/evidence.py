@@ -212,18 +212,8 @@ def settled_of_likely(
 ) -> tuple[Evidence, Linearised, tuple[Floats, Floats]]:
     """`settled_about` those of some assignments that may count, and their poses after the last steps, compiled.
 
-    The others, and those that repeat another one, have log-odds of −∞.
-
-    Parameters
-    ----------
-    model : DetectionModel
-    assignments : (K, n) int64 array
-    poses : tuple
-        Rotations (K, 3, 3) and positions (K, 3) of the body's centre.
-    prior : Mixture
-        Of the model.
-    hopeless : tuple of float
-        Log-odds behind the best, least log-odds that this has, and log-odds from which any may count.
+    The others, and those that repeat another one, have log-odds of −∞. ``hopeless``: log-odds behind the best, least
+    log-odds that this has, and log-odds from which any may count.
     """
     at, rows = unfilled(model.shape[0], model.normals is not None, *poses), np.array(assignments, np.int64)
     after = np.empty(at.rotation.shape), np.empty(at.position.shape)

@@ -70,13 +70,7 @@ class ExactShape(NamedTuple):
 def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mirror: bool = False) -> float:
     """Probability that a motion takes some points of the source exactly onto others, given their measured positions.
 
-    Parameters
-    ----------
-    clouds : PointClouds
-    first, second : (m,) int64 arrays
-        The points, and the points whose places they take after the motion.
-    mirror : bool
-        Whether the motion may be a reflection.
+    ``first`` (m,) are the points, ``second`` (m,) those whose places they take; ``mirror``: or by a reflection.
     """
     every, place = np.unique(np.concatenate([first, second]), return_inverse=True)
     points = clouds.source[every]
@@ -93,15 +87,8 @@ def exact_shape(
     The deviations of the points from their places after the motions are linear in the errors, apart from a small change
     of each motion.
 
-    Parameters
-    ----------
-    points : (n, k) array
-    covariance : (n, k, k) array
-        Of their positions.
-    motions : sequence of ((m,), (m,)) int64 arrays
-        Points, and the points whose places they take.
-    mirror : bool
-        Whether the motions may be reflections.
+    ``points`` (n, k) have the ``covariance`` (n, k, k); ``motions`` name points (m,), and those whose places they take;
+    ``mirror``: whether they may be reflections.
     """
     n, size = points.shape
     variance = np.trace(covariance, axis1=1, axis2=2) / size

@@ -22,13 +22,8 @@ RATE = 0.7
 def gathered(model: DetectionModel, proposals: Proposals, *, least: int, most: int) -> Proposals:
     """What hypotheses lead to, each assignment once, the most likely first, at the poses that led to it.
 
-    Parameters
-    ----------
-    model : DetectionModel
-    proposals : Proposals
-        Poses with the matches, three or more, that determine them.
-    least, most : int
-        Minimum number of matches, and maximum number of assignments.
+    ``proposals``: poses with the matches, three or more, that determine them; ``least``: fewest matches of an
+    assignment; ``most``: how many assignments.
     """
     assignments, gains = gathered_by_each(model, proposals)
     enough = np.flatnonzero(((assignments >= 0).sum(axis=1) >= least) & np.isfinite(gains))

@@ -48,14 +48,7 @@ twentieth of what is allowed for. A round value; it bounds time."""
 def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> Floats | None:
     """Log-odds (W,) of a body with points that are off by each of `ERRORS`, in about the pose of one of the modes.
 
-    Parameters
-    ----------
-    model : DetectionModel
-    modes : Modes
-    k : int
-        Which of them.
-    taken : (n',) bool array, optional
-        Detections of other bodies.
+    ``k``: which mode; ``taken`` (n',): detections of other bodies.
 
     Returns
     -------

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, Integers
 
 BEAM = 4096
 """Most joint hypotheses that are kept from one body to the next, the most probable ones. A round value."""
@@ -64,6 +64,22 @@ def marginals(
     shares = _shares(whole)
     counts = [np.bincount(chosen[:, k], shares, mass.shape[-1] + 1) for k, mass in enumerate(masses)]
     return [np.asarray(one, np.float64) for one in counts]
+
+
+def parts_left(assignments: Integers, others: Bools, shared: Bools, least: int) -> tuple[Integers, Integers]:
+    """What remains of assignments (K, n) if others (J, n') take the detections that they share, each part once.
+
+    The row (P,) that each is part of, and the parts (P, n) with so many matches at the ``least``; ``shared`` (J, K):
+    which take anything from which.
+    """
+    known, rows, parts = {one.tobytes() for one in assignments}, list[int](), [assignments[:0]]
+    for other, row in np.argwhere(shared).tolist():
+        part = np.where((assignments[row] >= 0) & others[other, assignments[row]], -1, assignments[row])
+        if np.count_nonzero(part >= 0) >= least and part.tobytes() not in known:
+            known.add(part.tobytes())
+            rows.append(row)
+            parts.append(part[None])
+    return np.array(rows, np.int64), np.concatenate(parts)
 
 
 def _shares(log_odds: Floats) -> Floats:

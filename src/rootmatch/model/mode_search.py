@@ -24,8 +24,6 @@ from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
 from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import (
     Evidence,
-    about,
-    deviations,
     evidence,
     mixture_of,
     settled,
@@ -33,7 +31,7 @@ from rootmatch.model.evidence import (
     settled_of_likely,
     stepped,
 )
-from rootmatch.model.linearised import Linearised, with_rows
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, as_objects, no_modes, nothing_near
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import COPY, COUNTS
@@ -57,9 +55,6 @@ HOPELESS = 30.0
 """Log-odds against a proposal at which it is not fitted, to first order about its given pose, and at which what a
 prediction or another body's pose proposes does not grow, against clutter alone: of 181 such modes two grew to be more
 probable than clutter, by .2 (benchmarks/flights.py, rooms and rigs, 3 flights each from 1100). A round value."""
-MISFITTING = 25.0
-"""Squared deviation, in units of the noise, from which a match that a twin has from another pose is left out. A round
-value."""
 SAME_POSE = 2.0
 """Difference in standard deviations up to which two poses count as one. With 5, the two poses of a board that faces the
 camera were one, and a tracker kept to the wrong one; 1 finds the same as 2.5 (benchmarks/flights.py, board)."""
@@ -89,7 +84,7 @@ def modes_of(
         as a solver's.
     twins : bool
         Whether the proposals are twins of known modes: one that lacks a part of what it shows seems far behind, and
-        grows as well, without the matches that are not its own.
+        grows as well.
     """
     proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     if not len(proposals.assignments):
@@ -106,8 +101,6 @@ def modes_of(
     each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
     proposals = proposals.take(slice(in_force().cut(len(proposals.assignments), each)))
     assignments, found, at, poses = _possible(model, proposals, floor, of_copy)
-    if twins:
-        assignments, found, at, poses = _without_misfits(model, assignments, found, at, poses)
     order = (-found.log_odds).argsort(kind="stable")
     for k in order[np.isfinite(found.log_odds[order])].tolist():
         log_odds = float(found.log_odds[k])
@@ -175,12 +168,9 @@ def _possible(
     if (prior := mixture_of(model)) is not None:
         hopeless = HOPELESS, floor, enough
         return assignments, *settled_of_likely(model, assignments, (poses[0], poses[1]), prior, hopeless)
-    if model.resolution == 0.0:
-        rough, at = about(model, *proposals)
-    else:
-        at = model.linearised(proposals.rotation, proposals.position)
-        assignments = assignments if at.blob is None else of_blobs(assignments, at.blob)
-        rough = evidence(model, assignments, at)
+    at = model.linearised(*poses)
+    assignments = assignments if at.blob is None else of_blobs(assignments, at.blob)
+    rough = evidence(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
     worth = rough.log_odds > min(best - HOPELESS, enough)
     if not worth.all():
@@ -188,26 +178,6 @@ def _possible(
         assignments, rough, at = assignments[some], rough.take(some), at.take(some)
     found, at = settled(model, assignments, rough, at)
     return assignments, found, at, stepped(found, at)
-
-
-def _without_misfits(
-    model: DetectionModel, assignments: Integers, found: Evidence, at: Linearised, poses: tuple[Floats, Floats]
-) -> tuple[Integers, Evidence, Linearised, tuple[Floats, Floats]]:
-    """Settled hypotheses and their best poses, and those whose matches fit in part without the rest."""
-    (some,) = np.isfinite(found.log_odds).nonzero()
-    there = at.take(some)
-    misfit = (deviations(model, assignments[some], there)[0] ** 2).sum(axis=2) > MISFITTING
-    enough = ((assignments[some] >= 0) & ~misfit).sum(axis=1) >= model.prior.least
-    (which,) = (misfit.any(axis=1) & enough).nonzero()
-    if not len(which):
-        return assignments, found, at, poses
-    some, there = some[which], there.take(which)
-    fitting = np.where(misfit[which], -1, assignments[some])
-    again, there = settled(model, fitting, evidence(model, fitting, there), there)
-    better = again.log_odds > found.log_odds[some]
-    some, again, there = some[better], again.take(better), there.take(np.flatnonzero(better))
-    found, at = found.with_(some, again), at.with_(some, there)
-    return with_rows(assignments, some, fitting[better]), found, at, stepped(found, at)
 
 
 @dataclass(eq=False)

@@ -196,13 +196,12 @@ class _Body(NamedTuple):
     def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
         """Whether a motion is nearly the same as one of those found."""
         rotations, shifts = np.array([known.rotation for known in found]), np.array([known.shift for known in found])
-        return len(found) > 0 and bool(self.alike(NearSymmetry(rotations, shifts, one.image), one).any())
+        return len(found) > 0 and bool(self.alike(rotations, shifts, one).any())
 
-    def alike(self, first: NearSymmetry, second: NearSymmetry) -> Bools:
-        """Whether motions, of which the first may be many, are nearly the same."""
-        middle = self.source.mean(axis=0)
-        apart = middle @ (first.rotation - second.rotation).swapaxes(-2, -1) + first.shift - second.shift
-        same = (first.rotation * second.rotation).sum(axis=(-2, -1)) > 1.0 + 2.0 * math.cos(ANGLE)
+    def alike(self, rotations: Floats, shifts: Floats, one: NearSymmetry) -> Bools:
+        """Which of some motions (M, 3, 3) and (M, 3) are nearly the same as another."""
+        apart = self.source.mean(axis=0) @ (rotations - one.rotation).swapaxes(-2, -1) + shifts - one.shift
+        same = (rotations * one.rotation).sum(axis=(-2, -1)) > 1.0 + 2.0 * math.cos(ANGLE)
         return np.asarray(same & (np.linalg.norm(apart, axis=-1) < APART * self.near))
 
 
@@ -220,7 +219,7 @@ def _found(body: _Body, least: int) -> list[NearSymmetry]:
         for other in (one, _refined(body, one.rotation.T, -one.rotation.T @ one.shift)):
             if other.mapped >= least and other.moves and not body.knows(found, other):
                 found.append(other)
-        counts = np.where(body.alike(NearSymmetry(rotations, shifts, one.image), one), 0, counts)
+        counts = np.where(body.alike(rotations, shifts, one), 0, counts)
         counts[k] = 0
     found.sort(key=lambda one: -one.mapped)
     return found[:MOST]

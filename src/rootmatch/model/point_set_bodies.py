@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.joint import marginals
+from rootmatch.model.joint import marginals, parts_left
 from rootmatch.model.modes import uses_of
 from rootmatch.model.motion_prior import of_rows
 from rootmatch.model.point_set_model import Judged, PointSetModel
@@ -29,12 +29,7 @@ KEPT = 64
 def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -> list[PointSetPosterior]:
     """The marginal posteriors of several bodies among the same targets.
 
-    Parameters
-    ----------
-    models : sequence of PointSetModel
-        Of the bodies.
-    every : sequence of Weighed
-        The labellings of each, proposed without regard to the others.
+    ``every``: the labellings of each, proposed without regard to the others.
     """
     count = len(models[0].clouds.target)
     copies = [_copies(one, count) for one in every]
@@ -120,17 +115,11 @@ def _undominated(used: Bools, mass: Floats, contested: Bools) -> Integers:
 def _with_parts(model: PointSetModel, found: Weighed, k: int, uses: Sequence[Bools]) -> Weighed:
     """The labellings of body k, and what remains of them if others take shared targets; ``uses``: of each body."""
     others = np.concatenate([uses[k][:0], *uses[:k], *uses[k + 1 :]])
-    known = {one.tobytes() for one in found.assignments}
-    parts = []
-    for wanted, row in np.argwhere(others.astype(np.float32) @ uses[k].T.astype(np.float32) > 0.5).tolist():
-        assignment = found.assignments[row]
-        part = np.where((assignment >= 0) & others[wanted, assignment], -1, assignment)
-        if np.count_nonzero(part >= 0) >= FEWEST and part.tobytes() not in known:
-            known.add(part.tobytes())
-            parts.append(part)
-    if not parts:
+    shared = others.astype(np.float32) @ uses[k].T.astype(np.float32) > 0.5
+    _, parts = parts_left(found.assignments, others, np.asarray(shared), FEWEST)
+    if not len(parts):
         return found
-    more = model.judged(np.array(parts))
+    more = model.judged(parts)
     return found._replace(
         assignments=np.concatenate([found.assignments, more.fit.assignments]),
         log_odds=np.concatenate([found.log_odds, more.log_odds - more.known]),

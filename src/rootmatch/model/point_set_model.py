@@ -144,9 +144,11 @@ class PointSetModel:
         predicted, total = len(factors) - 1, np.asarray(np.logaddexp.reduce(factors, axis=0))
         held = np.where((first := factors.argmax(axis=0)) < predicted, first, -1)
         known = np.zeros(len(total)) if self.prior is None else total
-        matched = (assignments >= 0).sum(axis=1)
-        odds = self.log_density(fit) - self.log_volume + self.log_counts[matched] - self._log_clutter(fit)
-        odds = odds + self._log_weights(assignments) + self._log_lacked(fit)
+        matched, taken = (assignments >= 0).sum(axis=1), uses_of(fit.assignments, len(self.clouds.target))
+        # what was matched, as clutter that may crowd about points of which nothing was detected
+        log_clutter = self.clutter.log_taken(taken, self.about_points(fit, fit.assignments < 0))
+        odds = self.log_density(fit) - self.log_volume + self.log_counts[matched] - log_clutter
+        odds = odds + self._log_weights(assignments) + self._log_lacked(fit, taken)
         return Judged(fit, np.asarray(odds + total), known, held)
 
     def judged_one(self, assignment: Integers) -> Judged:
@@ -160,15 +162,7 @@ class PointSetModel:
         """Remember one labelling for `judged_one`."""
         self._kept[first.fit.assignments[0].tobytes()] = first
 
-    def _log_clutter(self, fit: PointSetFit) -> Floats:
-        """Logarithm (K,) of the density of the matched targets as clutter, given what a labelling leaves as clutter.
-
-        That may crowd about points of which nothing was detected.
-        """
-        taken = uses_of(fit.assignments, len(self.clouds.target))
-        return self.clutter.log_taken(taken, self.about_points(fit, fit.assignments < 0))
-
-    def _log_lacked(self, fit: PointSetFit) -> Floats:
+    def _log_lacked(self, fit: PointSetFit, taken: Bools) -> Floats:
         """Logarithm (K,) of the odds that the source lacks so many of what repeats itself where it shows its points.
 
         Any share of it may be detected in the source, as in the targets, and each choice of as many is as probable. As
@@ -178,7 +172,7 @@ class PointSetModel:
             return np.zeros(len(fit.scale))
         from scipy.special import betaln  # slow to import
 
-        clouds, taken = self.clouds, uses_of(fit.assignments, len(self.clouds.target))
+        clouds = self.clouds
         back = (clouds.target - fit.shift[:, None]) @ fit.rotation / fit.scale[:, None, None]
         noise = clouds.source_variance + clouds.target_variance.max() / float(fit.scale[0]) ** 2
         seen = chances_among(back, clouds.source, noise)
@@ -325,12 +319,9 @@ class PointSetModel:
         """Sum (K,) of the logarithms of the prior weights of an assignment's matches."""
         if self.weights is None:
             return np.zeros(len(assignments))
-        matched = assignments >= 0
         with np.errstate(divide="ignore"):
             log = np.log(self.weights)
-        return np.asarray(
-            np.where(matched, log[np.arange(log.shape[0]), np.where(matched, assignments, 0)], 0.0).sum(1)
-        )
+        return np.asarray(np.where(assignments >= 0, log[np.arange(len(log)), assignments], 0.0).sum(axis=1))
 
 
 @lru_cache(maxsize=64)

@@ -26,15 +26,8 @@ def log_odds_off(
 ) -> Floats | None:
     """Log-odds (W,) that all points of a body are off by each of `ERRORS`, about the motion of a labelling.
 
-    Parameters
-    ----------
-    model : PointSetModel
-    assignment : (n,) int64 array
-        The labelling.
-    log_mass : float
-        Logarithm of the weight of all labellings about its motion, against clutter alone.
-    taken : (n',) bool array, optional
-        Targets of other bodies.
+    ``log_mass``: logarithm of the weight of all labellings about its motion, against clutter alone; ``taken`` (n',):
+    targets of other bodies.
 
     Returns
     -------

@@ -201,16 +201,8 @@ def without_doubtful(
 ) -> Believed:
     """What is believed of an assignment (n,): its matches that are right together with the least probability.
 
-    Parameters
-    ----------
-    assignment : (n,) int64 array
-    confidence : (n,) float64 array
-        Probability of each match.
-    sure : float
-        That of a match of which nothing but the pose is doubtful.
-    min_probability : float
-    pose : float
-        Probability of the pose, at least ``min_probability``.
+    ``confidence`` (n,): probability of each match; ``sure``: that of a match of which nothing but the pose is doubtful;
+    ``pose``: probability of the pose, at least ``min_probability``.
     """
     matched = (assignment >= 0).nonzero()[0]
     each = confidence[matched]

@@ -94,18 +94,35 @@ def proposals_of_settled(every: Sequence[Settled]) -> Proposals | None:
 def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | None:
     """Assignments about a predicted pose with the poses they lead to, the most probable first.
 
-    Parameters
-    ----------
-    model : DetectionModel
-        Whose prior has the prediction in it.
-    prediction : Gaussian
-        Of all six parameters.
+    The prediction is of all six parameters, and part of the model's prior.
 
     Returns
     -------
     Proposals or None
         None if the prediction has no candidates, or too many even where it is narrowed.
     """
+    return proposals_of_settled(_settled_about(model, prediction)[0])
+
+
+def about_each(model: DetectionModel, predictions: Sequence[Gaussian]) -> list[Proposals]:
+    """What `proposals_about` tells of several predictions, the most probable first.
+
+    A wide one is narrowed by single correspondences only if none before it fits. Its look-alikes of what fits are
+    proposed as twins.
+    """
+    out, narrowing = list[Proposals](), True
+    for prediction in predictions:
+        found, fits = _settled_about(model, prediction, narrowing=narrowing)
+        narrowing = narrowing and not fits
+        if (proposals := proposals_of_settled(found)) is not None:
+            out.append(proposals)
+    return out
+
+
+def _settled_about(
+    model: DetectionModel, prediction: Gaussian, *, narrowing: bool = True
+) -> tuple[list[Settled], bool]:
+    """The assignments of `proposals_about`, and whether one fits that was settled at once."""
     pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded
     most = MOST_PAIRS * max(len(model.images), 1)
     known: dict[bytes, Settled] = {}
@@ -128,15 +145,16 @@ def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | 
                 break
         covariance = 0.25 * covariance
     if not torn:
-        return None
-    if start is None or not start.is_convincing(int(np.count_nonzero(torn[0][0].candidates))):
+        return [], False
+    fits = start is not None and start.is_convincing(int(np.count_nonzero(torn[0][0].candidates)))
+    if narrowing and not fits:
         with suppress(OutOfTime):  # what is known by then is handed on
             for looked, covariance in (torn[0], *torn[1:][-1:]):  # the widest and the narrowest
                 first = looked.at.one(0)
                 for step, narrowed in _narrowed(model, looked, covariance):
                     moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
                     settle(model, moved, narrowed, known=known)
-    return proposals_of_settled(sorted(known.values(), key=lambda one: -one.log_odds))
+    return sorted(known.values(), key=lambda one: -one.log_odds), fits
 
 
 def settle(
@@ -300,13 +318,7 @@ def _updates(
 def explained(model: DetectionModel, at: Linearised, step: Floats, covariance: Floats) -> Floats:
     """Log-odds (K,) of what poses explain, to first order, each point with its likeliest detection.
 
-    Parameters
-    ----------
-    model : DetectionModel
-    at : Linearised
-        At K poses.
-    step, covariance : (K, 6) and (K, 6, 6) arrays
-        Of the distributions of the poses, from there.
+    ``step`` (K, 6) and ``covariance`` (K, 6, 6): of the distributions of the poses, from those of ``at``.
     """
     of_points, tilt = model.of_points(at), np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
     chance = model.visibility(at, tilt)

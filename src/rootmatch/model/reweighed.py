@@ -31,18 +31,10 @@ class Reweighed(NamedTuple):
 def reweighed(
     found: Evidence, known: tuple[Floats, Floats, Floats, float], spread: Floats, offset: Floats
 ) -> Reweighed:
-    """The first of some hypotheses with another covariance and other offsets of its detections.
+    """The first of some hypotheses with another covariance (2 m, 2 m) and other offsets (2 m,) of its detections.
 
-    Parameters
-    ----------
-    found : Evidence
-    known : tuple
-        Of what that is the evidence: Jacobian (2 m, 6) and offsets (2 m,) of the m detections from their images, in px,
-        the covariance (2 m, 2 m), and `DetectionModel.noise_freedom`.
-    spread : (2 m, 2 m) array
-        The other covariance, px².
-    offset : (2 m,) array
-        The other offsets, px.
+    ``known``: of what ``found`` is the evidence. Jacobian (2 m, 6) and offsets (2 m,) of the m detections from their
+    images, in px, the covariance (2 m, 2 m), and `DetectionModel.noise_freedom`.
     """
     rows, before, alone, given = known
     freedom, squared = float(found.freedom[0]), float(found.squared[0])

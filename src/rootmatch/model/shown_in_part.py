@@ -80,15 +80,8 @@ class FewShown:
 def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -> tuple[float, Floats]:
     """Odds W that at most so few points of each of C images are detected, against clutter alone.
 
-    Parameters
-    ----------
-    chance : (C, n, H) array
-        Chance of each point to be detected, in each of H cases.
-    weights : (H,) array
-        Probabilities of the cases.
-    counts : (C,) int array
-        Detections of each image.
-    most : int
+    ``chance`` (C, n, H): of each point to be detected, in each of H cases, whose probabilities are ``weights`` (H,);
+    ``counts`` (C,): detections of each image.
 
     Returns
     -------

@@ -28,15 +28,7 @@ from rootmatch.problems.pose_fit.reference_point import body_radius
 def log_odds_if_smooth(model: DetectionModel, modes: Modes, k: int, errors: Floats) -> Floats:
     """Log-odds (W,) against clutter alone of a body whose points have smooth errors (W,), and all that is near it.
 
-    Parameters
-    ----------
-    model : DetectionModel
-        Of one camera.
-    modes : Modes
-    k : int
-        Which of them has the pose and the first matches.
-    errors : (W,) float64 array
-        Standard deviations τ.
+    Of one camera. Mode ``k`` has the pose and the first matches; ``errors``: standard deviations τ.
     """
     at, start = model.linearised(modes.rotation[k : k + 1], modes.position[k : k + 1]), modes.assignments[k]
     squares = ((model.points[:, None] - model.points) ** 2).sum(axis=2)

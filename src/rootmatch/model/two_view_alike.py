@@ -61,15 +61,8 @@ def alike_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, seed: int
     odds A of matched and other detections over those of matched ones. A detection that is where a point without a
     match may be seen is none of these, as a place holds one point.
 
-    Parameters
-    ----------
-    told : TwoViewPosterior
-        Of the same points. What is alike matters only if it has about as much evidence.
-    centres : Centres
-        Poses of the same points.
-    pairs : two (P,) arrays
-        Points, in order, and detections that may be matches.
-    seed : int
+    ``told`` and ``centres`` are of the same points; what is alike matters only if it has about as much evidence.
+    ``pairs``: points, in order, and detections (P,) that may be matches.
 
     Returns
     -------

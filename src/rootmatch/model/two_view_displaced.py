@@ -29,13 +29,7 @@ NEAR2 = 9.0
 def displaced(model: TwoViewModel, pose: Relative, assignment: Integers) -> Integers:
     """Labellings (K, n) in which points have the matches of those to which a displacement moves them.
 
-    Parameters
-    ----------
-    model : TwoViewModel
-    pose : Relative
-        One pose.
-    assignment : (n,) array
-        Its matches.
+    ``assignment`` (n,): the matches of the one pose.
     """
     own = np.flatnonzero(assignment >= 0)
     none = np.zeros((0, len(assignment)), np.int64)

@@ -149,14 +149,8 @@ class TwoViewModel:
     def log_odds(self, poses: Relative, variance: Floats, term: Floats, pairs: tuple[Integers, Integers]) -> Floats:
         """Log density ratios (K, P) of detections as the images of points, against clutter, and a term (K,) more.
 
-        Parameters
-        ----------
-        poses : Relative
-        variance : (K,) array
-            Factor s² on all variances.
-        term : (K,) array
-        pairs : two (P,) arrays
-            Points, in order, and detections. Pairs below `NOTHING` have −∞.
+        ``variance`` (K,): the factor s² on all variances. ``pairs``: points, in order, and detections (P,); those below
+        `NOTHING` have −∞.
         """
         from rootmatch.jit.threads import in_threads, threads_worth  # compiled code, which not every import needs
         from rootmatch.model.two_view_odds import log_odds_of

@@ -109,12 +109,7 @@ class MotionsPosterior(TwoViewPosterior):
 def motions_posterior(model: TwoViewModel, motions: Sequence[Motion], seed: int = 0) -> MotionsPosterior:
     """The posterior of several motions, by that of each.
 
-    Parameters
-    ----------
-    model : TwoViewModel
-        Of all points and detections.
-    motions : sequence of Motion
-        Of which each has matches.
+    ``model``: of all points and detections. Each of the motions has matches.
     """
     rng = np.random.default_rng([seed, 19])
     every = [_drawn(one, rng) for one in motions]

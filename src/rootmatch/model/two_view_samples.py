@@ -211,15 +211,9 @@ def log_sum(log: Floats) -> Floats:
 
 def log_prior(model: TwoViewModel, drawn: Samples) -> Floats:
     """Logarithm (K,) of the prior density of samples, that of Λ being Jeffreys', which is Λ^(−½)."""
-    half = np.array(0.5 * NOISE_FREEDOM)
-    return model.log_prior(drawn.poses) + log_inverse_gamma(drawn.variance, half, half) - 0.5 * np.log(drawn.clutter)
-
-
-def log_inverse_gamma(values: Floats, shape: Floats, scale: Floats) -> Floats:
-    """Logarithm of the density of inverse gamma distributions."""
-    from scipy.special import gammaln  # slow to import
-
-    return np.asarray(shape * np.log(scale) - gammaln(shape) - (shape + 1.0) * np.log(values) - scale / values)
+    half, variance = 0.5 * NOISE_FREEDOM, drawn.variance
+    of_variance = half * math.log(half) - math.lgamma(half) - (half + 1.0) * np.log(variance) - half / variance
+    return np.asarray(model.log_prior(drawn.poses) + of_variance - 0.5 * np.log(drawn.clutter))
 
 
 def _others(model: TwoViewModel, fits: Fitted) -> tuple[tuple[Floats, Floats], Floats, tuple[Floats, Floats]]:

@@ -30,13 +30,7 @@ POSES = 32
 def unrecognised(model: DetectionModel, prior: Doubted, copies: Modes) -> Floats:
     """Odds (M,) that the body is in its expected poses and shows too little, relative to clutter alone.
 
-    Parameters
-    ----------
-    model : DetectionModel
-    prior : Doubted
-        What is known of the body.
-    copies : Modes
-        What is seen of a copy.
+    ``copies``: what is seen of a copy.
     """
     views, (rates, log_weights) = Views.of(model, prior), model.rates
     matched = np.count_nonzero(copies.assignments >= 0, axis=1)

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
-    from matplotlib.transforms import Transform
 
     from rootmatch.cameras.base import CameraModel
     from rootmatch.problems.pose_fit.pose import Pose
@@ -120,6 +119,7 @@ def match_figure(
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.patches import ConnectionPatch
 
     source, target = np.asarray(source, dtype=float), np.asarray(target, dtype=float)
     match = np.asarray(assignment, dtype=np.int64)
@@ -163,14 +163,10 @@ def match_figure(
     flat, flat_target = to_axes_plane(left, source), to_axes_plane(right, target)
     groups = _groups(match, labels, wrong, motion_names)
     for group in groups:
-        _connect(
-            figure=figure,
-            left=left.transData,
-            right=right.transData,
-            starts=flat[group.members],
-            ends=flat_target[match[group.members]],
-            group=group,
-        )
+        ends = zip(flat[group.members].tolist(), flat_target[match[group.members]].tolist(), strict=True)
+        style: dict[str, Any] = {"color": group.colour, "linestyle": group.line, "linewidth": 1.0, "alpha": 0.6}
+        for start, end in ends:  # beneath both axes
+            figure.add_artist(ConnectionPatch(start, end, left.transData, right.transData, zorder=-1, **style))
         for axes, points in ((left, source[group.members]), (right, target[match[group.members]])):
             axes.plot(*points.T, linestyle="none", clip_on=False, **group.marker)
     handles = [group.handle() for group in groups]
@@ -217,16 +213,12 @@ class _Group:
     name: str
     colour: str
     symbol: str
-    dashes: bool
+    line: Literal["-", "--"]
     members: Integers
 
     @property
     def marker(self) -> dict[str, Any]:
         return {"color": self.colour, "marker": self.symbol, "markersize": 5.5}
-
-    @property
-    def line(self) -> Literal["--", "-"]:
-        return "--" if self.dashes else "-"
 
     def handle(self) -> Line2D:
         """Entry in the legend."""
@@ -243,12 +235,12 @@ def _groups(match: Integers, labels: Integers, wrong: Bools, names: Sequence[str
             "matched" if len(kinds) == 1 else f"motion {kind}" if names is None else names[kind],
             COLOURS[k % len(COLOURS)],
             MARKERS[k % len(MARKERS)],
-            False,
+            "-",
             np.flatnonzero((match >= 0) & (labels == kind) & ~wrong),
         )
         for k, kind in enumerate(kinds)
     ]
-    groups.append(_Group("wrong", WRONG, "X", True, np.flatnonzero(wrong)))
+    groups.append(_Group("wrong", WRONG, "X", "--", np.flatnonzero(wrong)))
     return [group for group in groups if len(group.members)]
 
 
@@ -264,22 +256,3 @@ def _draw_unmatched(axes: Sequence[Axes], points: Sequence[Floats], titles: Sequ
             label = f"unmatched in the {title} ({len(unmatched)})"
             handles.append(Line2D([], [], linestyle="none", label=label, **style))
     return handles
-
-
-def _connect(figure: Figure, left: Transform, right: Transform, starts: Floats, ends: Floats, group: _Group) -> None:
-    """Draw lines from the left axes to the right ones, beneath both."""
-    from matplotlib.patches import ConnectionPatch
-
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        line = ConnectionPatch(
-            xyA=(start[0], start[1]),
-            xyB=(end[0], end[1]),
-            coordsA=left,
-            coordsB=right,
-            color=group.colour,
-            linestyle=group.line,
-            linewidth=1.0,
-            alpha=0.6,
-            zorder=-1,
-        )
-        figure.add_artist(line)

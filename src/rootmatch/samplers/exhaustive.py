@@ -67,23 +67,10 @@ def exhaustive_residuals(
 
 
 def exhaustive_tensor(
-    tables: Any,
-    kind: residual_kinds.Kind,
-    affinity: Affinity,
-    shape: tuple[int, int],
-    order: int,
-    *,
-    max_hyperedges: int = 5_000_000,
-    candidates: Bools | None = None,
-    backend: Backend = cpu,
-    progress: Progress | None = None,
-    deadline: Deadline = NEVER,
+    tables: Any, kind: residual_kinds.Kind, affinity: Affinity, shape: tuple[int, int], order: int, **options: Any
 ) -> tuple[AffinityTensor, int]:
-    """Tensor of `exhaustive_residuals`, and the number of hyper-edges evaluated."""
-    indices, residuals, evaluated = exhaustive_residuals(
-        tables, kind, affinity.gate, shape, order,
-        max_hyperedges=max_hyperedges, candidates=candidates, backend=backend, progress=progress, deadline=deadline,
-    )  # fmt: skip
+    """Tensor of `exhaustive_residuals`, which takes the ``options``, and the number of hyper-edges evaluated."""
+    indices, residuals, evaluated = exhaustive_residuals(tables, kind, affinity.gate, shape, order, **options)
     return AffinityTensor.unchecked(indices, affinity.weights(residuals), shape), evaluated
 
 

@@ -46,7 +46,9 @@ def report_content(
     if photo is not None:
         target_side["photo"], (width, height) = _embedded(photo)
         target_side["photoSize"] = width, height
-        target_side["extent"] = _joined(target_side["extent"], [-0.5, -0.5, width - 0.5, height - 0.5])
+        left, top, right, bottom = target_side["extent"]
+        target_side["extent"] = [min(left, -0.5), min(top, -0.5), max(right, width - 0.5), max(bottom, height - 0.5)]
+    source_title = "Model" if _is_projection(match) else "First image" if _is_two_images(match) else "Source"
     names = point_names(source_names, len(match.source)), point_names(target_names, len(match.target))
     views = _views(match, *names)
     if truth is not None:
@@ -56,7 +58,7 @@ def report_content(
     return {
         "source": match.source.tolist(),
         "sourceNames": names[0],
-        "sourceSide": _side(match.source, _source_title(match), _is_two_images(match)),
+        "sourceSide": _side(match.source, source_title, _is_two_images(match)),
         "target": match.target.tolist(),
         "targetNames": names[1],
         "targetSide": target_side,
@@ -212,7 +214,8 @@ def _pose(match: Match, pose: Pose, label: int) -> dict[str, Any]:
     """A pose as text, and its camera in the frame of the points."""
     lines = [f"motion {label}" if match.motion_labels.max(initial=0) > 0 else "pose"]
     lines = lines if match.bodies is None else [f"body {list(match.bodies)[label]}"]
-    lines += [f"  R {row}  t {value: .6g}" for row, value in zip(_rows(pose.R), pose.t.tolist(), strict=True)]
+    for row, value in zip(pose.R.tolist(), pose.t.tolist(), strict=True):
+        lines.append(f"  R {' '.join(f'{one: .6f}' for one in row)}  t {value: .6g}")
     if pose.scale != 1.0:
         lines.append(f"  scale {pose.scale:.6g}")
     if pose.focal is not None:
@@ -227,14 +230,6 @@ def _pose(match: Match, pose: Pose, label: int) -> dict[str, Any]:
         lines += ["  standard deviations", f"    rotation {rotation}°", f"    translation {translation}"]
     shown = camera_view(match, pose) if _is_projection(match) else {"frustum": None}
     return {"motion": label, "text": "\n".join(lines), **shown}
-
-
-def _rows(R: Floats) -> list[str]:
-    return [" ".join(f"{value: .6f}" for value in row) for row in R.tolist()]
-
-
-def _source_title(match: Match) -> str:
-    return "Model" if _is_projection(match) else "First image" if _is_two_images(match) else "Source"
 
 
 def _is_projection(match: Match) -> bool:
@@ -257,10 +252,6 @@ def _side(points: Floats, title: str, image: bool) -> dict[str, Any]:
     margin = MARGIN * max(float((high - low).max()), 1e-12)
     side["extent"] = [*(low - margin).tolist(), *(high + margin).tolist()]
     return side
-
-
-def _joined(one: list[float], other: list[float]) -> list[float]:
-    return [min(one[0], other[0]), min(one[1], other[1]), max(one[2], other[2]), max(one[3], other[3])]
 
 
 def _embedded(photo: Path) -> tuple[str, tuple[int, int]]:

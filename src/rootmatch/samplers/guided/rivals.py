@@ -17,7 +17,6 @@ from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.samplers.guided import batches
-from rootmatch.samplers.guided.hypotheses import SHARED
 from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE, width
 from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, views_of_parts, within
 
@@ -48,8 +47,6 @@ DRAWN, TAKEN = 64, 8
 """Sets that are drawn at once, of as many views, and how many of them are taken. Round values."""
 EXISTS = 0.1
 """Probability that there is a rival of what does not look like itself in any pose that was met. A round value."""
-TURNS, BETTER = 3, 3.0
-"""Most hypotheses whose rivals are sought in turn, and by how much each exceeds the one before. Round values."""
 RIVAL_RATIO = 0.25
 """Fraction of the likelihood ratio of the best hypothesis, in the same sequential test, that a rival has at least to be
 verified: less than of the evidence, as a minimal set may predict worse than another."""
@@ -59,27 +56,20 @@ def try_rivals(search: Search) -> None:
     """Try minimal sets until no rival of the strongest hypothesis can well have been missed.
 
     Copies are rare: a crowd of other detections is worth a search for them as long as what came before, which does not
-    count if that ends it. A rival that explains more than the hypothesis has rivals of its own.
+    count if that ends it.
     """
-    for _ in range(TURNS):
-        hypotheses = search._clustered()[2]
-        best, evidence = hypotheses.best[0], float(hypotheses.evidence[0])
-        own = np.sort(best[best >= 0])
-        search.missed = search._missed_among(own, fewest_of_its_own(search, len(own)), known=best)
-        search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
-        free = np.ones(search.n_target, np.bool_)
-        free[own] = False
-        (rest,) = np.nonzero(free)
-        shown = fewest_elsewhere(search, len(own))
-        if shown[-1] <= len(rest) <= CROWD and not search._spent():
-            missed = search._missed_among(rest, shown)
-            if not search._spent():
-                search.missed = max(search.missed, missed)
-        better = search._clustered()[2]
-        matches = better.best[0] >= 0
-        common = int((matches & (better.best[0] == best)).sum())
-        if search._spent() or common >= SHARED * matches.sum() or better.evidence[0] < evidence + BETTER:
-            return
+    best = search._clustered()[2].best[0]
+    own = np.sort(best[best >= 0])
+    search.missed = search._missed_among(own, fewest_of_its_own(search, len(own)), known=best)
+    search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
+    free = np.ones(search.n_target, np.bool_)
+    free[own] = False
+    (rest,) = np.nonzero(free)
+    shown = fewest_elsewhere(search, len(own))
+    if shown[-1] <= len(rest) <= CROWD and not search._spent():
+        missed = search._missed_among(rest, shown)
+        if not search._spent():
+            search.missed = max(search.missed, missed)
 
 
 def allowed_to(search: Search, images: Integers) -> Bools:
@@ -121,7 +111,7 @@ def missed_among(search: Search, images: Integers, shown: Sequence[int], known: 
     for points in _wanted(search, tried, least) if wanted else search._waves():
         sets, met = search._prepared(points, len(arrangements)), 0
         first, tasks = 0, len(points) * len(arrangements)
-        while first < tasks and (block := pace.block(min(tasks - first, _affordable(search, images, known)))):
+        while first < tasks and (block := pace.block(min(tasks - first, _block(search, images, known)))):
             last = first + block
             met += search._try(sets, test, arrangements, first=first, last=last, images=images, known=known)
             first = last
@@ -139,12 +129,23 @@ def missed_among(search: Search, images: Integers, shown: Sequence[int], known: 
     return tried.missed(shown[0]) if wanted else 0.0
 
 
-def _affordable(search: Search, images: Integers, known: Integers | None) -> int:
-    """Tasks until the next look at what was spent: elsewhere no more than the budget has left, as sets cost so far."""
-    left = batches.LARGEST
-    if known is None:
-        left = min(left, int((search.budget - search.evaluated) * search.solved / max(search.evaluated, 1)))
-    return max(left // len(images), batches.CHUNKS)
+def affordable(search: Search, columns: int, each: float = 1.0) -> int:
+    """Tasks among so many detections until the next look at what was spent: as many as the budget has left.
+
+    ``each``: evaluations of one set, if it takes more than those so far did.
+    """
+    each = max(each, search.evaluated / max(search.solved, 1))
+    left = min(batches.LARGEST, int((search.budget - search.evaluated) / each))
+    return max(left // columns, batches.CHUNKS)
+
+
+def _block(search: Search, images: Integers, known: Integers | None) -> int:
+    """Tasks until the next look at what was spent: elsewhere, where those of a copy are all tested to the end."""
+    return (
+        max(batches.LARGEST // len(images), batches.CHUNKS)
+        if known is not None
+        else affordable(search, len(images), search.n)
+    )
 
 
 def verify_rivals(search: Search, found: Survivors, known: Integers | None) -> int:

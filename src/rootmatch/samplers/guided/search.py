@@ -19,7 +19,7 @@ from rootmatch.hypergraph import enumeration
 from rootmatch.jit.threads import threads_worth
 from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
-from rootmatch.samplers.guided import batches
+from rootmatch.samplers.guided import batches, rivals
 from rootmatch.samplers.guided.crowding import CROWDING
 from rootmatch.samplers.guided.detection_grid import grid_of
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
@@ -47,9 +47,6 @@ VERIFIED = 10_000_000
 """Pairs of a prediction and a detection that are compared between two looks at the time: some milliseconds."""
 GROUPS = 1000
 """Most clusters of hypotheses whose hyper-edges are evaluated."""
-FAIR_PART = 0.5
-"""Fraction of the ratio of a batch's best survivor, for one motion, below which others are not verified where that one
-is beyond chance. That nothing else is found: benchmarks/record.py."""
 LAG = 15.0
 """Evidence below the highest at which an assignment is not fitted any more: on the development seeds of
 benchmarks/constellations.py what turned out the most probable lagged by at most 7."""
@@ -134,7 +131,7 @@ class Search:
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
                 wanted = max(batches.CHUNKS, int(batch / (self.possible * (self.n_target - self.minimal + 1))))
-                last = min(tasks, done + pace.block(wanted))
+                last = min(tasks, done + pace.block(min(wanted, rivals.affordable(self, self.n_target))))
                 if last == done:
                     return
                 before = self.solved
@@ -263,22 +260,12 @@ class Search:
         self.evaluated += solved + looked_up
 
     def _keep(self, points: Integers, survivors: Integers, ratios: Floats, counts: Integers, most: int) -> None:
-        """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m).
-
-        Where the best survivor turns out to be beyond chance, the weak ones are not verified.
-        """
+        """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m)."""
         self._count(counts)
-        found = Survivors.of(points, survivors, ratios, most)
-        if not len(found.ratios):
-            return
-        first, level, before = len(found.ratios), self._false_alarm_level(), len(self.hypotheses)
-        if self.single and found.ratios[0] > level:
-            first = int((found.ratios >= FAIR_PART * found.ratios[0]).sum())
-        self._verify(found.points[:first], found.images[:first])
-        met = len(self.hypotheses) > before and self.hypotheses[-1].evidence.max() > level
-        if first < len(found.ratios) and not met:
-            self._verify(found.points[first:], found.images[first:])
-        self.drawn += [one.take(one.evidence > 0.0) for one in self.hypotheses[before:]]
+        found, before = Survivors.of(points, survivors, ratios, most), len(self.hypotheses)
+        if len(found.ratios):
+            self._verify(found.points, found.images)
+            self.drawn += [one.take(one.evidence > 0.0) for one in self.hypotheses[before:]]
 
     def _verify(self, points: Integers, images: Integers) -> None:
         """Keep solved minimal sets with their evidence and candidates; at the deadline in force, those verified."""
@@ -316,8 +303,8 @@ class Search:
         leaders, lists, hypotheses = self._clustered()
         evidence, level = hypotheses.evidence[leaders], self._false_alarm_level()
         if self.single and len(leaders) and evidence[0] > level:
-            rivals = self._rivals(evidence)
-            evidence, lists = evidence[rivals], lists[rivals]
+            own = self._rivals(evidence)
+            evidence, lists = evidence[own], lists[own]
         return HypothesisClusters(lists, evidence, level)
 
     def assignments(self) -> Integers:

@@ -16,11 +16,9 @@ from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.crowding import crowding
 from rootmatch.samplers.guided.dispatch import has_listed
-from rootmatch.samplers.guided.hypotheses import strongest_of
 from rootmatch.samplers.guided.local_search import CROWDED, IMAGES, LEAST, LOCAL, LocalSearch
 from rootmatch.samplers.guided.model_views import LARGEST_WAVE, model_views
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.refinement import begin_with
 from rootmatch.samplers.guided.rivals import RIVAL_MISSED, allowed_to
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
@@ -119,8 +117,6 @@ class VisibleSearch(Search):
         self.cells = image_cells(np.ascontiguousarray(self.grid.rays))
         same, met = np.eye(self.n_target, dtype=np.bool_), np.zeros(CELLS, np.bool_)
         met[self.cells[~(same | same[:, None] | same[:, :, None])]] = True
-        self.strongest = 0.0
-        """Evidence of the strongest hypothesis that was solved anew."""
         self.every = rings_of(np.arange(self.n_target), self.grid.positions, [self.n_target - 1])[0]
         self.met = np.flatnonzero(met)
         """The shapes that any image triple has."""
@@ -157,22 +153,11 @@ class VisibleSearch(Search):
             if last == turn.done:
                 return
             self._try_visible(sets, turn.done, last, turn.ring, allowed, seen=shown[-1] if shown else math.inf)
-            self._look_closer()
             turn.spent += (last - turn.done) * turn.ring.cost
             turn.done, batch = last, batches.next_batch(batch)
             if last == len(sets.shapes):
                 turn.done, turn.wave = 0, turn.wave + 1
             yield
-
-    def _look_closer(self) -> None:
-        """Solve wide sets of the strongest hypothesis anew, if it is stronger than those before.
-
-        What is right may be met by a triple that predicts badly, and is beyond chance by another one.
-        """
-        strongest = max((float(batch.evidence.max()) for batch in self.hypotheses), default=-math.inf)
-        if strongest > self.strongest:
-            begin_with(self, strongest_of(self.hypotheses)[None])
-            self.strongest = max(float(batch.evidence.max()) for batch in self.hypotheses)
 
     def _missed_among(self, images: Integers, shown: Sequence[int], known: Integers | None = None) -> float:
         """See `Search`: sets that are visible together, until no pose that explains so many can well be missed.

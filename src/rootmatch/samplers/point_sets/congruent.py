@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -16,6 +16,8 @@ from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.points import PointClouds, distances
 from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
 from rootmatch.samplers.point_sets.motions import WIDE, Motions, fitted_motions, joined_motions
+from rootmatch.samplers.point_sets.shown_parts import area
+from rootmatch.samplers.point_sets.triangles import TURNED, Triangles
 
 GATE = 4.5
 """Deviation in σ up to which distances within a triple agree. A round value: a labelling is lost only if all of its
@@ -30,6 +32,8 @@ MOST_KEPT = 256
 """Distinct labellings that are returned, those that tell the most about their motion first. A round value."""
 MOST_FITTED = 2048
 """Distinct labellings whose motions are fitted, those with the most matches first: a twentieth of a second."""
+TOGETHER = 64
+"""Triples of the source that are compared with those of the targets at once: enough are mostly among the first ones."""
 CELLS = 200_000
 """Distances that are computed between two looks at the time: two milliseconds."""
 
@@ -113,34 +117,19 @@ def _telling(clouds: PointClouds, labellings: Integers, mirror: bool) -> Floats:
 
 def _alike(clouds: PointClouds, allowed: Bools | None) -> tuple[Integers, Integers]:
     """Triples of source points and of targets (H, 3) of the same shape, those of the widest source points first."""
-    near, far = distances(clouds.source), distances(clouds.target)
-    u, v = clouds.source_variance, clouds.target_variance
-    both = v[:, None] + v
+    near, rng = distances(clouds.source), np.random.default_rng(0)
     triples = _widest_first(near)
-    found = [(triples[:0], triples[:0])]
-    seen = 0
-    for rows, k, l in _pairs_alike(clouds, triples, near, far, allowed):  # noqa: E741
-        a, b, c = triples[rows].T
-        scale = far[k, l] / near[a, b] if clouds.scaled else np.ones(len(rows))
-        squared = scale**2
-        of_scale = (both[k, l] + squared * (u[a] + u[b])) / near[a, b] ** 2 if clouds.scaled else 0.0 * squared
-        # the second side is compared only where the first one agrees
-        side = near[a, c]
-        variance = both[k] + (squared * (u[a] + u[c]) + of_scale * side**2)[:, None]
-        third = (far[k] - (scale * side)[:, None]) ** 2 <= GATE**2 * variance
-        if allowed is not None:
-            third &= allowed[c]
-        place, m = np.nonzero(third)
-        side = near[b, c]
-        variance = both[l[place], m] + (squared * (u[b] + u[c]) + of_scale * side**2)[place]
-        agrees = (far[l[place], m] - (scale * side)[place]) ** 2 <= GATE**2 * variance
-        place, m = place[agrees], m[agrees]
-        distinct = (m != k[place]) & (m != l[place])
-        place, m = place[distinct], m[distinct]
-        found.append((triples[rows[place]], np.stack([k[place], l[place], m], axis=1)))
-        seen += len(place)
-        if seen >= MOST_MOTIONS or in_force().passed():
-            break
+    found, seen = [(triples[:0], triples[:0])], 0
+    with in_force().within():
+        others = Triangles(clouds.target, clouds.target_variance, clouds.scaled, GATE)
+        for start in range(0, len(triples), TOGETHER):
+            some = triples[start : start + TOGETHER]
+            alike = others.alike(some, near, clouds.source_variance, allowed, rng)
+            order = np.lexsort((*alike.corners.T[::-1], alike.number))
+            found.append((some[alike.number[order]], alike.corners[order]))
+            seen += len(order)
+            if seen >= MOST_MOTIONS:
+                break
     first, second = (np.concatenate(part)[:MOST_MOTIONS] for part in zip(*found, strict=True))
     return first, second
 
@@ -153,36 +142,10 @@ def _widest_first(near: Floats) -> Integers:
     triples = subsets(len(near), 3)
     a, b, c = triples.T
     sides = np.stack([near[a, b], near[b, c], near[a, c]])
-    low, middle, high = np.sort(sides, axis=0)
-    # Heron: 16 times the squared area, 0 on a line
-    area = (low + middle + high) * np.maximum(
-        (low + middle - high) * (high + low - middle) * (high + middle - low), 0.0
-    )
-    order = np.argsort(-area, kind="stable")[: int(np.count_nonzero(area > 1e-12 * high**4))]
-    turned = np.array([[0, 1, 2], [1, 2, 0], [0, 2, 1]])[np.argmax(sides[:, order], axis=0)]
+    wide = area(near, triples)
+    order = np.argsort(-wide, kind="stable")[: int(np.count_nonzero(wide > 1e-12 * sides.max(axis=0) ** 4))]
+    turned = TURNED[np.argmax(sides[:, order], axis=0)]
     return np.take_along_axis(triples[order], turned, axis=1)
-
-
-def _pairs_alike(
-    clouds: PointClouds, triples: Integers, near: Floats, far: Floats, allowed: Bools | None
-) -> Iterator[tuple[Integers, Integers, Integers]]:
-    """Numbers of triples and the pairs of targets that may be their first two points, block by block."""
-    n_target = len(far)
-    u, v = clouds.source_variance, clouds.target_variance
-    within, other = v[:, None] + v, ~np.eye(n_target, dtype=np.bool_)
-    step, most = max(CELLS // n_target**2, 1), max(CELLS // n_target, 1)
-    for start in range(0, len(triples), step):
-        a, b, _ = triples[start : start + step].T
-        alike = np.broadcast_to(other, (len(a), n_target, n_target))
-        if not clouds.scaled:
-            gate = GATE**2 * (within + (u[a] + u[b])[:, None, None])
-            alike = alike & ((far - near[a, b][:, None, None]) ** 2 <= gate)
-        if allowed is not None:
-            alike = alike & allowed[a][:, :, None] & allowed[b][:, None, :]
-        row, k, l = np.nonzero(alike)  # noqa: E741
-        for first in range(0, len(row), most):
-            part = slice(first, first + most)
-            yield start + row[part], k[part], l[part]
 
 
 def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bool) -> list[Motions]:

@@ -44,11 +44,13 @@ class Triangles:
         Of a coordinate.
     scaled : bool
         Whether triangles of another size are alike.
+    gate : float
+        Deviation in σ up to which distances agree.
     """
 
-    def __init__(self, points: Floats, variance: Floats, scaled: bool) -> None:
+    def __init__(self, points: Floats, variance: Floats, scaled: bool, gate: float = GATE) -> None:
         checkpoint(SECONDS_PER_PAIR * len(points) ** 2)
-        self.variance, self.scaled = variance, scaled
+        self.variance, self.scaled, self.gate = variance, scaled, gate
         self.far = distances(points)
         self.widest = float(variance.max())
         n = len(points)
@@ -108,7 +110,7 @@ class Triangles:
         if self.scaled:
             side = length.argmax(axis=1)
             return side, np.zeros(len(side), np.int64), np.full(len(side), len(self.lengths))
-        window = GATE * np.sqrt(2.0 * self.widest + variance[corners].sum(axis=2))
+        window = self.gate * np.sqrt(2.0 * self.widest + variance[corners].sum(axis=2))
         low = np.searchsorted(self.lengths, length - window)
         count = np.searchsorted(self.lengths, length + window) - low
         side = count.argmin(axis=1)
@@ -126,21 +128,21 @@ class Triangles:
         own = z[k] + z[l] + scale**2 * (w[a] + w[b])
         # an unknown scale has the noise of the side that it is taken from
         of_scale = own / np.maximum(ab, 1e-300) ** 2 if self.scaled else np.zeros(len(own))
-        alike = np.flatnonzero((np.abs(length - scale * ab) <= GATE * np.sqrt(own)) & (ab > 0.0))
+        alike = np.flatnonzero((np.abs(length - scale * ab) <= self.gate * np.sqrt(own)) & (ab > 0.0))
         a, b, c, k, l = (one[alike] for one in (a, b, c, k, l))  # noqa: E741
         scale, of_scale = scale[alike], of_scale[alike]
         side = scale * near[a, c]
         noise = z[k] + scale**2 * (w[a] + w[c]) + of_scale * near[a, c] ** 2
-        window = GATE * np.sqrt(noise + self.widest)
+        window = self.gate * np.sqrt(noise + self.widest)
         low = np.searchsorted(self.rising, self.lift * k + np.maximum(side - window, 0.0))
         high = np.searchsorted(self.rising, self.lift * k + np.minimum(side + window, 0.75 * self.lift), "right")
         row, place = expanded(low, np.maximum(high - low, 0))
         m = self.beside[place]
-        right = (self.far[k[row], m] - side[row]) ** 2 <= GATE**2 * (noise[row] + z[m])
+        right = (self.far[k[row], m] - side[row]) ** 2 <= self.gate**2 * (noise[row] + z[m])
         row, m = row[right], m[right]
         side = scale * near[b, c]
         noise = z[l] + scale**2 * (w[b] + w[c]) + of_scale * near[b, c] ** 2
-        right = (self.far[l[row], m] - side[row]) ** 2 <= GATE**2 * (noise[row] + z[m])
+        right = (self.far[l[row], m] - side[row]) ** 2 <= self.gate**2 * (noise[row] + z[m])
         right &= (m != k[row]) & (m != l[row])
         seen, row, m = len(row), row[right], m[right]
         return alike[row], np.stack([k[row], l[row], m], axis=1), seen

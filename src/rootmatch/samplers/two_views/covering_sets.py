@@ -97,7 +97,4 @@ class CoveringSets:
 
     def _last(self, sets: Integers) -> NDArray[np.int32]:
         """Place (ORDERS, S) of the last point of sets (S, size) in each order."""
-        last = self._rank[:, sets[:, 0]]
-        for p in range(1, sets.shape[1]):
-            last = np.maximum(last, self._rank[:, sets[:, p]])
-        return last
+        return np.asarray(self._rank[:, sets].max(axis=2))
