@@ -11,7 +11,7 @@ from shared import Floats, Integers, measured_data
 
 import rootmatch as rm
 from rootmatch.research.real import scenes as real
-from rootmatch.research.real.methods import problem_of
+from rootmatch.research.real.methods import make_problem
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
 PRIOR = 3e-8
@@ -229,7 +229,7 @@ def of_real(scene: real.RealScene | None, **options: Any) -> Instance:
     if "normals" in request:
         options["normals"] = request["normals"]
     points = (np.array(request[name]) for name in ("source", "target"))
-    return Instance(problem_of(request), *points, truth, request["noise"], np.where(truth < 0, -1, 0), options)
+    return Instance(make_problem(request), *points, truth, request["noise"], np.where(truth < 0, -1, 0), options)
 
 
 def headset(view: int, normals: bool, seed: int) -> Instance:

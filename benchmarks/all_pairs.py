@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from shared import parser, timed
 
-from rootmatch.research.blind.methods import Answer, by_opencv, by_poselib, by_rootmatch
+from rootmatch.research.blind.methods import Answer, solve_by_opencv, solve_by_poselib, solve_by_rootmatch
 from rootmatch.research.blind.scenes import BlindScene, intrinsics
 from rootmatch.simulation import FOCAL, p3p_scene
 
@@ -28,9 +28,9 @@ NOISE = 1.0
 PATIENCE = 1e6
 """Seconds that a method may take."""
 METHODS: dict[str, Callable[[BlindScene, float], Answer]] = {
-    "solvePnPRansac, all pairs": by_opencv,
-    "PoseLib, all pairs": by_poselib,
-    "rootmatch": by_rootmatch,
+    "solvePnPRansac, all pairs": solve_by_opencv,
+    "PoseLib, all pairs": solve_by_poselib,
+    "rootmatch": solve_by_rootmatch,
 }
 """As of `rootmatch benchmark blind`, which says how many iterations they have."""
 

@@ -490,15 +490,15 @@ def main() -> None:
     if given.command == "work":
         worker()
     elif given.command == "stacks":
-        for number in given.only or []:
+        for number in given.replace_points or []:
             stacks(number)
     elif given.command == "signals":
-        for number in given.only or range(given.first, given.first + given.tasks):
+        for number in given.replace_points or range(given.first, given.first + given.tasks):
             signals(number)
     elif given.rows is None:
         ask.error("give the file of rows")
     elif given.command == "run":
-        run(given.rows, given.only or list(range(given.first, given.first + given.tasks)), given.clock)
+        run(given.rows, given.replace_points or list(range(given.first, given.first + given.tasks)), given.clock)
     else:
         report(given.rows, given.worst)
 

@@ -32,7 +32,7 @@ from rootmatch.backends import cpu, cuda, cuda_float32
 from rootmatch.backends.cuda_contraction import DeviceTensor
 from rootmatch.backends.strongest import Enumeration
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
-from rootmatch.hypergraph.enumeration import exhaustive_count, wide_first
+from rootmatch.hypergraph.enumeration import exhaustive_count, farthest_point_order
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.residual_dispatch import has_single
 from rootmatch.research.speed.timing import seconds
@@ -98,7 +98,7 @@ def tests(folder: Path) -> str:
 
 def enumeration(problem: str, kind: str, points: int, outliers: int) -> tuple[Enumeration, Any]:
     scene = SCENES[problem](n=points, outliers=outliers, noise=1.0, seed=0)
-    tables = scene.problem.prepare(scene.source[wide_first(scene.source)], scene.target, 1.0)
+    tables = scene.problem.prepare(scene.source[farthest_point_order(scene.source)], scene.target, 1.0)
     weigh = affinity(Residual(kind), None if kind in NOISE_KINDS else scene.problem.paper_rho)
     shape = (len(scene.source), len(scene.target))
     residual = weigh.residual.kernel_kind(scene.problem.pair_count)

@@ -21,7 +21,7 @@ import numpy as np
 import rootmatch as rm
 from rootmatch.backends import cpu
 from rootmatch.hypergraph.affinity import affinity
-from rootmatch.hypergraph.enumeration import exhaustive_count, wide_first
+from rootmatch.hypergraph.enumeration import exhaustive_count, farthest_point_order
 from rootmatch.simulation import SCENES, Scene
 
 FIRST_SEED = 1000
@@ -50,7 +50,7 @@ class Row:
 def true_information(scene: Scene) -> float:
     """Sum of the weights of the true hyper-edges below the gate."""
     problem, weigh = scene.problem, affinity("joint")
-    order = wide_first(scene.source)
+    order = farthest_point_order(scene.source)
     tables = problem.prepare(scene.source[order], scene.target, scene.noise)
     source = np.array(list(combinations(np.flatnonzero(scene.truth[order] >= 0), problem.order)))
     kind = weigh.residual.kernel_kind(problem.pair_count)

@@ -26,7 +26,7 @@ from shared import parser, scenes_of
 
 import rootmatch as rm
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.near_symmetries import symmetries_of
+from rootmatch.model.near_symmetries import find_symmetries
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Judge:
 
     def __init__(self, scenes: ModuleType, visibility: bool) -> None:
         self.source, self.normals = scenes.HEADSET, scenes.NORMALS
-        self.R, self.t, self.image = symmetries_of(self.source, self.normals)[0]
+        self.R, self.t, self.image = find_symmetries(self.source, self.normals)[0]
         self.visibility = visibility
         self.area = float(scenes.W * scenes.H)
 

@@ -68,6 +68,6 @@ if __name__ == "__main__":
     ask.add_argument("--only", default="", help="calibration: problems whose name begins so")
     given = ask.parse_args()
     if given.what == "calibration":
-        calibration(given.scenes, given.first, given.only)
+        calibration(given.scenes, given.first, given.replace_points)
     else:
         libraries(given.scenes, given.first)

@@ -330,7 +330,7 @@ def main() -> int:
     given = parser.parse_args()
     if given.command == "compare":
         return compare(given.before, given.after, given.tier, Expected.read(given.expected))
-    record(given.path, given.quick, given.only)
+    record(given.path, given.quick, given.replace_points)
     return 0
 
 

@@ -22,7 +22,7 @@ from shared import head, parser, row
 from rootmatch.backends.strongest import Enumeration
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.hypergraph.affinity import KINDS, affinity
-from rootmatch.hypergraph.enumeration import wide_first
+from rootmatch.hypergraph.enumeration import farthest_point_order
 from rootmatch.jit import float32
 from rootmatch.problems.residual_dispatch import (
     PANEL_ROWS,
@@ -50,7 +50,7 @@ def made(problem: str, name: str, sigma: float, seed: int, n: int, clutter: int)
     """Tables, true assignment and problem of a scene; points wide first."""
     if problem == "3p1":
         scene = SCENES[problem](n=n, outliers=clutter, noise=sigma, seed=seed, baseline=5.0)
-        order = wide_first(scene.source)
+        order = farthest_point_order(scene.source)
         return scene.problem.prepare(scene.source[order], scene.target, sigma), scene.truth[order], scene.problem
     scene = SCENES[problem](n=n, seed=seed)
     far, long, flat = VARIANTS[name]
@@ -61,7 +61,7 @@ def made(problem: str, name: str, sigma: float, seed: int, n: int, clutter: int)
     seen = camera.project(points @ R.T + far * t) + sigma * rng.standard_normal((n, 2))
     target = np.concatenate([seen, rng.uniform((0.0, 0.0), (WIDTH, HEIGHT), (clutter, 2))])
     place = rng.permutation(n + clutter)
-    order = wide_first(points)
+    order = farthest_point_order(points)
     set_up = replace(scene.problem, camera=camera)
     return set_up.prepare(points[order], target[place], sigma), np.argsort(place)[order], set_up
 
@@ -109,7 +109,7 @@ def compared(  # type: ignore[no-untyped-def]
 def in_single(tables: Any) -> Any:
     """Tables as the screening sees them; likewise for 3P1, which has none."""
     if hasattr(tables, "variance"):
-        return float32.rounded(tables)
+        return float32.round_tables(tables)
     blur = float32.ROUNDING * float32.EPSILON
     fields = {
         name: np.hypot(field, blur) if name.endswith("deviation") else field

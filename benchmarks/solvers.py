@@ -14,8 +14,8 @@ import math
 import numba
 import numpy as np
 
-from rootmatch.jit.threads import one_thread
-from rootmatch.research.speed.contraction import contraction, planted
+from rootmatch.jit.threads import use_one_thread
+from rootmatch.research.speed.contraction import measure_contraction, planted_tensor
 from rootmatch.research.speed.timing import seconds
 from rootmatch.solvers import SOLVERS, MultiStartAscent
 from rootmatch.solvers.ascent.subset_index import build_index
@@ -23,7 +23,7 @@ from rootmatch.solvers.ascent.subset_index import build_index
 
 def ascent(n: int, n_target: int, order: int, count: int, repeats: int) -> dict[str, float]:
     """Index and multi-start ascent, with its stopping rule and with all of its starts."""
-    tensor, truth = planted(0, n, n_target, order, count)
+    tensor, truth = planted_tensor(0, n, n_target, order, count)
     solver, patient = MultiStartAscent(), MultiStartAscent(agreement=10**9)
     solution = solver(tensor)
     return {
@@ -38,9 +38,9 @@ def ascent(n: int, n_target: int, order: int, count: int, repeats: int) -> dict[
 
 def all_solvers(repeats: int) -> dict[str, dict[str, float]]:
     """Each solver on 0.8 million nonzeros of the symmetric tensor of order 3, n = n' = 20, on one thread."""
-    tensor, truth = planted(1, 20, 20, 3, 800_000 // math.factorial(3))
+    tensor, truth = planted_tensor(1, 20, 20, 3, 800_000 // math.factorial(3))
     found = {}
-    with one_thread():
+    with use_one_thread():
         for name, solver in SOLVERS.items():
             solution = solver(tensor)
             found[name] = {
@@ -60,7 +60,7 @@ def main() -> None:
 
     result: dict[str, object] = {
         "threads": numba.get_num_threads(),
-        "contraction, 1 M hyper-edges of order 3, n = 20": contraction(1_000_000, 20, arguments.repeats),
+        "contraction, 1 M hyper-edges of order 3, n = 20": measure_contraction(1_000_000, 20, arguments.repeats),
         "ascent, 5 against 8, order 4": ascent(5, 8, 4, 300, arguments.repeats),
         "ascent, 10 against 10, order 4": ascent(10, 10, 4, 100_000, arguments.repeats),
         "ascent, 20 against 40, order 4": ascent(20, 40, 4, 500_000, arguments.repeats),

@@ -67,8 +67,8 @@ def kernels() -> list[dict[str, Any]]:
     from cuda_cases import CASES, case_tables
     from rootmatch.backends import cuda as backend
     from rootmatch.backends import cuda_contraction, cuda_float32
-    from rootmatch.jit.cuda import make_known
-    from rootmatch.jit.float32 import rounded
+    from rootmatch.jit.cuda import register_kernels
+    from rootmatch.jit.float32 import round_tables
     from rootmatch.problems.residual_dispatch import has_single
 
     def array(dimensions: int, dtype: Any = types.float64) -> Any:
@@ -77,7 +77,7 @@ def kernels() -> list[dict[str, Any]]:
     i8, i4, flag = types.int64, types.int32, types.boolean
     indices, listed = array(2, i4), array(2, i8)
     wanted = {(case.problem, case.kind): case for case in CASES.values()}
-    make_known()
+    register_kernels()
     made = []
     ptxas = assembler()
 
@@ -107,7 +107,7 @@ def kernels() -> list[dict[str, Any]]:
         add(problem, kind.__name__, backend.evaluate_kernel, (*typed, indices, indices, array(1)))
         add_sweep(problem, kind, tables, types.float64)
         if has_single(tables, kind(1)):
-            add_sweep(problem, kind, rounded(tables), types.float32)
+            add_sweep(problem, kind, round_tables(tables), types.float32)
             numbered = array(1, i8), array(1)
             add(problem, kind.__name__, cuda_float32.exact_kernel, (*typed, listed, indices, i8, i8, *numbered))
     contracted = indices, array(1), array(1), array(1, i8), array(1, i4), array(1)

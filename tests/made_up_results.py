@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rootmatch.research.paper.plan import Table, plan_of
+from rootmatch.research.paper.plan import Table, make_plan
 from rootmatch.research.paper.rho import CONDITIONS, RESIDUALS, SCAN_SOLVERS, Rhos
 from rootmatch.research.paper.settings import PROBLEMS, Effort
 
@@ -44,7 +44,7 @@ def made_up_table(accuracy, problems=PROBLEMS, instances=12, spread=0.0, effort=
     wobble = spread * np.where(np.arange(instances) % 2, 1.0, -1.0)
     cells = {
         (setting, method, size): np.clip(accuracy(setting, method, size) + wobble, 0.0, 1.0)
-        for setting, methods in plan_of(problems, rhos).items()
+        for setting, methods in make_plan(problems, rhos).items()
         for method, sizes in methods
         for size in sizes
     }

@@ -148,7 +148,7 @@ def test_points_with_detections_beside_them_may_be_off() -> None:
 def test_residuals_of_what_is_not_there_do_not_say_that_the_noise_is_larger() -> None:
     """Four degrees of freedom of five points among sixteen fit anything 2.4 times as coarsely; twelve points do not."""
     misfit = Misfit(2.4**2, 2.4, 4)
-    assert misfit.log_odds_if_larger(-6.4) == pytest.approx(-2.8, abs=0.1)
+    assert misfit.rescaled_log_odds(-6.4) == pytest.approx(-2.8, abs=0.1)
     found = coarse(4, 6.0)
     assert found.status is rm.Status.UNTRUSTED
     assert "times as large as given, or else the pose is wrong; give noise=" in found.advice
@@ -172,7 +172,7 @@ def test_odds_with_a_larger_noise_are_those_of_the_model(seed: int) -> None:
     larger = rm.match(source, coarse, rm.P3P(CAMERA), noise=given.noise_factor * NOISE).finding
     np.testing.assert_array_equal(given.assignment, larger.assignment)
     misfit = Misfit(given.noise_factor**2, given.noise_factor, given.noise_dof)
-    assert misfit.log_odds_if_larger(given.log_odds) == pytest.approx(larger.log_odds, abs=0.3)
+    assert misfit.rescaled_log_odds(given.log_odds) == pytest.approx(larger.log_odds, abs=0.3)
 
 
 @pytest.mark.parametrize("of_image", [False, True])

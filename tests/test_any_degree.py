@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 import oracles
-from rootmatch.algebra.any_degree import last_entry_of, lesser_last_entry_of, roots_of, singular_value_of
+from rootmatch.algebra.any_degree import (
+    make_last_entry_kernel,
+    make_lesser_entry_kernel,
+    make_root_kernel,
+    make_singular_value_kernel,
+)
 
 DEGREES = (1, 5)  # two and four have tests of their own
 
@@ -28,14 +33,14 @@ def pairs(degree: int) -> list[tuple[np.ndarray, np.ndarray]]:
 @pytest.mark.parametrize("degree", DEGREES)
 def test_last_entry_is_that_of_qr(degree: int) -> None:
     for p, q in pairs(degree):
-        assert last_entry_of(degree)(*p, *q) == pytest.approx(oracles.qr(p, q), rel=1e-6)
-        assert lesser_last_entry_of(degree)(*p, *q) == pytest.approx(oracles.qr_both(p, q), rel=1e-6)
+        assert make_last_entry_kernel(degree)(*p, *q) == pytest.approx(oracles.qr(p, q), rel=1e-6)
+        assert make_lesser_entry_kernel(degree)(*p, *q) == pytest.approx(oracles.qr_both(p, q), rel=1e-6)
 
 
 @pytest.mark.parametrize("degree", DEGREES)
 def test_singular_value(degree: int) -> None:
     for p, q in pairs(degree):
-        assert singular_value_of(degree)(*p, *q) == pytest.approx(oracles.svd(p, q), rel=1e-6)
+        assert make_singular_value_kernel(degree)(*p, *q) == pytest.approx(oracles.svd(p, q), rel=1e-6)
 
 
 @pytest.mark.parametrize("degree", DEGREES)
@@ -43,7 +48,7 @@ def test_all_real_roots_and_the_real_part_of_others(degree: int) -> None:
     for p, _ in pairs(degree):
         for scale in (1.0, 1e-5):
             coefficients = p * np.concatenate(([scale], np.ones(degree)))  # a small leading end: a root far out
-            found = np.array(roots_of(degree)(*coefficients))
+            found = np.array(make_root_kernel(degree)(*coefficients))
             expected = np.roots(coefficients)
             real = expected[np.abs(expected.imag) < 1e-9 * np.abs(expected)].real
             others = expected[np.abs(expected.imag) >= 1e-9 * np.abs(expected)].real
@@ -55,6 +60,6 @@ def test_all_real_roots_and_the_real_part_of_others(degree: int) -> None:
 @pytest.mark.parametrize("degree", DEGREES)
 def test_a_zero_polynomial_says_nothing(degree: int) -> None:
     p, zero = np.ones(degree + 1), np.zeros(degree + 1)
-    for kernel in (last_entry_of, lesser_last_entry_of, singular_value_of):
+    for kernel in (make_last_entry_kernel, make_lesser_entry_kernel, make_singular_value_kernel):
         assert kernel(degree)(*p, *zero) >= 1.4
         assert np.isfinite(kernel(degree)(*zero, *p))

@@ -6,7 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.assignment import CLEAR, INVALID, UNCLEAR, apart_from, assign_clear, discretise, margin
+from rootmatch.hypergraph.assignment import (
+    CLEAR,
+    INVALID,
+    UNCLEAR,
+    are_targets_disjoint,
+    assign_clear,
+    discretise,
+    margin,
+)
 
 
 @pytest.mark.parametrize(("n", "n_target"), [(4, 4), (3, 5), (5, 3), (1, 4)])
@@ -96,4 +104,4 @@ def test_assignments_apart_share_no_target(seed):
     rng = np.random.default_rng(seed)
     every, other = rng.integers(-1, 6, (4, 3)), rng.integers(-1, 6, 3)
     expected = [not (set(one[one >= 0]) & set(other[other >= 0])) for one in every]
-    assert apart_from(every, other).tolist() == expected
+    assert are_targets_disjoint(every, other).tolist() == expected

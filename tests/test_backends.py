@@ -16,9 +16,9 @@ from rootmatch.backends import cpu
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Affinity, Residual, affinity
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.problems.p3p.problem import P3P
-from rootmatch.problems.padding import padded, target_columns
+from rootmatch.problems.padding import pad_tables, target_columns
 from rootmatch.problems.residual_dispatch import edge_residual
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 from rootmatch.problems.three_plus_one.problem import ThreePlusOne
@@ -276,7 +276,7 @@ def test_room_behind_the_targets_changes_nothing(problem: str, kind: Any) -> Non
     n, n_target, order = 6, 9, ORDER[problem]
     bases, arrangements = enumeration.source_bases(n, order), enumeration.target_arrangements(n_target, order - 1)
     tables = scene(problem, n, n_target)
-    wider = padded(tables, n_target)
+    wider = pad_tables(tables, n_target)
     assert (target_columns(tables, n_target), target_columns(wider, n_target)) == (9, 16)
     everywhere = np.empty((0, 0), dtype=bool)
     gate = 1e-3 if isinstance(kind, QR) else 2.0
@@ -318,7 +318,7 @@ def test_lists_give_each_hyperedge_the_residual_of_its_own_kernel_wherever_it_st
 def test_arrays_without_an_owner_are_the_same_arrays_and_nobody_counts_them() -> None:
     @numba.njit
     def through(pair, line):  # type: ignore[no-untyped-def]
-        (first, second), line = borrowed(pair), borrowed(line)
+        (first, second), line = borrow(pair), borrow(line)
         for k in range(line.size):
             part = first[k]
             line[k] = part[0] + second[k]
@@ -329,6 +329,6 @@ def test_arrays_without_an_owner_are_the_same_arrays_and_nobody_counts_them() ->
     assert through((first, second), line) == 3
     assert line.tolist() == [1.0, 3.0, 5.0]
     assert [sys.getrefcount(array) for array in (first, second, line)] == held
-    assert borrowed(line) is line
+    assert borrow(line) is line
     loop = next(iter(through.inspect_llvm().values())).split("define", 2)[1]
     assert "NRT_incref" not in loop

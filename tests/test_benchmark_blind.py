@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from rootmatch.cli.app import app
 from rootmatch.errors import InputError
 from rootmatch.research.blind import methods as blind_methods
-from rootmatch.research.blind.methods import Answer, by_peer, methods
-from rootmatch.research.blind.run import COLUMNS, judged, run_blind
+from rootmatch.research.blind.methods import Answer, load_peer, methods
+from rootmatch.research.blind.run import COLUMNS, judge_answer, run_blind
 from rootmatch.research.blind.scenes import (
     HEIGHT,
     NOISE,
@@ -22,9 +22,9 @@ from rootmatch.research.blind.scenes import (
     WIDTH,
     BlindScene,
     outlier_scene,
-    projected,
+    project_points,
     real_scenes,
-    simulated,
+    simulated_scenes,
     surface_scene,
 )
 from rootmatch.research.blind.softposit import _softassign, softposit
@@ -32,7 +32,7 @@ from rootmatch.research.blind.softposit import _softassign, softposit
 
 def distances(scene: BlindScene) -> np.ndarray:
     """From each detection to the nearest true projection, in pixels."""
-    image = projected(scene.K, scene.R, scene.t, scene.source)
+    image = project_points(scene.K, scene.R, scene.t, scene.source)
     return np.linalg.norm(scene.target[:, None] - image[None], axis=2).min(axis=1)
 
 
@@ -46,7 +46,7 @@ def test_outlier_scenes_have_their_shares(row: tuple[float, float]) -> None:
         assert len(scene.target) == pytest.approx(seen / (1.0 - clutter), abs=1)
         assert np.sum(distances(scene) < 5.0 * NOISE) >= seen
         assert np.all((scene.source >= -1.0) & (scene.source <= 1.0))
-        image = projected(scene.K, scene.R, scene.t, scene.source)
+        image = project_points(scene.K, scene.R, scene.t, scene.source)
         assert np.all((image > 0.0) & (image < (WIDTH, HEIGHT)))
 
 
@@ -60,7 +60,7 @@ def test_surface_scenes_show_every_point(row: tuple[int, float]) -> None:
 
 def test_noise_is_as_said_and_seeds_differ() -> None:
     scene = surface_scene(1000, 0.0, 1)
-    image = projected(scene.K, scene.R, scene.t, scene.source)
+    image = project_points(scene.K, scene.R, scene.t, scene.source)
     order = np.linalg.norm(scene.target[:, None] - image[None], axis=2)
     from scipy.optimize import linear_sum_assignment
 
@@ -68,19 +68,19 @@ def test_noise_is_as_said_and_seeds_differ() -> None:
     assert np.sqrt(np.mean((scene.target[rows] - image[columns]) ** 2)) < 1.1 * NOISE
     assert not np.allclose(scene.R, surface_scene(1000, 0.0, 2).R)
     np.testing.assert_array_equal(scene.target, surface_scene(1000, 0.0, 1).target)
-    assert len(list(simulated(range(3, 5), ("outliers",)))) == 2 * len(OUTLIERS)
+    assert len(list(simulated_scenes(range(3, 5), ("outliers",)))) == 2 * len(OUTLIERS)
 
 
 def test_the_judge_knows_the_truth_and_what_is_far_from_it() -> None:
     scene = outlier_scene(0.0, 0.0, 0)
-    exact = judged(scene, Answer((scene.R, scene.t), True), 1.0)
+    exact = judge_answer(scene, Answer((scene.R, scene.t), True), 1.0)
     assert exact["right"]
     assert exact["degrees"] == pytest.approx(0.0, abs=1e-3)
     turned = np.diag([1.0, -1.0, -1.0]) @ scene.R
-    assert not judged(scene, Answer((turned, scene.t), True), 1.0)["right"]
-    assert not judged(scene, Answer((scene.R, 1.2 * scene.t), True), 1.0)["right"]
-    assert not judged(scene, Answer(None, False), 1.0)["right"]
-    assert not judged(scene, Answer((scene.R, np.full(3, np.nan)), True), 1.0)["right"]
+    assert not judge_answer(scene, Answer((turned, scene.t), True), 1.0)["right"]
+    assert not judge_answer(scene, Answer((scene.R, 1.2 * scene.t), True), 1.0)["right"]
+    assert not judge_answer(scene, Answer(None, False), 1.0)["right"]
+    assert not judge_answer(scene, Answer((scene.R, np.full(3, np.nan)), True), 1.0)["right"]
 
 
 def test_softposit_ends_where_detections_lead_to_no_pose() -> None:
@@ -103,7 +103,7 @@ def test_softposit_finds_the_pose_from_a_near_start() -> None:
             scene.source, scene.target - scene.K[:2, 2], scene.K[0, 0], scene.noise, start=(R, 1.1 * scene.t)
         )
         np.testing.assert_allclose(found[0] @ found[0].T, np.eye(3), atol=1e-9)
-        right += judged(scene, Answer(found, True), 0.0)["right"]
+        right += judge_answer(scene, Answer(found, True), 0.0)["right"]
     assert right >= 4
 
 
@@ -121,15 +121,15 @@ def test_descent_settles_on_the_truth_and_its_step_is_the_gradients() -> None:
 
     scene = outlier_scene(0.0, 0.0, 3)
     start = Rotation.from_rotvec([0.03, 0.02, -0.03]).as_matrix() @ scene.R, scene.t + 0.05
-    found = blind_methods._descended(scene, *start)
-    assert judged(scene, Answer(found, True), 0.0)["degrees"] < 1.0
-    assert len(blind_methods._paired(scene, *found, 3.0 * NOISE)[0]) >= 27
+    found = blind_methods._descend_icp(scene, *start)
+    assert judge_answer(scene, Answer(found, True), 0.0)["degrees"] < 1.0
+    assert len(blind_methods._mutual_nearest_pairs(scene, *found, 3.0 * NOISE)[0]) >= 27
 
 
 def test_icp_solves_a_scene_without_outliers() -> None:
     scene = outlier_scene(0.0, 0.0, 1)
-    answer = blind_methods.by_icp(scene, 20.0)
-    assert judged(scene, answer, 0.0)["right"]
+    answer = blind_methods.solve_by_icp(scene, 20.0)
+    assert judge_answer(scene, answer, 0.0)["right"]
 
 
 def test_all_methods_answer_in_a_tiny_run_that_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,7 +159,7 @@ def test_real_scenes_have_the_pose_of_their_true_pairs(tmp_path: Path) -> None:
     points = rng.uniform(-1.0, 1.0, (20, 3))
     K = np.array([[800.0, 0, 320], [0, 800, 240], [0, 0, 1]])
     t = np.array([0.0, 0.0, 6.0])
-    image = np.stack([projected(K, np.eye(3), t, points) + 0.3 * rng.normal(size=(20, 2)) for _ in range(2)])
+    image = np.stack([project_points(K, np.eye(3), t, points) + 0.3 * rng.normal(size=(20, 2)) for _ in range(2)])
     np.savez(tmp_path / "tears_of_steel_01.npz", points3d=points, points2d=image, K=np.array([K, K]), rms_px=[0.3, 0.3])
     for name in ("aicon_targets", "berlin_facade"):
         np.savez(tmp_path / f"{name}.npz", nothing=0)
@@ -168,7 +168,7 @@ def test_real_scenes_have_the_pose_of_their_true_pairs(tmp_path: Path) -> None:
     for name in ("aicon_targets", "berlin_facade"):
         (tmp_path / f"{name}.npz").unlink()
     (scene,) = real_scenes(tmp_path, 1)
-    assert judged(scene, Answer((np.eye(3), t), True), 0.0)["right"]
+    assert judge_answer(scene, Answer((np.eye(3), t), True), 0.0)["right"]
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_a_peer_is_a_file_with_a_function(tmp_path: Path) -> None:
         "def ransac_match(points, pixels, K, tolerance, max_seconds, seed):\n"
         "    return np.zeros(len(points), int), (np.eye(3), np.array([0.0, 0.0, tolerance])), 5\n"
     )
-    answer = by_peer(path)(outlier_scene(0.0, 0.0, 0), 1.0)
+    answer = load_peer(path)(outlier_scene(0.0, 0.0, 0), 1.0)
     assert answer.claimed
     assert answer.pose is not None
     assert answer.pose[1][2] == 3.0 * NOISE

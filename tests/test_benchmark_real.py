@@ -12,7 +12,7 @@ import pytest
 
 from rootmatch.errors import InputError
 from rootmatch.research.real import leaderboard
-from rootmatch.research.real.judge import judged
+from rootmatch.research.real.judge import judge_reply
 from rootmatch.research.real.run import run_real
 from rootmatch.research.real.scenes import all_scenes, protocols
 
@@ -69,10 +69,10 @@ def test_replies_are_judged(data: Path) -> None:
         ("nonsense", {"right": 0, "claimed": False}),
     ]
     for assignment, expected in cases:
-        found = judged(scene, {"assignment": assignment, "wall": 1.0})
+        found = judge_reply(scene, {"assignment": assignment, "wall": 1.0})
         assert {key: found[key] for key in expected} == expected
-    assert judged(scene, {"assignment": [99] * 8, "wall": 1.0})["error"]
-    assert not judged(scene, {"assignment": truth.tolist(), "matched": False, "wall": 1.0})["claimed"]
+    assert judge_reply(scene, {"assignment": [99] * 8, "wall": 1.0})["error"]
+    assert not judge_reply(scene, {"assignment": truth.tolist(), "matched": False, "wall": 1.0})["claimed"]
 
 
 def test_a_program_is_measured_and_a_run_resumes(data: Path, tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_a_program_that_fails_counts_as_failed(data: Path, tmp_path: Path, body:
 
     scene = next(iter(all_scenes(data)))
     with closing(Program(answering(tmp_path, body), start_up=2.0)) as program:
-        found = judged(scene, program.ask(scene.request, 2.0))
+        found = judge_reply(scene, program.ask(scene.request, 2.0))
     assert says in found["error"]
     assert (found["right"], found["claimed"]) == (0, False)
 

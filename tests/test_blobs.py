@@ -12,10 +12,10 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.model.blob_labels import of_surest, surest_points
-from rootmatch.model.blobs import blobs, lit_chances, mean_of_each, of_blobs, spread_of_each
+from rootmatch.model.blob_labels import likeliest_lit_points, swap_to_likeliest
+from rootmatch.model.blobs import assign_blobs, average_blobs, blob_variance_of, find_blobs, lit_probabilities
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about
+from rootmatch.model.evidence import weigh_poses
 
 CAMERA = rm.Camera(600.0, 600.0, 320.0, 240.0)
 SIGMA = 0.3
@@ -43,7 +43,7 @@ def test_blobs_are_joined_one_by_one(seed: int) -> None:
     pixels = rng.uniform(0.0, 30.0, (5, 14, 2))
     pixels[0, 3], pixels[1, :5] = pixels[0, 7], [[k * 2.9, 0.0] for k in range(5)]  # coincident, and a chain
     shown = rng.random((5, 14)) < 0.8
-    found = blobs(pixels, shown, 3.0)
+    found = find_blobs(pixels, shown, 3.0)
     assert found is not None
     for k in range(5):
         assert found[k].tolist() == joined(pixels[k], shown[k], 3.0)
@@ -51,8 +51,8 @@ def test_blobs_are_joined_one_by_one(seed: int) -> None:
 
 def test_points_far_apart_are_no_blobs() -> None:
     pixels = np.array([[[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]]])
-    assert blobs(pixels, np.ones((1, 3), np.bool_), 3.0) is None
-    assert blobs(pixels[:, :0], np.ones((1, 0), np.bool_), 3.0) is None
+    assert find_blobs(pixels, np.ones((1, 3), np.bool_), 3.0) is None
+    assert find_blobs(pixels[:, :0], np.ones((1, 0), np.bool_), 3.0) is None
 
 
 def drawn(pixels: np.ndarray, lit: np.ndarray, seed: int) -> np.ndarray:
@@ -68,8 +68,8 @@ def test_the_moments_of_a_blob_are_those_of_its_mixture(lit: list[float]) -> Non
     pixels, chance = np.array([[0.0, 0.0], [4.0, 0.0], [2.0, 3.0]])[: len(lit)], np.array(lit)
     places = drawn(pixels, chance, 1)
     blob, one = np.zeros((1, len(lit)), np.int64), pixels[None]
-    mean = mean_of_each(blob, one, chance[None])[0, 0]
-    spread = spread_of_each(blob, one, chance[None])[0, 0]
+    mean = average_blobs(blob, one, chance[None])[0, 0]
+    spread = blob_variance_of(blob, one, chance[None])[0, 0]
     np.testing.assert_allclose(mean, places.mean(axis=0), atol=0.05)
     variance = 0.5 * places.var(axis=0).sum()
     assert variance < spread < 1.16 * variance
@@ -79,7 +79,7 @@ def test_a_point_by_itself_stays_as_it_is() -> None:
     rng = np.random.default_rng(3)
     blob = np.array([[0, 1, 1, 3]])
     pixels, lit = rng.normal(size=(1, 4, 2)), rng.uniform(0.1, 0.9, (1, 4))
-    mean, spread = mean_of_each(blob, pixels, lit), spread_of_each(blob, pixels, lit)
+    mean, spread = average_blobs(blob, pixels, lit), blob_variance_of(blob, pixels, lit)
     for alone in (0, 3):
         assert (mean[0, alone] == pixels[0, alone]).all()
         assert spread[0, alone] == 0.0
@@ -87,8 +87,8 @@ def test_a_point_by_itself_stays_as_it_is() -> None:
 
 def test_the_first_point_has_the_detection_of_its_blob() -> None:
     blob = np.array([[0, 0, 2, 0]])
-    assert of_blobs(np.array([[-1, 5, 2, 7]]), blob).tolist() == [[5, -1, 2, -1]]
-    assert of_blobs(np.array([[4, 5, -1, -1]]), blob).tolist() == [[4, -1, -1, -1]]
+    assert assign_blobs(np.array([[-1, 5, 2, 7]]), blob).tolist() == [[5, -1, 2, -1]]
+    assert assign_blobs(np.array([[4, 5, -1, -1]]), blob).tolist() == [[4, -1, -1, -1]]
 
 
 @pytest.mark.parametrize("place", [-2.0, 0.1, 1.0, 2.0, 3.9, 9.0])
@@ -102,7 +102,7 @@ def test_the_chances_of_a_pair_are_those_of_bayes(place: float) -> None:
         weight[state] = prior * math.exp(-0.5 * float(((detection - centre) ** 2).sum()) / variance)
     total = sum(weight.values())
     truth = [sum(value for state, value in weight.items() if k in state) / total for k in (0, 1)]
-    np.testing.assert_allclose(lit_chances(pixels, lit, detection, variance), truth, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(lit_probabilities(pixels, lit, detection, variance), truth, rtol=1e-9, atol=1e-12)
 
 
 def scene(seed: int, both: bool = True) -> tuple[np.ndarray, np.ndarray, list[set[int]], rm.Pose]:
@@ -170,32 +170,34 @@ def test_the_label_of_a_blob_follows_its_place() -> None:
     model = DetectionModel(CAMERA, source, target, np.full(len(target), SIGMA), resolution=2.0 * APART)
     R, position = model.centred(truth.R, truth.t)
     named = np.array([next((j for j, own in enumerate(owners) if i in own), -1) for i in range(8)])
-    surest, chance = surest_points(model, named, (R, position)) or pytest.fail("nothing is merged")
+    surest, chance = likeliest_lit_points(model, named, (R, position)) or pytest.fail("nothing is merged")
     assert surest.tolist() == list(range(8))
     assert chance[0] > 0.99
     assert (chance[1:] == 1.0).all()
     at_second = model.target.copy()
     at_second[named[0]] = CAMERA.project((source @ truth.R.T + truth.t)[1:2])[0]
-    moved, chance = surest_points(replace(model, target=at_second), named, (R, position)) or pytest.fail("as before")
+    moved, chance = likeliest_lit_points(replace(model, target=at_second), named, (R, position)) or pytest.fail(
+        "as before"
+    )
     assert moved.tolist() == [1, *range(1, 8)]
-    swapped, values = of_surest(named, np.arange(8.0), moved)
+    swapped, values = swap_to_likeliest(named, np.arange(8.0), moved)
     assert swapped.tolist() == [-1, named[0], *named[2:]]
     assert values.tolist() == [1.0, 0.0, *range(2, 8)]
-    evidence, at = about(model, named[None], R[None], position[None])
+    evidence, at = weigh_poses(model, named[None], R[None], position[None])
     assert at.blob is not None
     assert at.blob[0, 1] == 0
     assert np.isfinite(evidence.log_odds).all()
     # among poses of which only some show blobs
     far = Rotation.from_rotvec([0.0, 1.2, 0.0]).as_matrix() @ R
-    _, without = about(model, named[None], far[None], position[None])
+    _, without = weigh_poses(model, named[None], far[None], position[None])
     assert without.blob is None
     several, expected = (
-        model.linearised(np.array(poses), np.array([position, position])) for poses in ((far, far), (far, R))
+        model.linearise_about(np.array(poses), np.array([position, position])) for poses in ((far, far), (far, R))
     )
-    mixed = several.with_(np.array([1]), at)
+    mixed = several.replace_rows(np.array([1]), at)
     for field, values in expected._asdict().items():
         np.testing.assert_allclose(np.asarray(getattr(mixed, field), float), np.asarray(values, float), err_msg=field)
-    np.testing.assert_array_equal(expected.with_(np.array([1]), without).blob, np.tile(np.arange(8), (2, 1)))
+    np.testing.assert_array_equal(expected.replace_rows(np.array([1]), without).blob, np.tile(np.arange(8), (2, 1)))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from rootmatch.cli import app
 from rootmatch.io.point_files import PointSet, read_points, write_points
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.evidence import about, squared_deviations
+from rootmatch.model.evidence import squared_deviations, weigh_poses
 
 Floats = NDArray[np.float64]
 FOCAL, CENTRE = 900.0, np.array([640.0, 480.0])
@@ -113,7 +113,7 @@ def test_pixels_that_are_not_square() -> None:
 def test_deviations_are_those_of_a_normal_distribution() -> None:
     one = scene(1002)
     model = DetectionModel(CAMERA, one.points, one.target, np.full(12, 1.0), target_covariance=one.noise)
-    found, at = about(model, one.truth[None], *model.centred(one.R[None], one.t[None]))
+    found, at = weigh_poses(model, one.truth[None], *model.centred(one.R[None], one.t[None]))
     off = one.target[one.truth] - at.pixels[0]
     expected = sum(float(d @ np.linalg.solve(S, d)) for d, S in zip(off, one.noise[one.truth], strict=True))
     np.testing.assert_allclose(squared_deviations(model, one.truth[None], at), expected)
@@ -123,10 +123,10 @@ def test_deviations_are_those_of_a_normal_distribution() -> None:
 def test_gates_have_the_density_of_a_normal_distribution() -> None:
     one = scene(1003)
     model = DetectionModel(CAMERA, one.points, one.target, np.full(12, 1.0), target_covariance=one.noise)
-    at = model.linearised(*model.centred(one.R[None], one.t[None]))
+    at = model.linearise_about(*model.centred(one.R[None], one.t[None]))
     spread = np.diag([1e-3] * 3 + [2e-3] * 3) ** 2
     out = np.empty((8, 12), np.bool_), np.empty((8, 12)), np.empty(8, np.int64)
-    image = *model.detections_for_gates, np.zeros(12), np.empty((0, 0))
+    image = *model.gating_arguments, np.zeros(12), np.empty((0, 0))
     gate((at.pixels[0], at.jacobian[0], EXACT, np.ones(8)), spread, image, (16.0, 0.5, 0.1), out)
     jacobian = at.jacobian[0]
     for i in range(8):

@@ -143,7 +143,7 @@ def test_what_is_searched_again() -> None:
     def searched(status: rm.Status, cut: bool, probability: float = 1.0) -> list[bool]:
         match = judged(found, status, probability)
         one = _Body(number=0, task=match.task, found=match, budget=100, cut=cut, among=len(target))
-        return [one.worth_a_search(left, budget) for left in (free, clutter, own) for budget in (100, 300)]
+        return [one.is_worth_searching(left, budget) for left in (free, clutter, own) for budget in (100, 300)]
 
     untrusted, ambiguous = rm.Status.UNTRUSTED, rm.Status.AMBIGUOUS
     # (free, clutter taken, own taken) × (same budget, larger budget)
@@ -153,9 +153,9 @@ def test_what_is_searched_again() -> None:
     assert searched(ambiguous, cut=True, probability=0.5) == [False, False, True, True, True, True]
     assert searched(ambiguous, cut=False, probability=0.5) == [False, False, False, False, True, True]
     new = _Body(number=0, task=found.task, found=found)
-    assert new.worth_a_search(free, 100)
+    assert new.is_worth_searching(free, 100)
     new.settled = True
-    assert not new.worth_a_search(own, 300)
+    assert not new.is_worth_searching(own, 300)
 
 
 def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> None:

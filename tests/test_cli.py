@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import rootmatch as rm
 from commands import rows_of, run
 from rootmatch.cli import app
-from rootmatch.cli.error_messages import as_options
+from rootmatch.cli.error_messages import translate_to_options
 from rootmatch.simulation import up2p_scene
 
 PROGRAM = [sys.executable, "-c", "from rootmatch.cli import main; main()"]
@@ -599,7 +599,7 @@ class TestProgram:
     ],
 )
 def test_errors_speak_of_files_and_options(text: str, expected: str) -> None:
-    assert as_options(text, {"source": "a=b.csv", "n": "--points"}) == expected
+    assert translate_to_options(text, {"source": "a=b.csv", "n": "--points"}) == expected
 
 
 def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture[str]) -> None:

@@ -125,7 +125,7 @@ def test_loading_does_not_count_against_the_first_frame(folder: Path, monkeypatc
     source = read_points(folder / "model.csv", 3)
     problem = rm.P3P(rm.Camera(800.0, 780.0, 320.0, 240.0))
     job = frames.Job(source, problem, {"noise": 0.2, "max_seconds": 2.0})
-    (result,) = frames._matched(pickle.dumps(job), (Frame(0, frame(0)[0]),))
+    (result,) = frames._match_chunk(pickle.dumps(job), (Frame(0, frame(0)[0]),))
     assert loaded
     assert result[1] == "matched"
     assert not result[3]["stopped_early"]
@@ -606,8 +606,8 @@ def test_what_is_known_is_interpolated_between_rows(tmp_path: Path) -> None:
         assert found.vertical[1][2] > 0.0
     assert known.of(time=0.04) is None
     assert known.of(time=0.5) is None
-    assert known.unused is not None
-    assert "2 of 5 frames have no row within 1 ms" in known.unused
+    assert known.mismatch_note is not None
+    assert "2 of 5 frames have no row within 1 ms" in known.mismatch_note
 
 
 def test_a_time_is_that_of_the_nearest_row(tmp_path: Path, turns: list[list[float]]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 import rootmatch as rm
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about
+from rootmatch.model.evidence import weigh_poses
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
 POSITION = np.array([0.0, 0.0, 1.0])
@@ -33,7 +33,7 @@ def gain_of_the_last(cosines: list[float]) -> float:
     whole = without.copy()
     whole[-1] = len(seen)
     position = POSITION + model.centre
-    found, _ = about(model, np.array([whole, without]), np.tile(np.eye(3), (2, 1, 1)), np.tile(position, (2, 1)))
+    found, _ = weigh_poses(model, np.array([whole, without]), np.tile(np.eye(3), (2, 1, 1)), np.tile(position, (2, 1)))
     return float(found.log_odds[0] - found.log_odds[1])
 
 

@@ -23,19 +23,19 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
-from rootmatch.model.compiled.crowds import crowds_of, densities_of_crowds, shares_of_crowds
+from rootmatch.model.compiled.crowds import fill_crowd_densities, fit_crowd_shares, fit_crowds
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.occluder import DIRECTIONS, FARTHEST, LEAST_HIDDEN, OCCLUDED
-from rootmatch.model.compiled.rates import log_of_rates
+from rootmatch.model.compiled.rates import log_over_rates
 from rootmatch.model.compiled.same_pose import is_same_pose
-from rootmatch.model.compiled.single_changes import gains_of_matches
+from rootmatch.model.compiled.single_changes import fill_match_gains
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about, evidence, stepped
+from rootmatch.model.evidence import step_poses, weigh_assignments, weigh_poses
 from rootmatch.model.pose_density import DEPTHS, FIELD, Broad, Doubted, Gaussian, PoseDensity
-from rootmatch.model.proposals import poses_of_few
-from rootmatch.model.views import frames_of, views_of
+from rootmatch.model.proposals import propose_few_matched
+from rootmatch.model.views import camera_frames, kernel_camera_views
 from rootmatch.model.visibility import BARELY, EDGE, EDGES, FULLY, LOGISTIC, SLACK, UNSEEN
-from rootmatch.problems.pose_fit.starts import poses_of_triples, triples
+from rootmatch.problems.pose_fit.starts import solve_triples, wide_triples
 
 Floats = NDArray[np.float64]
 
@@ -86,9 +86,9 @@ CAMERAS = {
 @pytest.mark.parametrize("name", CAMERAS)
 def test_projection_and_its_derivatives(name: str) -> None:
     camera = CAMERAS[name]
-    assert (views_of(camera) is None) == (name == "tilted")
+    assert (kernel_camera_views(camera) is None) == (name == "tilted")
     model, R, position = scene(camera)
-    at = model.linearised(R, position)
+    at = model.linearise_about(R, position)
     places = (model.points - model.centre) @ R.swapaxes(1, 2) + position[:, None]
     with np.errstate(all="ignore"):
         pixels, seen = camera.project(places), camera.sees(places)
@@ -154,7 +154,7 @@ def visible(
 
 def log_evidence(model: DetectionModel, assignment: NDArray[np.int64], R: Floats, position: Floats, prior: PoseDensity):  # type: ignore[no-untyped-def]
     """The formula of docs/model.md for one assignment about one pose, one term after another."""
-    at, terms = model.linearised(R[None], position[None]), prior.terms(R[None], position[None])
+    at, terms = model.linearise_about(R[None], position[None]), prior.terms(R[None], position[None])
     pairs = [(i, int(j)) for i, j in enumerate(assignment) if j >= 0]
     precision, slope, squared = terms.precision[0].copy(), terms.slope[0].copy(), float(terms.squared[0])
     total = 0.0
@@ -183,7 +183,7 @@ def log_evidence(model: DetectionModel, assignment: NDArray[np.int64], R: Floats
     tilt = min(math.sqrt(np.trace(covariance[:3, :3]) / 2.0), 1.0)
     cosine = None if at.cosine is None else at.cosine[0]
     unknown = cosine is not None and model.view_cosine is None
-    nodes, log_nodes = model.rates
+    nodes, log_nodes = model.rate_quadrature
     owned = np.isin(np.arange(len(assignment)), [i for i, _ in pairs])
     values, every = [], []
     for edge in EDGE_COSINES.tolist() if unknown else [None]:
@@ -310,10 +310,10 @@ def test_evidence_is_the_formula(name: str) -> None:
         R[:6], position[:6] = (np.array(one) for one in zip(*(near(PREDICTED, k) for k in range(6)), strict=True))
     assignments = assignments_of(model, len(R), 1002)
     if name == "blobs":
-        at = model.linearised(R, position)
+        at = model.linearise_about(R, position)
         assert at.blob is not None
         assignments = np.where(at.blob == np.arange(6), assignments, -1)
-    found, _ = about(model, assignments, R, position)
+    found, _ = weigh_poses(model, assignments, R, position)
     finite = 0
     for k in range(len(R)):
         value, step, covariance, squared, freedom, shown = log_evidence(
@@ -339,15 +339,15 @@ def test_many_hidden_points_do_not_underflow() -> None:
     missing = np.full(5000, 0.99)
     missing[7] = 0.0
     exact = 4999 * math.log1p(-0.9 * 0.99) + math.log(0.9)
-    value = log_of_rates(missing, 1, np.array([0.9]), np.zeros(1), np.empty((2, 1)))
+    value = log_over_rates(missing, 1, np.array([0.9]), np.zeros(1), np.empty((2, 1)))
     assert value == pytest.approx(exact, rel=1e-12)
 
 
 def test_steps() -> None:
     model, R, position = scene(PINHOLE)
-    found, at = about(model, assignments_of(model, len(R), 1007), R, position)
+    found, at = weigh_poses(model, assignments_of(model, len(R), 1007), R, position)
     step = np.random.default_rng(1008).normal(size=(len(R), 6)) * np.geomspace(1e-9, 1.0, len(R))[:, None]
-    rotation, moved = stepped(found._replace(step=step), at)
+    rotation, moved = step_poses(found._replace(step=step), at)
     shortened = 0
     for k in range(len(R)):
         length = max(np.linalg.norm(step[k, :3]), np.linalg.norm(step[k, 3:]) / np.linalg.norm(position[k]))
@@ -360,7 +360,9 @@ def test_steps() -> None:
 
 def test_evidence_of_no_assignment_is_of_the_prior() -> None:
     model, _, _ = scene(PINHOLE, prior=MIXTURE)
-    found = evidence(model, np.full((1, 6), -1), model.linearised(PREDICTED.rotation[None], PREDICTED.position[None]))
+    found = weigh_assignments(
+        model, np.full((1, 6), -1), model.linearise_about(PREDICTED.rotation[None], PREDICTED.position[None])
+    )
     np.testing.assert_allclose(found.covariance[0], PREDICTED.covariance, rtol=1e-4, atol=1e-9)
     assert found.squared[0] == pytest.approx(0.0, abs=1e-9)
 
@@ -421,10 +423,10 @@ class TestPriors:
         for noise in (300.0, 1.0):
             model = DetectionModel(PINHOLE, points, pixels, np.full(6, noise), prior=prior)
             assignment = np.where(np.arange(6) < 3, np.arange(6), -1)[None]
-            at = model.linearised(prior.rotation[None], prior.position[None])
+            at = model.linearise_about(prior.rotation[None], prior.position[None])
             J = at.jacobian[0, :3].reshape(6, 6) / noise
             exact = np.linalg.inv(np.linalg.inv(covariance) + J.T @ J)
-            found = evidence(model, assignment, at).covariance[0]
+            found = weigh_assignments(model, assignment, at).covariance[0]
             scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
             np.testing.assert_allclose(found / scale, exact / scale, atol=1e-4)
 
@@ -434,7 +436,7 @@ class TestPriors:
         position = rng.uniform((-0.2, -0.2, 0.3), (0.2, 0.2, 1.0), (40, 3))
         for k in range(30):
             R[k], position[k] = near(MIXTURE.predictions[k % 2], k)  # type: ignore[arg-type]
-        found, which = MIXTURE.terms(R, position), MIXTURE.prediction_of(R, position)
+        found, which = MIXTURE.terms(R, position), MIXTURE.prediction_indices(R, position)
         assert set(which.tolist()) == {-1, 0, 1}
         every = [prior.terms(R, position) for prior in (*MIXTURE.predictions, MIXTURE.without)]
         shares = [*MIXTURE.log_shares, math.log(MIXTURE.doubt)]
@@ -465,7 +467,7 @@ def test_poses_of_few_matches(name: str, matched: int) -> None:
     camera = CAMERAS[name]
     model, _, _ = scene(camera, poses=2)
     R, position = Rotation.from_rotvec([0.3, -0.2, 0.4]).as_matrix(), np.array([0.02, 0.03, 0.8])
-    pixels = model.linearised(R[None], position[None]).pixels[0]
+    pixels = model.linearise_about(R[None], position[None]).pixels[0]
     n, views = 6, len(pixels) // 6
     model = replace(model, target=pixels)
     if isinstance(camera, RigImage):
@@ -473,17 +475,17 @@ def test_poses_of_few_matches(name: str, matched: int) -> None:
     assignments = np.full((2, n * views), -1)
     assignments[1, :matched] = np.arange(matched)
     assignments[1, n : n + matched] = n + np.arange(matched if views == 2 else 0)
-    found = poses_of_few(model, assignments)
+    found = propose_few_matched(model, assignments)
     assert len(found.assignments) >= views
     np.testing.assert_array_equal(found.assignments, np.repeat(assignments[1:], len(found.assignments), axis=0))
     off = np.linalg.norm(found.position - position, axis=1) + np.linalg.norm(found.rotation - R, axis=(1, 2))
     assert np.sort(off)[views - 1] < 1e-6, "from each camera"
     for view in range(views):
         own = np.arange(matched) + n * view
-        chosen = triples(pixels[None], np.isin(np.arange(n * views), own)[None])[0]
+        chosen = wide_triples(pixels[None], np.isin(np.arange(n * views), own)[None])[0]
         points, rays = (model.points - model.centre)[chosen], model.rays[chosen]
-        turns, shifts = frames_of(model.camera)
-        for rotations, translations, corners, seen in zip(*poses_of_triples(points, rays), points, rays, strict=True):
+        turns, shifts = camera_frames(model.camera)
+        for rotations, translations, corners, seen in zip(*solve_triples(points, rays), points, rays, strict=True):
             for turn, shift in zip(rotations, translations, strict=True):
                 places = corners @ turn.T + shift
                 if not np.linalg.norm(places / np.linalg.norm(places, axis=1)[:, None] - seen) < 1e-7:
@@ -498,10 +500,10 @@ def test_poses_of_few_matches(name: str, matched: int) -> None:
 def test_more_matches_than_few_have_no_minimal_sets() -> None:
     model, _, _ = scene(PINHOLE)
     assignments = np.array([[0, 1, -1, -1, -1, -1], [0, 1, 2, 3, 4, 5]])
-    assert len(poses_of_few(model, assignments).assignments) <= 16
+    assert len(propose_few_matched(model, assignments).assignments) <= 16
     points = np.random.default_rng(1009).uniform(-0.06, 0.06, (9, 3))
     more = replace(model, points=points, normals=None, view_cosine=None)
-    assert len(poses_of_few(more, np.arange(9)[None]).assignments) == 0
+    assert len(propose_few_matched(more, np.arange(9)[None]).assignments) == 0
 
 
 def one_sided(rng: np.random.Generator, count: int) -> Floats:
@@ -514,7 +516,7 @@ def one_sided(rng: np.random.Generator, count: int) -> Floats:
 def test_gates(weighed: bool) -> None:
     more = {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.0} if weighed else {}
     model, R, position = scene(PINHOLE, seed=1005, **more)
-    at = model.linearised(R[:1], position[:1])
+    at = model.linearise_about(R[:1], position[:1])
     covariance = np.diag([1e-2, 1e-2, 1e-2, 1e-3, 1e-3, 1e-3]) + 1e-4
     shown = np.linspace(0.05, 1.0, 6)
     of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (6, 1, 1))
@@ -522,7 +524,7 @@ def test_gates(weighed: bool) -> None:
     candidates, gains, assignment = np.empty((6, 9), np.bool_), np.empty((6, 9)), np.empty(6, np.int64)
     unique = gate(
         (at.pixels[0], at.jacobian[0], of_points, shown), covariance,
-        (*model.detections_for_gates, model.clutter.log_density, weights),
+        (*model.gating_arguments, model.clutter.log_density, weights),
         (16.0, 0.9, 0.1), (candidates, gains, assignment),
     )  # fmt: skip
     for i in range(6):
@@ -551,7 +553,7 @@ def test_gains_of_single_matches(name: str) -> None:
     if name == "weights":
         more = {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.0}
     model, R, position = scene(PINHOLE, seed=1010, poses=3, **more)
-    at = model.linearised(R[:1], position[:1])
+    at = model.linearise_about(R[:1], position[:1])
     assert at.seen.all()
     assignment = np.array([0, 1, 2, 3, 4, -1])
     rng = np.random.default_rng(1011)
@@ -574,10 +576,10 @@ def test_gains_of_single_matches(name: str) -> None:
     covariance = np.linalg.inv(P + sum(each))
     visible_by = np.linspace(0.3, 1.0, 6)
     gains, log_count = np.empty((6, 9)), rng.normal(size=9)
-    gains_of_matches(
+    fill_match_gains(
         assignment, (pixels, at.jacobian[0], of_points[: 6 * uncertain], visible_by, at.seen[0]),
         covariance,
-        (*model.detections_for_gates, model.clutter.log_density, model.weights_of_pairs, log_count), 0.8, gains,
+        (*model.gating_arguments, model.clutter.log_density, model.weights_of_pairs, log_count), 0.8, gains,
     )  # fmt: skip
     for i in range(6):
         without = P + sum(one for k, one in enumerate(each) if k != i)
@@ -601,7 +603,7 @@ def test_densities_of_crowds(centres: NDArray[np.int64], size: int) -> None:
     label = np.array([0, 0, 1, 1, 0, 0, 1, 0, 1])
     widths = np.minimum(80.0 * 0.5 ** np.arange(SCALES)[:, None], [80.0, 30.0, 0.1][:size])
     about, whole = np.empty((SCALES, 9, len(centres))), np.empty((SCALES, 9))
-    densities_of_crowds.py_func(target, sigma, centres, label, widths, about, whole, 0, len(target))  # type: ignore[attr-defined]
+    fill_crowd_densities.py_func(target, sigma, centres, label, widths, about, whole, 0, len(target))  # type: ignore[attr-defined]
     for k in range(SCALES):
         for i in range(9):
             for c, j in enumerate(centres):
@@ -616,13 +618,13 @@ def test_densities_of_crowds(centres: NDArray[np.int64], size: int) -> None:
     out = np.empty((9, len(centres))), np.empty((SCALES, size)), np.empty(SCALES + 1)
     parts = *out, np.empty_like(about), np.empty((SCALES + 1, 9))
     for rows in ((0, 4), (4, 9)):
-        crowds_of((target, sigma, uniform, label), centres, extents, (PSEUDO, 0.1 / SCALES, STEPS), rows, parts)
+        fit_crowds((target, sigma, uniform, label), centres, extents, (PSEUDO, 0.1 / SCALES, STEPS), rows, parts)
     mean = 0.25 * np.prod(extents) ** (1.0 / size)
     widths = np.minimum(mean * 0.5 ** np.arange(SCALES)[:, None], 0.25 * extents)
-    densities_of_crowds.py_func(target, sigma, centres, label, widths, about, whole, 0, len(target))  # type: ignore[attr-defined]
+    fill_crowd_densities.py_func(target, sigma, centres, label, widths, about, whole, 0, len(target))  # type: ignore[attr-defined]
     prior = np.array([PSEUDO, *[0.1 / SCALES] * SCALES])
     shares = prior / prior.sum()
-    shares_of_crowds(np.vstack([uniform, whole]), prior, STEPS, shares)
+    fit_crowd_shares(np.vstack([uniform, whole]), prior, STEPS, shares)
     expected = (shares[1:, None, None] * about).sum(axis=0), widths, shares
     for one, other in zip(out, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9)
@@ -637,7 +639,7 @@ def test_shares_of_crowds_are_those_of_expectation_and_maximisation() -> None:
         responsible = expected[:, None] * densities / (expected @ densities)
         expected = responsible.sum(axis=1) + prior
         expected = expected / expected.sum()
-    shares_of_crowds(densities, prior, STEPS, shares)
+    fit_crowd_shares(densities, prior, STEPS, shares)
     np.testing.assert_allclose(shares, expected, rtol=1e-12)
     assert np.abs(shares - prior / prior.sum()).max() > 0.01
 

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig_image import RigImage
-from rootmatch.model.compiled.updates import choose_pairs, explained_by_each, update_with_each
-from rootmatch.model.depth_reversal import reversed_in_depth
+from rootmatch.model.compiled.updates import choose_pairs, fill_explained, update_with_each
+from rootmatch.model.depth_reversal import reverse_depths
 from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.proposals import Proposals
-from rootmatch.model.views import rays_of
-from rootmatch.problems.pose_fit.reference_point import about_point
-from rootmatch.problems.pose_fit.starts import reflected
+from rootmatch.model.views import unproject_detections
+from rootmatch.problems.pose_fit.reference_point import pose_about_point
+from rootmatch.problems.pose_fit.starts import reflect_poses
 from rootmatch.tracking.motion_filter import transition
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 from test_compiled_model import FISHEYE, PINHOLE, SIZES, WEIGHTS, one_sided, rig, scene
@@ -38,7 +38,7 @@ def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[F
     All terms are nonnegative: the determinant of a spread of rank one, far wider than the noise, is pure rounding error
     of either sign.
     """
-    _, sigma, blur = model.detections_for_gates
+    _, sigma, blur = model.gating_arguments
     variance = sigma**2
     x = model.target[:, 0] - pixels[..., 0, None]
     y = model.target[:, 1] - pixels[..., 1, None]
@@ -59,7 +59,7 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
     more = {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.0} if kind == "weights" else {}
     model, R, position = scene(PINHOLE, seed=seed, poses=2, **more)
     rng = np.random.default_rng(seed)
-    at = model.linearised(R[:1], position[:1])
+    at = model.linearise_about(R[:1], position[:1])
     pixels, jacobian = at.pixels[0], at.jacobian[0]
     own = model.sigma[:, None, None] ** 2 * np.eye(2)
     if kind == "blurred":
@@ -73,7 +73,7 @@ def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
         candidates &= WEIGHTS > -1.0
     candidates[3] = False
     target, log_weights = model.target, model.weights_of_pairs
-    image = *model.detections_for_gates, model.clutter.log_density, log_weights
+    image = *model.gating_arguments, model.clutter.log_density, log_weights
     points = pixels, jacobian, of_points, chance
 
     moved = pixels + jacobian @ about[0]
@@ -114,16 +114,16 @@ def test_what_poses_explain(source_noise: bool) -> None:
     """Points by their best detections or detections by their best points, whichever is less: the odds of no more."""
     model, R, position = scene(PINHOLE, seed=1024, poses=3)
     rng = np.random.default_rng(1024)
-    at = model.linearised(R, position)
+    at = model.linearise_about(R, position)
     step, covariance = rng.normal(0.0, 1e-3, (3, 6)), np.array([covariance_of("plain", rng) for _ in range(3)])
     of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (3, 6, 1, 1)) if source_noise else EXACT[None]
     chance = rng.uniform(0.1, 0.9, (3, 6))
     at.pixels[2] = at.pixels[2, :1]  # all points have one image, as of a body far away
     model.target[:6] = at.pixels[0] + rng.normal(0.0, 3.0, (6, 2))
     model.target[6] = at.pixels[2, 0]
-    image = *model.detections_for_gates, model.clutter.log_density, model.image_for_kernels[2]
+    image = *model.gating_arguments, model.clutter.log_density, model.image_for_kernels[2]
     scores = np.empty(3)
-    explained_by_each((at.pixels, at.jacobian, of_points, chance), (step, covariance), image, scores)
+    fill_explained((at.pixels, at.jacobian, of_points, chance), (step, covariance), image, scores)
     for k in range(3):
         moved = at.pixels[k] + at.jacobian[k] @ step[k]
         spread = at.jacobian[k] @ covariance[k] @ at.jacobian[k].swapaxes(1, 2)
@@ -142,7 +142,7 @@ def test_rays_of_a_camera(camera: CameraModel) -> None:
     target = np.random.default_rng(1030).uniform((-300.0, -300.0), (1600.0, 1300.0), (200, 2))
     target[0] = 640.0, 480.0  # the principal point
     shown = camera.shows(target)
-    rays = rays_of(camera, target)
+    rays = unproject_detections(camera, target)
     np.testing.assert_allclose(rays[shown], camera.bearings(target[shown]), atol=1e-14)
     assert np.isnan(rays[~shown]).all()
     assert shown.all() == (camera is PINHOLE)
@@ -153,7 +153,7 @@ def test_rays_of_a_rig() -> None:
     target = (
         np.random.default_rng(1031).uniform((400.0, 300.0), (900.0, 700.0), (9, 2)) + image.offsets[image.camera_of]
     )
-    for ray, pixel, camera in zip(rays_of(image, target), target, image.camera_of, strict=True):
+    for ray, pixel, camera in zip(unproject_detections(image, target), target, image.camera_of, strict=True):
         bearing = image.rig.cameras[camera].bearings(pixel - image.offsets[camera])
         np.testing.assert_allclose(ray, bearing, atol=1e-14)
 
@@ -168,14 +168,14 @@ def test_reversed_depth(camera: CameraModel, flatness: float) -> None:
     n, cameras = len(model.points), 2 if isinstance(camera, RigImage) else 1
     model.points[:] = np.tile(rng.uniform(-0.06, 0.06, (n // cameras, 3)) * (1.0, 1.0, flatness) @ turn, (cameras, 1))
     assignments = np.where(rng.random((len(R), n)) < 0.8, rng.integers(0, 9, (len(R), n)), -1)
-    found = reversed_in_depth(model, Proposals(assignments, R, position))
+    found = reverse_depths(model, Proposals(assignments, R, position))
     centre = np.zeros((len(R), 3))
     if isinstance(camera, RigImage):
         most = (assignments >= 0).reshape(len(R), cameras, -1).sum(axis=2).argmax(axis=1)
         centre = camera.rig.centres[most]
         assert len(set(most.tolist())) == 2
     points = np.broadcast_to(model.points - model.centre, (len(R), n, 3))
-    rotation, place = reflected((R, position - centre), points, (assignments >= 0).astype(float))
+    rotation, place = reflect_poses((R, position - centre), points, (assignments >= 0).astype(float))
     np.testing.assert_allclose(found.rotation, rotation, atol=1e-9)
     np.testing.assert_allclose(found.position, place + centre, atol=1e-9)
     np.testing.assert_array_equal(found.assignments, assignments)
@@ -218,11 +218,11 @@ def test_a_pose_about_another_point() -> None:
     covariance = np.zeros((7, 7))[:6, :6]
     covariance[:] = (rows := rng.normal(size=(6, 6))) @ rows.T
     point.setflags(write=False)
-    place, changed = about_point(R, t, covariance, point)
+    place, changed = pose_about_point(R, t, covariance, point)
     change = np.eye(6)
     change[3:, :3] = -cross_matrix(R @ point)
     np.testing.assert_allclose(place, R @ point + t, atol=1e-14)
     np.testing.assert_allclose(changed, change @ covariance @ change.T, atol=1e-12)
-    back, unchanged = about_point(R, place, changed, -point)
+    back, unchanged = pose_about_point(R, place, changed, -point)
     np.testing.assert_allclose(back, t, atol=1e-14)
     np.testing.assert_allclose(unchanged, covariance, atol=1e-12)

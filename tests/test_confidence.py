@@ -121,7 +121,7 @@ def test_residuals_speak_for_something_else_by_their_chance() -> None:
     """Bayes factor of Beta(.2, 1) to uniform at the chance by an F distribution."""
     for chance in (0.5, 0.01, 1e-5):
         fault = Misfit(1.0, float(np.sqrt(f.isf(chance, 12, NOISE_FREEDOM))), 12)
-        assert fault.for_something_else() == pytest.approx(beta.pdf(chance, 0.2, 1.0), rel=1e-6)
-    assert Misfit(1.0, 1.0, 12).for_something_else() < 1.0
-    assert Misfit(1.0, 4.0, 12).for_something_else() > 1000.0
-    assert Misfit(1.0, 4.0, 12).for_something_else(of_rig=True) < 100.0
+        assert fault.odds_of_something_else() == pytest.approx(beta.pdf(chance, 0.2, 1.0), rel=1e-6)
+    assert Misfit(1.0, 1.0, 12).odds_of_something_else() < 1.0
+    assert Misfit(1.0, 4.0, 12).odds_of_something_else() > 1000.0
+    assert Misfit(1.0, 4.0, 12).odds_of_something_else(of_rig=True) < 100.0

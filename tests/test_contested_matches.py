@@ -9,7 +9,7 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.explain import explain
-from rootmatch.explain.contested_matches import Claims, shared_out
+from rootmatch.explain.contested_matches import Claims, allot_claims
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 
@@ -30,7 +30,7 @@ def test_the_claims_with_the_largest_total_are_met(seed: int) -> None:
         assignment = np.where(rng.random(n) < 0.7, rng.permutation(n_target)[:n], -1)
         gains = np.where(assignment >= 0, rng.uniform(0.5, 9.0, n), 0.0)
         claims[label] = Claims(assignment, gains, own=2)  # alike for all: each claim is worth as much more
-    shared = shared_out(claims, n_target)
+    shared = allot_claims(claims, n_target)
     more = np.log((4 + 1.0) / (n - 4 + 1.0) * (n - 2 + 1.0) / (2 + 1.0) * (n_target - 2 + 0.5) / (n_target - 4 + 0.5))
     worth = np.zeros((n, n_target))
     for one in claims.values():
@@ -54,7 +54,7 @@ def test_how_sure_the_shares_are_is_a_sum_over_all_of_them() -> None:
         label: Claims(rng.permutation(n_target)[:n], rng.uniform(1.0, 6.0, n), own=n)  # nothing is left, nothing added
         for label in range(2)
     }
-    shared = shared_out(claims, n_target)
+    shared = allot_claims(claims, n_target)
     every = [(i, int(one.assignment[i]), float(one.gains[i]), k) for k, one in claims.items() for i in range(n)]
     more = np.log((n + 1.0) / 1.0 * 1.0 / (n + 1.0))
     total, best = 0.0, 0.0
@@ -72,7 +72,7 @@ def test_how_sure_the_shares_are_is_a_sum_over_all_of_them() -> None:
 def test_a_point_that_two_motions_claim_alike_is_of_either() -> None:
     own = np.array([0, 1, 2, 3]), np.array([0, 1, 2, 3])
     first, second = (Claims(one, np.full(4, 5.0), own=4) for one in own)
-    shared = shared_out({0: first, 1: second}, 4)
+    shared = allot_claims({0: first, 1: second}, 4)
     np.testing.assert_array_equal(shared.assignment, [0, 1, 2, 3])
     np.testing.assert_allclose(shared.certainty, 0.5, rtol=1e-6)
     assert shared.together == pytest.approx(0.5**4, rel=0.02)
@@ -83,7 +83,7 @@ def test_motions_in_turn_are_those_of_a_packing(monkeypatch: pytest.MonkeyPatch)
     for scene in scenes:
         in_turn = rm.match(scene.source, scene.target, scene.problem, noise=0.5, motions=2)
         with monkeypatch.context() as patch:
-            patch.setattr(explain, "motions_in_turn", lambda task, solve: None)
+            patch.setattr(explain, "find_motions_in_turn", lambda task, solve: None)
             packed = rm.match(scene.source, scene.target, scene.problem, noise=0.5, motions=2)
         assert in_turn.status is packed.status is rm.Status.MATCHED
         np.testing.assert_array_equal(in_turn.assignment, packed.assignment)

@@ -11,8 +11,8 @@ import rootmatch as rm
 from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain import continued_bodies
-from rootmatch.explain.continued_bodies import places_beside
-from rootmatch.model.evidence import about
+from rootmatch.explain.continued_bodies import continue_body
+from rootmatch.model.evidence import weigh_poses
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0, size=(1280, 960))
 SQUARE, NOISE = 0.03, 0.2
@@ -41,7 +41,7 @@ def test_a_board_continues_on_its_squares() -> None:
     x, y = (one.ravel() for one in np.meshgrid(np.arange(6.0), np.arange(5.0)))
     corners = np.column_stack([x, y, np.zeros(30)])
     hole, mark = (corners[:, :2] == (2.0, 3.0)).all(axis=1), np.array([[1.4, 2.3, 0.7]])
-    places = places_beside(np.concatenate([corners[~hole], mark]), None)
+    places = continue_body(np.concatenate([corners[~hole], mark]), None)
     np.testing.assert_allclose(places.points, np.round(places.points), atol=1e-9)  # and the mark is not continued
     assert len(np.unique(np.round(places.points), axis=0)) == len(places.points) > 60
     np.testing.assert_allclose(places.points[~places.beyond], [[2.0, 3.0, 0.0]], atol=1e-9)
@@ -49,9 +49,9 @@ def test_a_board_continues_on_its_squares() -> None:
 
 def test_what_repeats_nothing_or_turns_into_itself_has_no_places() -> None:
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 3))
-    assert not len(places_beside(points, None).points)
+    assert not len(continue_body(points, None).points)
     both = np.concatenate([points, points * (-1.0, -1.0, 1.0)])
-    assert not len(places_beside(both, None).points)
+    assert not len(continue_body(both, None).points)
 
 
 def test_another_board_on_the_same_squares_is_not_trusted() -> None:
@@ -83,14 +83,14 @@ def test_places_that_the_pose_cannot_see_leave_a_probability(monkeypatch: pytest
     """They are matched from a pose nearby: one of 60 images of a row of towers had a probability of NaN."""
 
     def of_unseen(*given: Any) -> Any:
-        found, at = about(*given)
+        found, at = weigh_poses(*given)
         nothing = np.full_like(found.log_odds, -np.inf)
         return found._replace(log_odds=nothing, detected=nothing), at
 
     rng = np.random.default_rng(0)
     source = board(rng, 8, 6, 6)
     target, _ = image(rng, board(rng, 10, 8, 6))
-    monkeypatch.setattr(continued_bodies, "about", of_unseen)
+    monkeypatch.setattr(continued_bodies, "weigh_poses", of_unseen)
     match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE)
     assert match.probability is not None
     assert 0.0 < match.probability < 1.0

@@ -12,10 +12,10 @@ import instances
 import rootmatch as rm
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model import copy_or_alike
-from rootmatch.model.copy_or_alike import FAR, log_beside_copy, log_odds_some_off
+from rootmatch.model.copy_or_alike import FAR, log_alike_factor, log_odds_some_off
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import settled_about
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.evidence import settle_poses
+from rootmatch.model.mode_search import find_modes
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Broad
 from rootmatch.model.proposals import Proposals
@@ -87,8 +87,8 @@ def place() -> tuple[DetectionModel, Modes]:
     target = CAMERA.project(moved + np.array((0.0, 0.0, 0.8)))
     model = DetectionModel(CAMERA, points, target, np.full(8, SIGMA), prior=Broad())
     assignment = np.where(np.arange(8) == 3, -1, np.arange(8))
-    _, at = settled_about(model, assignment[None], np.eye(3)[None], model.centre[None] + (0.0, 0.0, 0.8))
-    modes = modes_of(model, Proposals(assignment[None], at.rotation, at.position))
+    _, at = settle_poses(model, assignment[None], np.eye(3)[None], model.centre[None] + (0.0, 0.0, 0.8))
+    modes = find_modes(model, Proposals(assignment[None], at.rotation, at.position))
     own = next(k for k, one in enumerate(modes.assignments) if (one == assignment).all())
     return model, modes.take(slice(own, own + 1))
 
@@ -109,7 +109,7 @@ def test_one_point_off_is_the_mean_over_the_points_of_their_evidence() -> None:
                 source_covariance=(np.arange(8) == point)[:, None, None] * (error * model.radius) ** 2 * np.eye(3),
             )
             own = mode.assignments if point != 3 else np.arange(8)[None]
-            some = settled_about(wide, np.concatenate([mode.assignments, own]), *(
+            some = settle_poses(wide, np.concatenate([mode.assignments, own]), *(
                 np.repeat(one, 2, axis=0) for one in (mode.rotation, mode.position)
             ))[0]  # fmt: skip
             each.append(some.log_odds.max())
@@ -119,15 +119,15 @@ def test_one_point_off_is_the_mean_over_the_points_of_their_evidence() -> None:
 
 def test_what_the_body_may_be_itself_tells_little_and_what_is_taken_tells_nothing() -> None:
     model, mode = place()
-    off = log_beside_copy(model, mode, 0, none_taken(8))
+    off = log_alike_factor(model, mode, 0, none_taken(8))
     assert 1.0 < off <= np.log(21.0) + 1e-9
-    assert log_beside_copy(model, mode, 0, np.arange(8) == 3) < 0.5
+    assert log_alike_factor(model, mode, 0, np.arange(8) == 3) < 0.5
 
 
 def test_what_one_point_off_explains_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
     model, mode = place()
     first = log_odds_some_off(model, mode, 0, none_taken(8))
-    monkeypatch.setattr(copy_or_alike, "settled_about", None)
+    monkeypatch.setattr(copy_or_alike, "settle_poses", None)
     again = log_odds_some_off(model, mode, 0, none_taken(8))
     assert again[0] == first[0]
     np.testing.assert_array_equal(again[1], first[1])

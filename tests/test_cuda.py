@@ -169,7 +169,7 @@ class TestChoice:
         scene = up2p_scene(**SOLVED)
         with pytest.raises(rm.InputError, match=r"numba-cuda.*not installed.*rootmatch\[gpu\]"):
             rm.match(scene.source, scene.target, scene.problem, backend="cuda")
-        assert selection.chosen("auto", 1e12) is cpu
+        assert selection.choose_backend("auto", 1e12) is cpu
 
     @needs_numba_cuda
     def test_without_a_card(self) -> None:
@@ -228,15 +228,15 @@ class TestChoice:
         double, single = SimpleNamespace(SIMULATED=False), SimpleNamespace(pays=lambda: slow)
         monkeypatch.setattr(selection, "device_backend", lambda: double)
         monkeypatch.setattr(backends, "cuda_float32", single, raising=False)
-        assert selection.chosen("auto", 1e12, True) is (single if slow else double)
-        assert selection.chosen("auto", 1e12, False) is double
-        assert selection.chosen("cuda", 1e12, True) is double
-        assert selection.chosen("cuda-float32", 1e12, True) is single
-        assert selection.chosen("auto", selection.PAYS - 1, True) is cpu
+        assert selection.choose_backend("auto", 1e12, True) is (single if slow else double)
+        assert selection.choose_backend("auto", 1e12, False) is double
+        assert selection.choose_backend("cuda", 1e12, True) is double
+        assert selection.choose_backend("cuda-float32", 1e12, True) is single
+        assert selection.choose_backend("auto", selection.PAYS - 1, True) is cpu
 
     def test_few_hyperedges_stay_on_the_processor(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(selection, "device_backend", lambda: pytest.fail("asked for a card"))
-        assert selection.chosen("auto", selection.PAYS - 1) is cpu
+        assert selection.choose_backend("auto", selection.PAYS - 1) is cpu
 
 
 @pytest.mark.parametrize("limit", [1, 7, 100, 5000])

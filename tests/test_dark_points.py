@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.tracking.dark_points import DarkPoints
-from rootmatch.tracking.followed_places import chance_returned
+from rootmatch.tracking.followed_places import return_factor
 from rootmatch.tracking.foreign_lights import LIT
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
@@ -91,7 +91,7 @@ def test_what_is_found_again_is_no_surer_than_that_the_body_is_in_view() -> None
     dark.take(pair, 0.05, log_back=-8.0)
     assert dark.holds > 0.99, "more probably it was not found"
     dark.take(pair, 0.06, log_back=-6.0)
-    present = chance_returned(0.001, -6.0)
+    present = return_factor(0.001, -6.0)
     assert 0.6 < present < 0.8
     assert dark.holds == pytest.approx(present**2 * 0.97 / 0.98)
     dark.take(pair, 0.06)

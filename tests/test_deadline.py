@@ -15,24 +15,24 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace, checkpoint, in_force
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace, active_deadline, checkpoint
 from rootmatch.explain import point_set_decision
 from rootmatch.explain.explain import explain
-from rootmatch.explain.image_hypotheses import model_of
+from rootmatch.explain.image_hypotheses import make_detection_model
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.threads import chunk_bounds, in_chunks, in_pieces, in_threads
-from rootmatch.model.gathering import gathered_by_each
-from rootmatch.model.proposals import poses_of_sets
+from rootmatch.jit.threads import chunk_bounds, run_in_chunks, run_in_pieces, run_in_threads
+from rootmatch.model.gathering import gather_each
+from rootmatch.model.proposals import solve_minimal_sets
 from rootmatch.problems.points import distances
 from rootmatch.result import report
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import search
 from rootmatch.samplers.guided.hypotheses import Hypotheses
 from rootmatch.samplers.guided.sampler import Guided
-from rootmatch.samplers.guided.visible_search import search_of
+from rootmatch.samplers.guided.visible_search import choose_search
 from rootmatch.samplers.point_sets import congruent
 from rootmatch.simulation import p3p_scene, up2p_scene
 from rootmatch.solvers import SOLVERS, MultiStartAscent, PowerIteration
@@ -97,18 +97,18 @@ def test_work_inside_a_deadline_ends_when_it_passes() -> None:
     clock, done = Clock(), []
     deadline = Deadline(1.0, clock=clock)
     with deadline.within():
-        assert in_force() is deadline
+        assert active_deadline() is deadline
         for k in range(5):
             checkpoint()
             done.append(k)
             clock.now += 0.4
     assert done == [0, 1, 2]
     assert deadline.stopped_early
-    assert in_force() is NEVER
-    with deadline.enforced(), pytest.raises(OutOfTime):
+    assert active_deadline() is NEVER
+    with deadline.enforce(), pytest.raises(OutOfTime):
         checkpoint()
     soon = Deadline(10.0, clock=clock)
-    with soon.enforced():
+    with soon.enforce():
         checkpoint(5.0)
         with pytest.raises(OutOfTime):
             checkpoint(11.0)  # would take longer than is left
@@ -131,21 +131,21 @@ def test_tasks_of_a_chunk_are_done_in_order_by_one_thread(threads: int) -> None:
             seen.append((chunk, task))
             by.setdefault(chunk, set()).add(threading.get_ident())
 
-    in_chunks(work, bounds, threads, begin=5)
+    run_in_chunks(work, bounds, threads, begin=5)
     assert sorted(seen) == [(int(np.searchsorted(bounds, k, side="right")) - 1, k) for k in range(7, 1007)]
     for chunk in range(6):
         own = [task for one, task in seen if one == chunk]
         assert own == sorted(own)
         assert len(by[chunk]) == 1
-    in_chunks(work, [0] * 7, threads, begin=5)  # nothing to do
+    run_in_chunks(work, [0] * 7, threads, begin=5)  # nothing to do
     clock, begun = Clock(), []
 
     def slow(first: int, last: int) -> None:
         begun.append(last - first)
         clock.now += 0.3
 
-    with Deadline(1.0, clock=clock).enforced(), pytest.raises(OutOfTime):
-        in_chunks(slow, bounds, threads, begin=2)
+    with Deadline(1.0, clock=clock).enforce(), pytest.raises(OutOfTime):
+        run_in_chunks(slow, bounds, threads, begin=2)
     assert begun[0] == 2
     assert 3 <= len(begun) <= 4 + threads
 
@@ -153,7 +153,7 @@ def test_tasks_of_a_chunk_are_done_in_order_by_one_thread(threads: int) -> None:
         raise ValueError(f"{first}")
 
     with pytest.raises(ValueError, match="7"):
-        in_chunks(wrong, bounds, threads, begin=5)
+        run_in_chunks(wrong, bounds, threads, begin=5)
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -163,9 +163,9 @@ def test_pieces_make_up_the_whole_and_end_at_a_deadline(threads: int) -> None:
     def work(first: int, last: int) -> None:
         seen[first:last] += 1
 
-    in_threads(work, len(seen), threads, 4)
+    run_in_threads(work, len(seen), threads, 4)
     assert (seen == 1).all()
-    in_threads(work, 0, threads)
+    run_in_threads(work, 0, threads)
     assert (seen == 1).all()
     clock, begun = Clock(), []
 
@@ -173,8 +173,8 @@ def test_pieces_make_up_the_whole_and_end_at_a_deadline(threads: int) -> None:
         begun.append((first, last))
         clock.now += 0.3
 
-    with Deadline(1.0, clock=clock).enforced(), pytest.raises(OutOfTime):
-        in_threads(slow, 1000, threads)
+    with Deadline(1.0, clock=clock).enforce(), pytest.raises(OutOfTime):
+        run_in_threads(slow, 1000, threads)
     assert 4 <= len(begun) < 4 + threads
     assert sorted(first for first, _ in begun)[0] == 0
 
@@ -182,21 +182,21 @@ def test_pieces_make_up_the_whole_and_end_at_a_deadline(threads: int) -> None:
         raise ValueError(f"{first}")
 
     with pytest.raises(ValueError, match="0"):
-        in_threads(wrong, 1000, threads)
+        run_in_threads(wrong, 1000, threads)
 
 
 def test_a_single_task_is_begun_before_the_deadline_alone() -> None:
     clock, begun = Clock(), []
     deadline = Deadline(1.0, clock=clock)
-    with deadline.enforced():
-        in_pieces(lambda first, last: begun.append((first, last)), 1)
-        in_pieces(lambda first, last: begun.append((first, last)), 0)
+    with deadline.enforce():
+        run_in_pieces(lambda first, last: begun.append((first, last)), 1)
+        run_in_pieces(lambda first, last: begun.append((first, last)), 0)
         assert begun == [(0, 1)]
         clock.now += 2.0
-        in_pieces(lambda first, last: begun.append((first, last)), 0)
+        run_in_pieces(lambda first, last: begun.append((first, last)), 0)
         assert not deadline.stopped_early
         with pytest.raises(OutOfTime):
-            in_pieces(lambda first, last: begun.append((first, last)), 1)
+            run_in_pieces(lambda first, last: begun.append((first, last)), 1)
     assert begun == [(0, 1)]
     assert deadline.stopped_early
 
@@ -262,7 +262,7 @@ def test_hypotheses_are_verified_in_parts_until_a_deadline(monkeypatch: pytest.M
     images = np.array([(k % 4, *scene.truth[row]) for k, row in enumerate(points)])
 
     def verified(looks: float) -> list[Hypotheses]:
-        found = search_of(task, Guided(), NEVER)
+        found = choose_search(task, Guided(), NEVER)
         with Deadline(looks, clock=Clock(1.0)).within():
             found._verify(points, images)
         return found.hypotheses
@@ -283,30 +283,30 @@ def test_labellings_grow_in_parts_until_a_deadline(monkeypatch: pytest.MonkeyPat
     target = source @ Rotation.random(random_state=3).as_matrix().T + 0.01 * rng.normal(size=source.shape)
     problem = rm.Rigid(3)
     task = MatchingTask.of(problem, source, target, noise=0.01, options=MatchOptions(), deadline=NEVER)
-    model = point_set_decision.model_of(task)
+    model = point_set_decision.make_point_set_model(task)
     assert model is not None
     # of each labelling its motion finds the rest
     some = np.array([np.where(np.isin(np.arange(12), rng.permutation(12)[:5]), np.arange(12), -1) for _ in range(9)])
-    whole = congruent.grown(model.clouds, some, False, None)
+    whole = congruent.grow_labellings(model.clouds, some, False, None)
     assert (whole[0] == np.arange(12)).all()
     monkeypatch.setattr(congruent, "CELLS", 1)
-    assert np.array_equal(congruent.grown(model.clouds, some, False, None), whole)
+    assert np.array_equal(congruent.grow_labellings(model.clouds, some, False, None), whole)
     deadline = Deadline(3.5, clock=Clock(1.0))
-    with deadline.enforced():
-        first = congruent.grown(model.clouds, some, False, None)
+    with deadline.enforce():
+        first = congruent.grow_labellings(model.clouds, some, False, None)
     assert deadline.stopped_early
     assert (first[0] == np.arange(12)).all()
 
 
 def test_hypotheses_gather_until_a_deadline() -> None:
     scene = p3p_scene(8, 3, noise=0.5, seed=0)
-    model = model_of(MatchingTask.of(scene.problem, scene.source, scene.target, noise=0.5))
-    hypotheses = poses_of_sets(model, scene.truth[None], 8).alone
+    model = make_detection_model(MatchingTask.of(scene.problem, scene.source, scene.target, noise=0.5))
+    hypotheses = solve_minimal_sets(model, scene.truth[None], 8).alone
     hypotheses = hypotheses.take(np.resize(np.arange(len(hypotheses.assignments)), 60))
-    whole = gathered_by_each(model, hypotheses)
+    whole = gather_each(model, hypotheses)
     deadline = Deadline(3.5, clock=Clock(1.0))
-    with deadline.enforced():
-        assignments, gains = gathered_by_each(model, hypotheses)
+    with deadline.enforce():
+        assignments, gains = gather_each(model, hypotheses)
     assert deadline.stopped_early
     (done,) = np.nonzero((assignments >= 0).any(axis=1))
     assert 0 < len(done) < 60
@@ -348,11 +348,11 @@ def test_an_ascent_in_steps_is_the_whole_one_and_ends_between_two(exchanges: boo
     (whole,), (value,), (moves,), (reads,) = ascended
     empty = empty_state(index)
     search = BoundedAscents(MultiStartAscent(), index, Deadline(1e6, clock=Clock(1e-3)))
-    (image,), (same,), (made,), (read,) = search.in_steps(empty, nothing, 0.0, exchanges=exchanges)
+    (image,), (same,), (made,), (read,) = search.ascend_one_in_steps(empty, nothing, 0.0, exchanges=exchanges)
     np.testing.assert_array_equal(image, whole)
     assert (same, made, read) == (value, moves, reads)
     bases = np.array([nothing, whole])
-    images, values, made, read = search.several_in_steps(empty, bases, 0.0, exchanges=exchanges, threads=2)
+    images, values, made, read = search.ascend_in_steps(empty, bases, 0.0, exchanges=exchanges, threads=2)
     np.testing.assert_array_equal(images[0], whole)
     assert (values[0], made[0], read[0]) == (value, moves, reads)
     none = MultiStart(MultiStartAscent(), index, Deadline(1e-9, clock=Clock(1.0)))
@@ -360,7 +360,7 @@ def test_an_ascent_in_steps_is_the_whole_one_and_ends_between_two(exchanges: boo
     assert none.solution().assignment.tolist() == nothing.tolist()
     short = BoundedAscents(MultiStartAscent(), index, Deadline(6.0, clock=Clock(1.0)))
     assert short.whole_ascent < 0.25  # this one would be made whole
-    (image,), (less,), (made,), _ = short.in_steps(empty, nothing, 0.0, exchanges=False)
+    (image,), (less,), (made,), _ = short.ascend_one_in_steps(empty, nothing, 0.0, exchanges=False)
     assert 0 < made < moves
     assert 0.0 < less < value
     assert np.unique(image[image >= 0]).size == (image >= 0).sum() == made
@@ -369,7 +369,7 @@ def test_an_ascent_in_steps_is_the_whole_one_and_ends_between_two(exchanges: boo
 def test_distances_are_those_of_a_norm_and_end_at_a_deadline() -> None:
     points = np.random.default_rng(2).normal(size=(1500, 3))
     np.testing.assert_array_equal(distances(points[:40]), np.linalg.norm(points[:40, None] - points[:40], axis=2))
-    with Deadline(2.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
+    with Deadline(2.5, clock=Clock(1.0)).enforce(), pytest.raises(OutOfTime):
         distances(points)
 
 

@@ -21,10 +21,10 @@ from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model import mode_search, point_set_posterior, prediction, two_view_posterior, weighed_labellings
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.mode_search import find_modes
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Gaussian
-from rootmatch.model.prediction import proposals_about
+from rootmatch.model.prediction import propose_about
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.problems.derived import evaluator
@@ -34,10 +34,10 @@ from rootmatch.problems.similarity.problem import Rigid
 from rootmatch.problems.up2pf.problem import UP2PF
 from rootmatch.samplers.guided import visible_search
 from rootmatch.samplers.guided.sampler import Guided
-from rootmatch.samplers.guided.visible_search import search_of
+from rootmatch.samplers.guided.visible_search import choose_search
 from rootmatch.samplers.point_sets import triangles
 from rootmatch.samplers.point_sets.motion_search import MotionSearch
-from rootmatch.solvers.base import SECONDS_PER_PAIR, Solution, empty_solution, solved
+from rootmatch.solvers.base import SECONDS_PER_PAIR, Solution, empty_solution, solve_tensor
 from test_deadline import Clock
 
 CAMERA = Camera(900.0, 900.0, 640.0, 480.0)
@@ -84,30 +84,30 @@ def every_mode(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_as_many_proposals_are_weighed_as_end_in_time(
     body: Body, wanted: float, weighed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen, possible = [], mode_search._possible
+    seen, possible = [], mode_search._settle_possible
 
     def counted(model: DetectionModel, proposals: Proposals, *arguments: Any, **options: Any) -> Any:
         seen.append(len(proposals.assignments))
         return possible(model, proposals, *arguments, **options)
 
-    monkeypatch.setattr(mode_search, "_possible", counted)
+    monkeypatch.setattr(mode_search, "_settle_possible", counted)
     each = mode_search.SECONDS_PER_DENSITY * body.model.shape[1] * len(body.model.clutter.centres)
     deadline = Deadline(wanted * each, clock=Clock())
-    with deadline.enforced():
-        found = modes_of(body.model, body.proposals)
+    with deadline.enforce():
+        found = find_modes(body.model, body.proposals)
     assert seen == [weighed]
     assert deadline.stopped_early == (weighed < 6)
-    assert_same(found, modes_of(body.model, body.proposals.take(np.arange(weighed))))
+    assert_same(found, find_modes(body.model, body.proposals.take(np.arange(weighed))))
 
 
 def test_no_proposal_is_weighed_after_the_deadline(body: Body) -> None:
-    with Deadline(1.0, clock=Clock(2.0)).enforced(), pytest.raises(OutOfTime):
-        modes_of(body.model, body.proposals)
+    with Deadline(1.0, clock=Clock(2.0)).enforce(), pytest.raises(OutOfTime):
+        find_modes(body.model, body.proposals)
 
 
 @pytest.mark.usefixtures("every_mode")
 def test_modes_are_grown_until_the_deadline_the_strongest_first(body: Body, monkeypatch: pytest.MonkeyPatch) -> None:
-    clock, taken, before = Clock(), [], mode_search._with
+    clock, taken, before = Clock(), [], mode_search._add_proposal
 
     def slow(kept: Any, mode: Any, *arguments: Any, **options: Any) -> Any:
         taken.append(mode.log_odds)
@@ -115,8 +115,8 @@ def test_modes_are_grown_until_the_deadline_the_strongest_first(body: Body, monk
         clock.now += 1.0
         return grown
 
-    monkeypatch.setattr(mode_search, "_with", slow)
-    modes_of(body.model, body.proposals)
+    monkeypatch.setattr(mode_search, "_add_proposal", slow)
+    find_modes(body.model, body.proposals)
     every = taken.copy()
     assert len(every) > 3
     assert every == sorted(every, reverse=True)
@@ -124,8 +124,8 @@ def test_modes_are_grown_until_the_deadline_the_strongest_first(body: Body, monk
         clock.now = 0.0
         taken.clear()
         deadline = Deadline(seconds, clock=clock)
-        with deadline.enforced():
-            found = modes_of(body.model, body.proposals)
+        with deadline.enforce():
+            found = find_modes(body.model, body.proposals)
         assert taken == every[:count]
         assert deadline.stopped_early
         assert (found.assignments[0] == np.arange(8)).all()
@@ -143,8 +143,8 @@ def test_a_solver_is_not_begun_whose_tables_would_be_late() -> None:
     for seconds, begun in ((0.9 * tables, False), (1.1 * tables, True)):
         calls.clear()
         deadline = Deadline(seconds, clock=Clock())
-        with deadline.enforced():
-            solution = solved(solver, tensor, 0, deadline)
+        with deadline.enforce():
+            solution = solve_tensor(solver, tensor, 0, deadline)
         assert calls == [deadline] * begun
         assert solution.converged == begun
         assert deadline.stopped_early != begun
@@ -162,8 +162,8 @@ def test_a_solver_that_a_deadline_ends_has_found_nothing() -> None:
         raise AssertionError("beyond the deadline")
 
     deadline = Deadline(1.0, clock=clock)
-    with deadline.enforced():
-        solution = solved(solver, tensor, 0, deadline)
+    with deadline.enforce():
+        solution = solve_tensor(solver, tensor, 0, deadline)
     assert not solution.converged
     assert solution.assignment.tolist() == [-1, -1, -1]
 
@@ -174,13 +174,13 @@ def test_congruent_bodies_are_compared_until_the_deadline() -> None:
     order = rng.permutation(12)
     second = (first @ Rotation.random(random_state=7).as_matrix().T)[order]
     body_labels._twin_points.cache_clear()  # of another test
-    with Deadline(6.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
+    with Deadline(6.5, clock=Clock(1.0)).enforce(), pytest.raises(OutOfTime):
         body_labels.twin_points(first, second)  # in the midst of the rows
     late = Deadline(0.9 * SECONDS_PER_STEP * 12**3, clock=Clock())
-    with late.enforced(), pytest.raises(OutOfTime):
+    with late.enforce(), pytest.raises(OutOfTime):
         body_labels.twin_points(first, second)  # before the assignment, which is made whole
     assert late.stopped_early
-    with Deadline(1.1 * SECONDS_PER_STEP * 12**3, clock=Clock()).enforced():
+    with Deadline(1.1 * SECONDS_PER_STEP * 12**3, clock=Clock()).enforce():
         found = body_labels.twin_points(first, second)
     assert found is not None  # what was cut off is not remembered as none
     assert np.array_equal(order[found], np.arange(12))
@@ -191,19 +191,19 @@ def test_pairs_of_large_point_sets_are_not_sorted_late() -> None:
     source = rng.uniform(-1.0, 1.0, (12, 3))
     target = source @ Rotation.random(random_state=3).as_matrix().T
     task = MatchingTask.of(Rigid(3), source, target, noise=0.01, options=MatchOptions(), deadline=NEVER)
-    model = point_set_decision.model_of(task)
+    model = point_set_decision.make_point_set_model(task)
     assert model is not None
     seconds = triangles.SECONDS_PER_PAIR * 12**2
     arguments = task.sampling_task, model.clouds, NEVER
-    with Deadline(0.9 * seconds, clock=Clock()).enforced(), pytest.raises(OutOfTime):
+    with Deadline(0.9 * seconds, clock=Clock()).enforce(), pytest.raises(OutOfTime):
         MotionSearch(*arguments)
-    with Deadline(1.1 * seconds, clock=Clock()).enforced():
+    with Deadline(1.1 * seconds, clock=Clock()).enforce():
         assert [len(of.lengths) for of in MotionSearch(*arguments).triangles] == [66, 66]
 
 
 def looks_at(clock: Clock, work: Callable[[], Any]) -> int:
     """How often work looks at a deadline that does not pass."""
-    with Deadline(1e6, clock=clock).enforced():
+    with Deadline(1e6, clock=clock).enforce():
         before = clock.now
         work()
     return round(clock.now - before)
@@ -214,19 +214,19 @@ def test_neighbours_of_labellings_are_weighed_until_the_deadline() -> None:
     rng = np.random.default_rng(4)
     target = corners @ Rotation.random(random_state=4).as_matrix().T + 0.01 * rng.normal(size=corners.shape)
     task = MatchingTask.of(Rigid(3), corners, target, noise=0.01, options=MatchOptions(), deadline=NEVER)
-    model = point_set_decision.model_of(task)
+    model = point_set_decision.make_point_set_model(task)
     assert model is not None
     turned = np.array([4, 5, 0, 1, 6, 7, 2, 3])  # a cube is symmetric: what exchanges labels is looked at too
     proposals = model.judged(np.array([np.arange(8), turned]))
-    free = point_set_posterior.posterior(model, proposals)
+    free = point_set_posterior.weigh_point_set_posterior(model, proposals)
     clock = Clock(1.0)
-    looks = looks_at(clock, lambda: point_set_posterior.posterior(model, proposals))
+    looks = looks_at(clock, lambda: point_set_posterior.weigh_point_set_posterior(model, proposals))
     assert looks > 1 + len(proposals.log_odds)  # all of them, each one's neighbours, and each exchange
     for most in range(looks):
-        with Deadline(most + 0.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
-            point_set_posterior.posterior(model, proposals)
-    with Deadline(looks + 0.5, clock=Clock(1.0)).enforced():
-        found = point_set_posterior.posterior(model, proposals)
+        with Deadline(most + 0.5, clock=Clock(1.0)).enforce(), pytest.raises(OutOfTime):
+            point_set_posterior.weigh_point_set_posterior(model, proposals)
+    with Deadline(looks + 0.5, clock=Clock(1.0)).enforce():
+        found = point_set_posterior.weigh_point_set_posterior(model, proposals)
     assert np.array_equal(found.probabilities, free.probabilities)
 
 
@@ -234,13 +234,13 @@ def test_point_sets_that_a_deadline_ends_are_not_trusted(monkeypatch: pytest.Mon
     rng = np.random.default_rng(3)
     source = rng.uniform(-1.0, 1.0, (30, 3))
     target = source @ Rotation.random(random_state=3).as_matrix().T + 0.01 * rng.normal(size=source.shape)
-    clock, before = Clock(), weighed_labellings._best
+    clock, before = Clock(), weighed_labellings._select_best
 
     def slow(*arguments: Any) -> Any:
         clock.now += 1.0
         return before(*arguments)
 
-    monkeypatch.setattr(weighed_labellings, "_best", slow)
+    monkeypatch.setattr(weighed_labellings, "_select_best", slow)
     for seconds, status in ((0.5, Status.UNTRUSTED), (1e6, Status.MATCHED)):
         clock.now = 0.0
         task = MatchingTask.of(
@@ -266,7 +266,7 @@ def test_pairs_of_two_views_are_not_listed_late(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(two_view_posterior, "possible_pairs", counted)
     nothing = np.full((1, 12), -1)
-    told = two_view_posterior.posterior(views, nothing)  # of which no list is made, and no table
+    told = two_view_posterior.sample_two_view_posterior(views, nothing)  # of which no list is made, and no table
     assert not told.parts
     unmatched = told.confidence_in(nothing[0])
     assert "marginals" not in vars(told)
@@ -275,8 +275,8 @@ def test_pairs_of_two_views_are_not_listed_late(monkeypatch: pytest.MonkeyPatch)
     some = np.where(np.arange(12) < 9, np.arange(12), -1)[None]
     for share, count in ((0.9, 0), (1.1, 1)):
         deadline = Deadline(share * two_view_posterior.SECONDS_PER_PAIR * 12 * 9, clock=Clock())
-        with deadline.enforced(), pytest.raises(OutOfTime):
-            two_view_posterior.posterior(views, some)
+        with deadline.enforce(), pytest.raises(OutOfTime):
+            two_view_posterior.sample_two_view_posterior(views, some)
         assert len(listed) == count
 
 
@@ -299,9 +299,9 @@ def test_tables_of_a_derived_problem_are_made_in_pieces(monkeypatch: pytest.Monk
     pieces = tables()
     for name, value in whole.items():
         assert np.array_equal(pieces[name], value), name
-    with Deadline(1.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
+    with Deadline(1.5, clock=Clock(1.0)).enforce(), pytest.raises(OutOfTime):
         tables()
-    with Deadline(looks + 1.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
+    with Deadline(looks + 1.5, clock=Clock(1.0)).enforce(), pytest.raises(OutOfTime):
         tables()  # in the midst of it
 
 
@@ -313,15 +313,15 @@ def about(body: Body, off: NDArray[np.float64]) -> Gaussian:
 
 def test_what_a_prediction_proposes_by_the_deadline_is_handed_on(body: Body, monkeypatch: pytest.MonkeyPatch) -> None:
     wrong = about(body, np.array([0.2, -0.2, 0.2, 0.05, -0.04, 0.05]))
-    clock, rounds, before = Clock(), [0], prediction.settle
+    clock, rounds, before = Clock(), [0], prediction.settle_assignment
 
     def slow(*arguments: Any, **options: Any) -> Any:
         clock.now += 1.0
         rounds[0] += 1
         return before(*arguments, **options)
 
-    monkeypatch.setattr(prediction, "settle", slow)
-    whole = proposals_about(body.model, wrong)
+    monkeypatch.setattr(prediction, "settle_assignment", slow)
+    whole = propose_about(body.model, wrong)
     assert whole is not None
     total = rounds[0]
     assert total > 2  # the first one does not convince
@@ -329,8 +329,8 @@ def test_what_a_prediction_proposes_by_the_deadline_is_handed_on(body: Body, mon
     counts = []
     for seconds in (1.5, 2.5, 1e6):
         clock.now, rounds[0] = 0.0, 0
-        with Deadline(seconds, clock=clock).enforced():
-            found = proposals_about(body.model, wrong)
+        with Deadline(seconds, clock=clock).enforce():
+            found = propose_about(body.model, wrong)
         counts.append(rounds[0])
         assert found is not None
         assert {row.tobytes() for row in found.assignments} <= kept
@@ -350,7 +350,7 @@ def test_no_visible_set_is_begun_that_would_end_late(body: Body, monkeypatch: py
     one_set = visible_search.SECONDS_PER_TRIPLE * 20 * 19 * 18
     for seconds, some in ((0.9 * one_set, False), (1.1 * one_set, True)):
         deadline = Deadline(seconds, clock=Clock())
-        search = search_of(task.sampling_task, Guided(), deadline)
+        search = choose_search(task.sampling_task, Guided(), deadline)
         with deadline.within():
             search.run()
         assert (begun[0] > 0) == some
@@ -371,16 +371,16 @@ def test_poses_with_a_known_rotation_are_scored_until_the_deadline(monkeypatch: 
         return before(*arguments)
 
     monkeypatch.setattr(known_rotation, "_score", slow)
-    whole = known_rotation.poses_by_rotation(task, known, body.model)
+    whole = known_rotation.propose_by_rotation(task, known, body.model)
     assert count == [1]
     monkeypatch.setattr(known_rotation, "BATCH", 1)  # a piece for each pair of matches
-    pieces = known_rotation.poses_by_rotation(task, known, body.model)
+    pieces = known_rotation.propose_by_rotation(task, known, body.model)
     assert whole is not None
     assert pieces is not None
     assert np.array_equal(whole.assignments, pieces.assignments)
     most = count[0] - 1
     assert most > 5
     clock.now, count[0] = 0.0, 0
-    with Deadline(3.5, clock=clock).enforced(), pytest.raises(OutOfTime):
-        known_rotation.poses_by_rotation(task, known, body.model)
+    with Deadline(3.5, clock=clock).enforce(), pytest.raises(OutOfTime):
+        known_rotation.propose_by_rotation(task, known, body.model)
     assert count == [4]

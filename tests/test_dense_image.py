@@ -22,8 +22,8 @@ from rootmatch.samplers.densities.alignment import (
     LEVELS,
     Aligned,
     Blob,
-    _climbed,
-    aligned,
+    _climb_level,
+    align_densities,
     histogram,
 )
 from rootmatch.samplers.densities.descent_kernels import ascend
@@ -166,7 +166,7 @@ def test_few_poses_climb_where_the_image_has_many_cells(monkeypatch: pytest.Monk
     blob = Blob.of(detections, 1e-4, len(points))
     size = math.sqrt(0.5 * float(np.trace(blob.covariance)))
     for fineness, expected in ((10.0, 30), (50.0, LEAST_POSES)):
-        found = _climbed(points, detections, starts, blob, blur=size / fineness, false=1.0, level=LEVELS[-1])
+        found = _climb_level(points, detections, starts, blob, blur=size / fineness, false=1.0, level=LEVELS[-1])
         assert len(found.rotation) == expected
         np.testing.assert_allclose(found.rotation, np.tile(R, (expected, 1, 1)), atol=0.02)
 
@@ -193,7 +193,7 @@ def test_a_blob_is_found_among_clutter() -> None:
 @pytest.mark.parametrize("detections", [np.zeros((9, 2)), np.linspace(0.0, 1.0, 9)[:, None] * [0.1, 0.2]])
 def test_detections_of_one_place_or_line(detections: Floats) -> None:
     points = np.random.default_rng(2).uniform(-1.0, 1.0, (8, 3))
-    poses = aligned(points - points.mean(axis=0), detections, 0.002, rng=np.random.default_rng(0))
+    poses = align_densities(points - points.mean(axis=0), detections, 0.002, rng=np.random.default_rng(0))
     assert np.isfinite(poses.rotation).all()
     assert np.isfinite(poses.position).all()
 
@@ -255,7 +255,7 @@ def test_where_it_does_not_apply(monkeypatch: pytest.MonkeyPatch) -> None:
     def asked(*_: object, **__: object) -> None:
         raise AskedError
 
-    monkeypatch.setattr(dense_image, "aligned", asked)
+    monkeypatch.setattr(dense_image, "align_densities", asked)
     for options in ({"noise": 0.02}, {"noise": 2.0, "source_noise": 0.01}, {"noise": 2.0, "sampler": "random"}):
         rm.match(made.source, made.target, problem, max_seconds=0.05, **options)
     with pytest.raises(AskedError):

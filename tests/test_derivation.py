@@ -742,7 +742,7 @@ HARMFUL = [
 
 
 def test_plain_arithmetic_passes() -> None:
-    generated = store.vetted(PLAIN)
+    generated = store.compile_vetted(PLAIN)
     assert generated.plan == {"a": 1}
     assert generated.functions["f"](8.0) == (16.0, 4.0)
 
@@ -753,15 +753,15 @@ def test_anything_else_is_refused_unseen(harm: str, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("builtins.exec", lambda *a: ran.append(a))
     for text in (PLAIN + "\n\n" + harm, harm + "\n\n" + PLAIN):
         with pytest.raises(RootmatchError):
-            store.vetted(text)
+            store.compile_vetted(text)
     assert ran == []
 
 
 def test_a_plan_is_a_literal() -> None:
     with pytest.raises(RootmatchError, match="Call does not occur"):
-        store.vetted(PLAIN.replace('{"a": 1}', "dict(a=1)"))
+        store.compile_vetted(PLAIN.replace('{"a": 1}', "dict(a=1)"))
     with pytest.raises(RootmatchError, match="no plan"):
-        store.vetted(PLAIN.replace('{"a": 1}', "3"))
+        store.compile_vetted(PLAIN.replace('{"a": 1}', "3"))
 
 
 def test_pickled_and_back() -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.model.posterior import without_doubtful
+from rootmatch.model.posterior import drop_doubtful_matches
 
 CAMERA, SIZE, SIGMA, CAMERAS, EACH, FRAMES = rm.Camera(1100.0, 1100.0, 640.0, 512.0), (1280, 1024), 0.25, 6, 5, 40
 
@@ -74,7 +74,7 @@ def test_points_that_are_hidden_for_a_frame_make_no_body_doubtful(seed: int) -> 
 
 def test_without_its_doubtful_matches_an_assignment_is_believed() -> None:
     confidence = np.array([0.999, 0.6, 0.998, 0.1, 0.999])
-    told = without_doubtful(np.array([3, 1, 0, -1, 2]), confidence, 0.999, 0.95, pose=0.999)
+    told = drop_doubtful_matches(np.array([3, 1, 0, -1, 2]), confidence, 0.999, 0.95, pose=0.999)
     np.testing.assert_array_equal(told.assignment, [3, -1, 0, -1, 2])
     assert told.known == 3
     assert told.probability == pytest.approx(0.999 * (1.0 - 0.001 / 0.999), abs=1e-9)

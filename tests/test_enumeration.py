@@ -9,12 +9,12 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph.enumeration import (
     estimated_count,
     exhaustive_count,
+    farthest_point_order,
     random_hyperedges,
     source_bases,
     subsets,
     sweep_cost,
     target_arrangements,
-    wide_first,
 )
 from rootmatch.hypergraph.random_tuples import distinct_sets, distinct_tuples, permuted_tuples
 
@@ -132,7 +132,7 @@ def test_impossible_requests_are_refused() -> None:
 
 def test_wide_first_takes_the_farthest_each_time() -> None:
     points = np.random.default_rng(1).normal(size=(12, 3))
-    order = wide_first(points)
+    order = farthest_point_order(points)
     assert sorted(order) == list(range(12))
     for k in range(1, 12):
         gap = [min(np.linalg.norm(points[p] - points[q]) for q in order[:k]) for p in order[k:]]

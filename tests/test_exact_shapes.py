@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import evidence
-from rootmatch.model.exact_shapes import _log_odds, log_gains
-from rootmatch.model.exact_symmetry import exact_shape, without_some
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.evidence import weigh_assignments
+from rootmatch.model.exact_shapes import _shape_log_odds, exact_shape_log_gains
+from rootmatch.model.exact_symmetry import fit_exact_shape, leave_points_out
+from rootmatch.model.mode_search import find_modes
 from rootmatch.model.pose_density import Broad
 from rootmatch.model.proposals import Proposals
 
@@ -122,7 +122,7 @@ def test_the_evidence_of_an_exact_shape_is_the_mean_over_such_shapes() -> None:
         target = CAMERA.project(points @ R.T + t) + rng.normal(0.0, PIXEL, (14, 2))
         source, covariance = points + rng.normal(0.0, noise, points.shape), np.tile(noise**2 * np.eye(3), (14, 1, 1))
         half = np.roll(np.arange(14), 7)
-        shape = exact_shape(source, covariance, [(np.arange(14), half)])
+        shape = fit_exact_shape(source, covariance, [(np.arange(14), half)])
         assert shape is not None
         moved = source + shape.moved  # half a turn takes them onto each other, about an axis that is theirs
         distances = np.linalg.norm(moved[:, None] - moved, axis=2)
@@ -131,16 +131,16 @@ def test_the_evidence_of_an_exact_shape_is_the_mean_over_such_shapes() -> None:
             CAMERA, source, target, np.full(14, PIXEL), source_covariance=covariance, prior=Broad(100.0)
         )
         place = model.centred(R[None], t[None])
-        modes = modes_of(model, Proposals(np.arange(14)[None], *place))
+        modes = find_modes(model, Proposals(np.arange(14)[None], *place))
         assignments = modes.assignments[:1]
-        told = _log_odds(model, modes, (np.zeros(1, np.int64), assignments), shape)[0]
+        told = _shape_log_odds(model, modes, (np.zeros(1, np.int64), assignments), shape)[0]
         values, axes = np.linalg.eigh(shape.covariance)
         draws = []
         for _ in range(600):
             off = axes @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=len(values)))
             exact = dataclasses.replace(model, points=moved + off.reshape(-1, 3), source_covariance=None)
-            at = exact.linearised(*(one for one in exact.centred(R[None], t[None])))
-            draws.append(evidence(exact, assignments, at).log_odds[0])
+            at = exact.linearise_about(*(one for one in exact.centred(R[None], t[None])))
+            draws.append(weigh_assignments(exact, assignments, at).log_odds[0])
         assert told == pytest.approx(np.logaddexp.reduce(draws) - np.log(len(draws)), abs=0.5)
 
 
@@ -154,9 +154,9 @@ def test_shapes_that_a_point_is_displaced_from_count_by_how_far_it_is() -> None:
         found = []
         for off in (0.0, 12.0 * MODEL):
             now = source + off * (np.arange(14) == 4)[:, None] * [0.0, 1.0, 0.0]
-            whole = exact_shape(now, covariance, motions)
+            whole = fit_exact_shape(now, covariance, motions)
             assert whole is not None
-            shapes = without_some(now, covariance, motions, whole)
+            shapes = leave_points_out(now, covariance, motions, whole)
             found.append(max(shapes, key=lambda one: one.log_odds))
         assert np.abs(found[0].moved[4]).max() > 1e-3  # exact as a whole
         assert np.abs(found[1].moved[4]).max() < 1e-9  # but for this point, so that its partner stays as well
@@ -178,6 +178,6 @@ def test_nothing_changes_for_points_that_are_exact_or_drawn() -> None:
             np.concatenate([one[0] for one in both]),
             np.concatenate([one[1] for one in both]),
         )
-        modes = modes_of(model, proposals)
+        modes = find_modes(model, proposals)
         assert len(modes.log_odds) == 2
-        assert log_gains(model, modes) == 0.0
+        assert exact_shape_log_gains(model, modes) == 0.0

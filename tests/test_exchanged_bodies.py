@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.likeness import likenesses, place_of
+from rootmatch.explain.likeness import likenesses, relative_place
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.exchanged import EXCHANGED, Exchanged, beside_others
+from rootmatch.model.exchanged import EXCHANGED, Exchanged, add_family_places
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 
 Floats = NDArray[np.float64]
@@ -86,7 +86,7 @@ def test_bodies_are_alike_by_the_points_that_agree() -> None:
         R = Rotation.random(rng=rng).as_matrix()
         (image,) = likenesses(first, second @ R.T + 1.0)
         np.testing.assert_array_equal(image, [-1] * changed + list(range(changed, 7)))
-        place = place_of(first, second @ R.T + 1.0, image)
+        place = relative_place(first, second @ R.T + 1.0, image)
         assert place is not None
         np.testing.assert_allclose(place.rotation, R.T, atol=1e-9)
         np.testing.assert_allclose(place.point, second.mean(axis=0) - first.mean(axis=0), atol=1e-9)
@@ -98,22 +98,22 @@ def test_copies_and_mirror_images_have_no_place_in_each_others_place() -> None:
     points = np.random.default_rng(3).uniform(-0.1, 0.1, (7, 3))
     for other in (points.copy(), points * (-1.0, 1.0, 1.0)):
         (image,) = likenesses(points, other)
-        assert place_of(points, other, image) is None
+        assert relative_place(points, other, image) is None
 
 
 def test_the_prior_in_the_place_of_another_is_its_prediction_times_the_share() -> None:
     rng = np.random.default_rng(5)
     first, second = family(rng, 2)
     (image,) = likenesses(first, second)
-    place = place_of(first, second, image)
+    place = relative_place(first, second, image)
     assert place is not None
     spread = np.diag([1e-4] * 3 + [1e-6] * 3)
     predicted = Gaussian(Rotation.random(rng=rng).as_matrix(), np.array([0.1, 0.2, 1.0]), spread, freedom=8.0)
     camera, target, sigma = CAMERA.chart(rng.uniform(0.0, 480.0, (9, 2)), np.full(9, 0.2))
     model = DetectionModel(camera, second, target, sigma, prior=Broad(0.1))
-    beside = beside_others(model, [(place, Doubted([predicted], [math.log(0.99)], Broad(0.1), 0.01))])
+    beside = add_family_places(model, [(place, Doubted([predicted], [math.log(0.99)], Broad(0.1), 0.01))])
     assert isinstance(beside.prior, Exchanged)
-    assert beside_others(model, [(place, Broad(0.1))]) is model
+    assert add_family_places(model, [(place, Broad(0.1))]) is model
     there = place.of(predicted)
     # the same motion of the points: about another point of the body it moves that one too
     np.testing.assert_allclose(
@@ -124,9 +124,9 @@ def test_the_prior_in_the_place_of_another_is_its_prediction_times_the_share() -
     both, alone = beside.prior.terms(R, t), there.terms(R, t)
     np.testing.assert_allclose(both.log_density, alone.log_density + math.log(0.99 * EXCHANGED))
     np.testing.assert_allclose(both.precision, alone.precision)
-    assert beside.prior.in_other_places(R, t).all()
+    assert beside.prior.is_in_other_place(R, t).all()
     far = t + 0.5
-    assert not beside.prior.in_other_places(R, far).any()
+    assert not beside.prior.is_in_other_place(R, far).any()
     np.testing.assert_allclose(
         beside.prior.terms(R, far).log_density, Broad(0.1).terms(R, far).log_density + math.log1p(-0.99 * EXCHANGED)
     )

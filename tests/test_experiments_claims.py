@@ -121,24 +121,24 @@ def test_partial_truth_names_its_cases():
 def test_what_no_result_could_have_decided_otherwise_is_undecidable():
     """A method that is lost has nothing to fall from, and two lost ones cannot be told apart."""
     lost = made_up_table(lambda s, m, n: 1.0 if m == DEFAULT_PIPELINE else 0.08)
-    assert verdict(judges.falls(lost, "one", "p3p", (5, 10), 0.0)) == "undecidable"
+    assert verdict(judges.judge_fall(lost, "one", "p3p", (5, 10), 0.0)) == "undecidable"
     for judge in (
-        judges.qr_is_svd,
-        judges.sparse_beats_dense,
-        judges.noise_needs_samples,
+        judges.judge_qr_equals_svd,
+        judges.judge_sparse_over_dense,
+        judges.judge_noise_needs_samples,
         judges.under_full,
         judges.short_is_better,
         judges.long_under_full,
         judges.two_motions_are_harder,
     ):
         assert verdict(judge(lost, "one")) == "undecidable", judge
-    assert verdict(judges.up2p_leads(lost, "one", (0,), (0.5,))) == "undecidable"
+    assert verdict(judges.judge_up2p_lead(lost, "one", (0,), (0.5,))) == "undecidable"
     assert verdict(judges.geometry_is_to_blame(lost, "paper")) == "does not hold"
     # 19.5 % cannot fall by 30 points, 31 % can; and one that is not lost leads one that is
-    assert verdict(judges.falls(made_up_table(lambda s, m, n: 0.195), "one", "3p1", (0,), 5.0)) == "undecidable"
-    assert verdict(judges.falls(made_up_table(lambda s, m, n: 0.31), "one", "3p1", (0,), 5.0)) == "does not hold"
+    assert verdict(judges.judge_fall(made_up_table(lambda s, m, n: 0.195), "one", "3p1", (0,), 5.0)) == "undecidable"
+    assert verdict(judges.judge_fall(made_up_table(lambda s, m, n: 0.31), "one", "3p1", (0,), 5.0)) == "does not hold"
     some = made_up_table(lambda s, m, n: 0.3 if s.problem == "up2p" else 0.0)
-    assert verdict(judges.up2p_leads(some, "one", (0,), (0.5,))) == "holds"
+    assert verdict(judges.judge_up2p_lead(some, "one", (0,), (0.5,))) == "holds"
 
 
 def test_qr_and_svd_are_compared_where_one_of_them_is_not_lost():
@@ -147,7 +147,7 @@ def test_qr_and_svd_are_compared_where_one_of_them_is_not_lost():
             return 0.0
         return 0.9 if method.residual.startswith("svd") else 1.0
 
-    cases = {case.name: case for case in judges.qr_is_svd(made_up_table(accuracy), "one")}
+    cases = {case.name: case for case in judges.judge_qr_equals_svd(made_up_table(accuracy), "one")}
     assert not cases["up2p 4(a)"].holds
     assert "+10.0 [+10.0, +10.0] points; 4 of 5 settings left out" in cases["up2p 4(a)"].figures
 
@@ -161,12 +161,12 @@ def test_claims_are_judged_for_both_solvers_and_what_something_else_changes_is_s
     sparse = judged["Sparse beats dense"]
     assert sparse.verdict() == sparse.verdict("one") == "does not hold"
     assert sparse.verdict("paper", "published") == "holds"
-    assert sparse.changed().count("balanced solver") == len(RULES)
-    assert "balanced solver (one ρ, chosen freely): holds" in sparse.changed()
+    assert sparse.changed_verdicts().count("balanced solver") == len(RULES)
+    assert "balanced solver (one ρ, chosen freely): holds" in sparse.changed_verdicts()
     robust = judged["3P1: b = 1 is robust against outliers and noise"]
-    assert "default pipeline: holds" in robust.changed()
-    assert judged["P3P with noise stays under 100 %"].changed() == "default pipeline: does not hold"
-    assert judged["… because geometry can do no better"].changed() == ""
+    assert "default pipeline: holds" in robust.changed_verdicts()
+    assert judged["P3P with noise stays under 100 %"].changed_verdicts() == "default pipeline: does not hold"
+    assert judged["… because geometry can do no better"].changed_verdicts() == ""
     page = claims_markdown(made_up_table(accuracy), [], 0.0)
     assert "| changed by |" in page
     assert "Balanced solver, one ρ, as the paper needs it: **holds**" in page
@@ -182,7 +182,7 @@ def test_3p1_by_the_other_unknown_is_judged_apart():
     robust = judged["3P1: b = 1 is robust against outliers and noise"]
     assert robust.verdict() == robust.verdict("paper", "published") == "does not hold"
     assert robust.verdict("paper", "tan") == "holds"
-    assert "3P1 by tan(θ/2) (one ρ, as the paper needs it): holds" in robust.changed()
+    assert "3P1 by tan(θ/2) (one ρ, as the paper needs it): holds" in robust.changed_verdicts()
 
 
 @pytest.mark.parametrize(
@@ -223,8 +223,8 @@ def test_thresholds_of_ours_are_marked():
 
 def test_the_one_rho_meets_what_the_paper_says_even_if_another_is_more_accurate():
     rhos = made_up_rhos()
-    assert rhos.chosen("qr", "p3p", "paper") == NEEDED
-    assert rhos.chosen("qr", "p3p", "one") == ONE
+    assert rhos.choose_rho("qr", "p3p", "paper") == NEEDED
+    assert rhos.choose_rho("qr", "p3p", "one") == ONE
     assert rhos.choices("qr", "p3p", "paper") == {NEEDED: 1.0}
     met = rhos.met("qr")
     assert all(rhos.effort.grid[which.argmax()] == NEEDED and which.sum() == 1 for which in met.values())
@@ -237,7 +237,7 @@ def test_if_no_rho_meets_everything_those_that_meet_most_are_admitted():
         if key[2] == "up2p":
             curve[:, rhos.effort.grid.index(ONE)] = 1.0
             curve[:, rhos.effort.grid.index(1e-2)] = 1.0
-    assert rhos.chosen("qr", "p3p", "paper") == ONE
+    assert rhos.choose_rho("qr", "p3p", "paper") == ONE
 
 
 def test_a_lead_within_the_spread_of_the_instances_is_none():
@@ -249,7 +249,7 @@ def test_a_lead_within_the_spread_of_the_instances_is_none():
     )
     assert all(case.holds for case in certain)
     # up2p against P3P is not paired: the spread of both counts
-    doubtful = judges.up2p_leads(
+    doubtful = judges.judge_up2p_lead(
         made_up_table(lambda s, m, n: 0.55 if s.problem == "up2p" else 0.5, spread=0.4), "one", (0,), (0.5,)
     )
     assert not any(case.holds for case in doubtful)
@@ -263,7 +263,7 @@ def test_qr_against_svd_is_split_by_the_place_of_the_root():
     for (setting, method, _), cell in table.cells.items():
         if setting.problem == "up2p" and setting.motions == 1 and method.residual == "svd":
             cell[~inside] += 0.3
-    found = {case.name: case.holds for case in judges.qr_is_svd(table, "one")}
+    found = {case.name: case.holds for case in judges.judge_qr_equals_svd(table, "one")}
     assert found["up2p |x| < 1"]
     assert not found["up2p |x| > 1"]
     assert not found["up2p 4(a)"]

@@ -179,7 +179,7 @@ def test_reproduction_chooses_rho_on_its_own_seeds(reproduced):
     folder, _ = reproduced
     with Store(folder / STORE_NAME) as store:
         rhos = choose(store, Effort(2))
-    assert {p: rhos.chosen("qr", p, "own") for p in PROBLEMS} == RHO
+    assert {p: rhos.choose_rho("qr", p, "own") for p in PROBLEMS} == RHO
     for effort in (Effort(), Effort(2), Effort(4, quick=True)):
         assert all(effort.scan_seeds(residual).start >= 1_000_000 for residual in RESIDUALS)
     assert (len(Effort().scan_seeds("qr")), len(Effort().scan_seeds("svd"))) == (24, 12)

@@ -55,9 +55,9 @@ def test_best_rho_is_the_highest_and_of_equals_the_smallest():
     curve = np.zeros((1, len(GRID)))
     curve[0, [4, 7]] = 0.8
     curve[0, 4] -= 1e-15  # the same hits, added up in another order
-    assert rhos_of({"qr": curve}).chosen("qr", "p3p", "one") == GRID[4]
+    assert rhos_of({"qr": curve}).choose_rho("qr", "p3p", "one") == GRID[4]
     curve[0, 7] += 1e-3
-    assert rhos_of({"qr": curve}).chosen("qr", "p3p", "one") == GRID[7]
+    assert rhos_of({"qr": curve}).choose_rho("qr", "p3p", "one") == GRID[7]
 
 
 def test_rho_is_chosen_on_the_mean_of_the_problems_and_on_noise_free_scenes(tmp_path):
@@ -83,14 +83,14 @@ def test_rho_is_chosen_on_the_mean_of_the_problems_and_on_noise_free_scenes(tmp_
                     rows += [Row(setting, method, seed, size, value, 0.0, 0, 0, True) for seed in seeds]
                 store.add(rows, "v")
         rhos = choose(store, effort)
-    assert {p: rhos.chosen("qr", p, "own") for p in PROBLEMS} == {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2}
-    assert {rhos.chosen("svd", p, "one") for p in PROBLEMS} == {1e-5}
-    assert {rhos.chosen("qr", p, "paper") for p in PROBLEMS} == {1e-12}
-    assert {rhos.chosen("qr", p, "paper", START) for p in PROBLEMS} == {1e-11}
-    assert rhos.chosen("tan", "3p1", "paper") == 1e-12
+    assert {p: rhos.choose_rho("qr", p, "own") for p in PROBLEMS} == {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2}
+    assert {rhos.choose_rho("svd", p, "one") for p in PROBLEMS} == {1e-5}
+    assert {rhos.choose_rho("qr", p, "paper") for p in PROBLEMS} == {1e-12}
+    assert {rhos.choose_rho("qr", p, "paper", START) for p in PROBLEMS} == {1e-11}
+    assert rhos.choose_rho("tan", "3p1", "paper") == 1e-12
     # half of the noise-free P3P scenes have outliers
     assert rhos.exact["qr-both", SPARSE, "p3p"].mean(axis=0)[GRID.index(1e-12)] == pytest.approx((1.0 + 0.05) / 2)
-    assert rhos.chosen("qr-both", "p3p", "exact") == 1e-14
+    assert rhos.choose_rho("qr-both", "p3p", "exact") == 1e-14
     assert rhos.curve("qr-both", "p3p", "own")[GRID.index(1e-9)] == pytest.approx(0.9)
     assert rhos.whole["qr-both", SPARSE, "p3p"].mean(axis=0)[GRID.index(1e-9)] == pytest.approx((0.45 + 0.9 + 0.9) / 3)
     assert rhos.choices("qr", "p3p", "own") == {1e-9: 1.0}
@@ -105,6 +105,6 @@ def test_a_choice_is_as_firm_as_its_scenes_agree():
     rhos = rhos_of({"qr": agreed, "svd": disputed})
     assert rhos.choices("qr", "p3p", "own") == {GRID[3]: 1.0}
     shares = rhos.choices("svd", "p3p", "one")
-    assert rhos.chosen("svd", "p3p", "one") == GRID[3]
+    assert rhos.choose_rho("svd", "p3p", "one") == GRID[3]
     assert 0.3 < shares[GRID[9]] < 0.6
     assert sum(shares.values()) == pytest.approx(1.0)

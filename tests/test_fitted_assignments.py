@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.algebra.rotation import cross
-from rootmatch.explain.image_hypotheses import model_of
+from rootmatch.explain.image_hypotheses import make_detection_model
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.mode_search import modes_of
-from rootmatch.model.proposals import Proposals, fitted
+from rootmatch.model.mode_search import find_modes
+from rootmatch.model.proposals import Proposals, fit_assignments
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 BENT = rm.Camera.from_opencv_fisheye([[420.0, 0, 402], [0, 421.0, 398], [0, 0, 1]], [0.03, -0.01, 0.002, 0.0])
@@ -22,8 +22,8 @@ BENT = rm.Camera.from_opencv_fisheye([[420.0, 0, 402], [0, 421.0, 398], [0, 0, 1
 
 def fits_of(problem, source, target, sigma, assignments):  # type: ignore[no-untyped-def]
     """The evidence of each assignment at its fitted pose."""
-    model = model_of(MatchingTask.of(problem, source, target, noise=sigma))
-    proposals, found, _ = fitted(model, np.array(assignments))
+    model = make_detection_model(MatchingTask.of(problem, source, target, noise=sigma))
+    proposals, found, _ = fit_assignments(model, np.array(assignments))
     np.testing.assert_array_equal(proposals.assignments, assignments)
     return found
 
@@ -94,8 +94,8 @@ def test_a_measured_vertical_is_a_prior() -> None:
 def test_an_assignment_with_too_few_matches_is_left_out() -> None:
     scene = p3p_scene(6, 2, noise=1.0, seed=3)
     two = np.where(np.arange(6) < 2, scene.truth, -1)
-    model = model_of(MatchingTask.of(scene.problem, scene.source, scene.target, noise=1.0))
-    proposals, found, at = fitted(model, np.array([two, scene.truth]))
+    model = make_detection_model(MatchingTask.of(scene.problem, scene.source, scene.target, noise=1.0))
+    proposals, found, at = fit_assignments(model, np.array([two, scene.truth]))
     np.testing.assert_array_equal(proposals.assignments, [scene.truth])
     assert len(found.log_odds) == len(at.pixels) == 1
 
@@ -106,8 +106,8 @@ def test_a_mode_grows_by_many_changes_at_once() -> None:
     start = np.where(np.arange(40) % 2 == 0, scene.truth, -1)
     start[[0, 2, 4, 6]] = start[[2, 0, 6, 4]]
     task = MatchingTask.of(scene.problem, scene.source, scene.target, noise=0.5)
-    model = model_of(task)
+    model = make_detection_model(task)
     (pose,) = scene.poses
     rotation, position = pose[0][None], (pose[1] + pose[0] @ model.centre)[None]
-    modes = modes_of(model, Proposals(start[None], rotation, position))
+    modes = find_modes(model, Proposals(start[None], rotation, position))
     np.testing.assert_array_equal(modes.assignments[0], scene.truth)

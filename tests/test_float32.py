@@ -86,7 +86,7 @@ class TestCompiledTwins:
     def test_near_the_kernels(self, name: str) -> None:
         case = SINGLE[name]
         tables, _ = case_scene(case)
-        here, there = in_double(case, tables), slabs(case, float32.rounded(tables), np.float32)
+        here, there = in_double(case, tables), slabs(case, float32.round_tables(tables), np.float32)
         assert there.dtype == np.float32
         near = here < 20.0
         assert near.sum() >= 20
@@ -100,7 +100,7 @@ class TestCompiledTwins:
     def test_an_edge_is_as_in_its_slab(self, name: str) -> None:
         case = SINGLE[name]
         tables, truth = case_scene(case)
-        blurred, kind = float32.rounded(tables), case.kind(case.pairs)
+        blurred, kind = float32.round_tables(tables), case.kind(case.pairs)
         i = np.arange(case.order)
         out = np.zeros(1, np.float32)
         one(blurred, kind, i, truth[i], out)
@@ -111,7 +111,7 @@ class TestCompiledTwins:
         """In LLVM's code for the processor, where NVIDIA's compiler is not at hand."""
         case = SINGLE[name]
         tables, _ = case_scene(case)
-        given = float32.rounded(tables)
+        given = float32.round_tables(tables)
         slabs(case, given, np.float32)
         types = typeof(given), typeof(case.kind())
         (signature,) = (one for one in rows.signatures if one[:2] == types)
@@ -132,14 +132,14 @@ def test_doubles_are_found_where_they_are_computed() -> None:
 
 @pytest.mark.parametrize("value", [0.5, -3.0, 1e-12, 0.0, math.inf, -math.inf, 7, True, None, "text"])
 def test_constants_that_single_precision_holds(value: Any) -> None:
-    made = float32.constant(value)
+    made = float32.round_constant(value)
     assert made == (np.float32(value) if isinstance(value, float) else value)
     assert isinstance(made, np.float32) == isinstance(value, float)
 
 
 def test_constants_out_of_range_keep_their_meaning() -> None:
     """Next to nothing does not become 0, nor a bound infinite."""
-    tiny, huge, less, wrong = float32.constant((1e-300, 1e300, -1e-60, math.nan))
+    tiny, huge, less, wrong = float32.round_constant((1e-300, 1e300, -1e-60, math.nan))
     assert tiny > 0.0
     assert np.isfinite(np.float32(1.0) / tiny)
     assert np.isfinite(huge)
@@ -150,10 +150,10 @@ def test_constants_out_of_range_keep_their_meaning() -> None:
 def test_no_constant_of_a_twin_vanishes_or_overflows() -> None:
     """In all that the twins of all cases are made of."""
     for case in SINGLE.values():
-        slabs(case, float32.rounded(case_scene(case)[0]), np.float32)
+        slabs(case, float32.round_tables(case_scene(case)[0]), np.float32)
     seen = 0
     for kernel in tuple(float32._twins):
-        function, twin = (getattr(one, "py_func", one) for one in (kernel, float32.twin(kernel)))
+        function, twin = (getattr(one, "py_func", one) for one in (kernel, float32.single_precision_twin(kernel)))
         for before, after in zip(function.__code__.co_consts, twin.__code__.co_consts, strict=True):
             if isinstance(before, float) and math.isfinite(before):
                 assert type(after) is np.float32
@@ -167,9 +167,9 @@ def test_no_constant_of_a_twin_vanishes_or_overflows() -> None:
 
 
 def test_a_twin_is_the_same_code() -> None:
-    assert float32.twin(dot).py_func.__code__.co_code == dot.py_func.__code__.co_code
-    assert float32.twin(dot) is float32.twin(dot)
-    assert float32.twin(dot).targetoptions == dot.targetoptions
+    assert float32.single_precision_twin(dot).py_func.__code__.co_code == dot.py_func.__code__.co_code
+    assert float32.single_precision_twin(dot) is float32.single_precision_twin(dot)
+    assert float32.single_precision_twin(dot).targetoptions == dot.targetoptions
 
 
 def test_a_kernel_with_a_function_inside_is_refused() -> None:
@@ -178,19 +178,19 @@ def test_a_kernel_with_a_function_inside_is_refused() -> None:
         return (lambda y: y + 0.5)(x)
 
     with pytest.raises(TypeError, match=r"nested.*function inside"):
-        float32.twin(nested)
+        float32.single_precision_twin(nested)
 
 
 def test_doubles_get_the_kernel_itself() -> None:
     case = next(iter(SINGLE.values()))
     tables, _ = case_scene(case)
-    assert float32.serving(tables, dot) is dot
-    assert float32.serving(float32.rounded(tables), dot) is float32.twin(dot)
+    assert float32.kernel_for_tables(tables, dot) is dot
+    assert float32.kernel_for_tables(float32.round_tables(tables), dot) is float32.single_precision_twin(dot)
 
 
 def test_rounding_adds_to_the_noise_of_a_bearing_alone() -> None:
     tables, _ = case_scene(Case("p3p", Joint))
-    blurred = float32.rounded(tables)
+    blurred = float32.round_tables(tables)
     for field in tables._fields:
         if field in ("rays", "versine", "normals"):
             np.testing.assert_array_equal(getattr(blurred, field), getattr(tables, field).astype(np.float32))
@@ -203,7 +203,7 @@ def test_rounding_adds_to_the_noise_of_a_bearing_alone() -> None:
 def test_the_unit_of_length_is_that_of_the_errors(problem: str) -> None:
     """By a power of two, for all lengths alike, so that no digit changes."""
     tables, _ = case_scene(Case(problem, Joint))
-    blurred = float32.rounded(tables)
+    blurred = float32.round_tables(tables)
     unit = float(blurred.points[0, 0]) / float(np.float32(tables.points[0, 0]))
     assert math.frexp(unit)[0] == 0.5
     assert 0.5 < unit * math.sqrt(np.median(tables.variance)) < 2.0

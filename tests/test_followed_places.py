@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.model.modes import same_place
+from rootmatch.model.modes import is_same_place
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.priors import COPY, IN_VIEW
 from rootmatch.tracking.followed_places import (
     GonePlaces,
-    chance_absent,
-    chance_of_copy,
-    chance_returned,
-    log_absent,
-    log_back,
+    absence_chance,
+    assign_places,
+    copy_chance,
+    log_absence,
+    log_return,
     log_returned,
     log_weight,
-    places_of,
+    return_factor,
 )
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.motion_filter import MotionFilter
@@ -153,24 +153,24 @@ def test_weights_are_those_of_copies_and_clutter_enumerated() -> None:
             each[body] += odds[body] * np.prod(others) / 2.0  # the body's own place has both
     told = np.exp([log_weight(math.log(one)) for one in odds])
     np.testing.assert_allclose(told / told.sum(), each / each.sum(), rtol=1e-9)
-    np.testing.assert_allclose([chance_of_copy(math.log(one)) for one in odds], COPY * odds / (1.0 + COPY * odds))
+    np.testing.assert_allclose([copy_chance(math.log(one)) for one in odds], COPY * odds / (1.0 + COPY * odds))
 
 
 def test_what_came_in_since_a_search_may_be_the_body_or_a_copy() -> None:
     """Both come as seldom, so that it is absent tells little of what appears now but not a moment ago."""
     step = 1.0 / 60.0
-    assert log_absent(1.0, step, step) == pytest.approx(-math.log(IN_VIEW), abs=0.05)
-    assert log_absent(1.0, step, math.inf) == pytest.approx(-math.log(IN_VIEW * step), abs=0.1)
-    assert log_absent(1.0 - IN_VIEW, math.inf, math.inf) == pytest.approx(math.log(1.0 - IN_VIEW) - math.log(IN_VIEW))
+    assert log_absence(1.0, step, step) == pytest.approx(-math.log(IN_VIEW), abs=0.05)
+    assert log_absence(1.0, step, math.inf) == pytest.approx(-math.log(IN_VIEW * step), abs=0.1)
+    assert log_absence(1.0 - IN_VIEW, math.inf, math.inf) == pytest.approx(math.log(1.0 - IN_VIEW) - math.log(IN_VIEW))
 
 
 def test_a_body_that_was_hidden_a_moment_ago_is_hardly_in_view_now() -> None:
     assert log_returned(1e-3) < log_returned(1.0 / 60.0) < log_returned(1.0) < 0.0
     assert log_returned(60.0) == pytest.approx(0.0, abs=1e-6)
     assert log_returned(1.0 / 60.0) == pytest.approx(math.log(IN_VIEW / 60.0) - math.log(4.0), abs=0.05)
-    assert chance_returned(0.0, -5.0) == 1.0
+    assert return_factor(0.0, -5.0) == 1.0
     # odds of 19 : 1 against clutter alone fall by e⁻⁵
-    assert 0.95 * chance_returned(0.05, -5.0) == pytest.approx(1.0 / (1.0 + math.exp(5.0) / 19.0))
+    assert 0.95 * return_factor(0.05, -5.0) == pytest.approx(1.0 / (1.0 + math.exp(5.0) / 19.0))
 
 
 @pytest.mark.parametrize("seed", [1, 6, 9])
@@ -205,10 +205,10 @@ def test_places_are_told_by_most_of_their_detections() -> None:
     uses = np.zeros((4, 12), np.bool_)
     for row, taken in zip(uses, [range(6), range(5, 11), range(1, 6), range(6, 10)], strict=True):
         row[list(taken)] = True
-    assert same_place(uses).tolist() == [[k % 2 == j % 2 for j in range(4)] for k in range(4)]
+    assert is_same_place(uses).tolist() == [[k % 2 == j % 2 for j in range(4)] for k in range(4)]
     origin = np.array([1, -1, 0, 2])
-    assert places_of(uses, origin, [7, 7, 3]).tolist() == [7, 3, 7, 3]
-    assert places_of(uses, origin[[0, 1, 2, 1]], [7, 7, 3]).tolist() == [7, 8, 7, 8]
+    assert assign_places(uses, origin, [7, 7, 3]).tolist() == [7, 3, 7, 3]
+    assert assign_places(uses, origin[[0, 1, 2, 1]], [7, 7, 3]).tolist() == [7, 8, 7, 8]
 
 
 def test_what_is_found_next_may_be_of_any_place_that_is_gone() -> None:
@@ -302,10 +302,10 @@ def test_the_body_that_is_back_is_weighed_against_what_was_found_in_its_absence(
 
 def test_how_long_a_body_may_be_hidden_decides_where_it_is() -> None:
     """A body that was hidden a moment ago comes back; one that is followed for seconds was there all the time."""
-    assert chance_absent(1.0, 0.0) == pytest.approx(1.0)
-    assert chance_absent(1.0, 60.0) == pytest.approx(1.0 - IN_VIEW)
+    assert absence_chance(1.0, 0.0) == pytest.approx(1.0)
+    assert absence_chance(1.0, 60.0) == pytest.approx(1.0 - IN_VIEW)
     filter_ = MotionFilter(np.eye(3), rm.Pose(np.eye(3), (0, 0, 1), np.eye(6)), 0.0)
     followed = FollowedPose(filter_, since=2.0, log_absent=1.0)
-    later = [log_back(followed, time) for time in (2.0, 3.0, 7.0)]
+    later = [log_return(followed, time) for time in (2.0, 3.0, 7.0)]
     assert later[0] == 1.0
     np.testing.assert_allclose(np.diff(later), [-IN_VIEW, -4.0 * IN_VIEW])

@@ -12,12 +12,12 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 import rootmatch as rm
-from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances, with_errors_of_source
+from rootmatch.model.motion_prior import MotionPrior, add_source_errors, fuse_with_known, motion_covariances
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import about_point
-from rootmatch.problems.pose_fit.shared_errors import SharedPose, whole
+from rootmatch.problems.pose_fit.reference_point import pose_about_point
+from rootmatch.problems.pose_fit.shared_errors import SharedPose, with_whole_covariance
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 from test_cli_frames import run, write
 
@@ -185,17 +185,19 @@ def test_fits_with_errors_in_common_keep_them() -> None:
     model = PointSetModel(clouds)
     covariance = motion_covariances(model.fit(np.arange(5)[None]))[0]
     pose = Pose.unchecked(np.eye(3), np.zeros(3), covariance, 2.0)
-    one = with_errors_of_source(clouds, np.arange(5), pose)
+    one = add_source_errors(clouds, np.arange(5), pose)
     assert isinstance(one, SharedPose)
     np.testing.assert_allclose(one.shared.counted, 0.5 * covariance, rtol=1e-4, atol=1e-6)
     filter_ = MotionFilter(BODY, one, 0.0)
     for k in range(1, 21):
-        both = fused(one, filter_.predicted(1e-9 * k))
+        both = fuse_with_known(one, filter_.predicted(1e-9 * k))
         filter_.update(both, 1e-9 * k)
     expected = (0.5 + 0.5 / 21.0) * covariance
-    np.testing.assert_allclose(whole(filter_.predicted(2e-8)).covariance, expected, rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(
+        with_whole_covariance(filter_.predicted(2e-8)).covariance, expected, rtol=1e-3, atol=1e-5
+    )
     exact = clouds._replace(source_variance=0.0 * variance)
-    assert not isinstance(with_errors_of_source(exact, np.arange(5), pose), SharedPose)
+    assert not isinstance(add_source_errors(exact, np.arange(5), pose), SharedPose)
 
 
 def test_a_filter_of_a_scale() -> None:
@@ -203,7 +205,7 @@ def test_a_filter_of_a_scale() -> None:
     root = rng.normal(size=(7, 7)) * np.array([0.01] * 3 + [1.0] * 3 + [0.01])[:, None]
     R, t, covariance = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3), root @ root.T
     centre = BODY.mean(axis=0)
-    moved, about = about_point(R, t, covariance, centre, 3.0)
+    moved, about = pose_about_point(R, t, covariance, centre, 3.0)
     np.testing.assert_allclose(moved, 3.0 * R @ centre + t)
     shift = 1e-6 * rng.normal(size=7)  # numerically: the same error about the other point
     other = 3.0 + shift[6]

@@ -10,8 +10,8 @@ from scipy.stats import norm
 
 import rootmatch as rm
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about, settled
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.evidence import settle_evidence, weigh_poses
+from rootmatch.model.mode_search import find_modes
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.model.proposals import Proposals
 from rootmatch.tracking.followed_pose import FollowedPose
@@ -72,10 +72,10 @@ def test_two_matches_about_a_prediction_are_weighed_against_each_alone() -> None
     target = np.concatenate([shown, np.random.default_rng(3).uniform((0.0, 0.0), (640.0, 480.0), (6, 2))])
     model = DetectionModel(CAMERA, points, target, np.full(7, 0.2), prior=prior)
     both, pose = np.array([[0, 6, -1, -1, -1, -1, -1]]), (np.eye(3)[None], gaussian.position[None])
-    modes = modes_of(model, Proposals(both, *pose))
+    modes = find_modes(model, Proposals(both, *pose))
     np.testing.assert_array_equal(modes.assignments, both)
     alone = np.array([np.where(np.arange(7) == k, both[0], -1) for k in (0, 1)])
-    found, _ = settled(model, alone, *about(model, alone, *(np.repeat(one, 2, axis=0) for one in pose)))
+    found, _ = settle_evidence(model, alone, *weigh_poses(model, alone, *(np.repeat(one, 2, axis=0) for one in pose)))
     every = np.logaddexp.reduce([modes.log_odds[0], *found.log_odds])
     assert modes.log_mass[0] == pytest.approx(every, abs=0.02)
     np.testing.assert_allclose(modes.local[0, :2], 1.0 - np.exp(found.log_odds[::-1] - every), atol=0.01)
@@ -90,7 +90,7 @@ def test_visibility_is_its_mean_over_the_directions_that_a_pose_leaves_open(tilt
     )
     turns = np.radians(np.linspace(100.0, 260.0, 41))
     rotations = Rotation.from_rotvec(turns[:, None] * np.array([1.0, 0.0, 0.0])).as_matrix()
-    at = model.linearised(rotations, np.tile([0.0, 0.0, 3.0], (41, 1)))
+    at = model.linearise_about(rotations, np.tile([0.0, 0.0, 3.0], (41, 1)))
     assert at.cosine is not None
     steps = np.linspace(-5.0, 5.0, 1001)
     cosine = at.cosine[..., None] + tilt * np.sqrt(1.0 - at.cosine[..., None] ** 2) * steps

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.model.detection_model import USUAL_RATE
-from rootmatch.model.evidence import evidence
-from rootmatch.tracking.followed_pose import FollowedPose, of_places, tempered
-from rootmatch.tracking.foreign_lights import LIT, TOGETHER, ForeignLights, by_others
+from rootmatch.model.evidence import weigh_assignments
+from rootmatch.tracking.followed_pose import FollowedPose, pool_place_weights, temper
+from rootmatch.tracking.foreign_lights import LIT, TOGETHER, ForeignLights, doubtful_probability
 from rootmatch.tracking.motion_filter import MotionFilter
 
 CAMERA = rm.Camera(700.0, 700.0, 640.0, 480.0)
@@ -80,23 +80,29 @@ def found_of(shown: int) -> Any:
 
 def test_matches_that_agree_on_a_pose_tell_of_each_other() -> None:
     lit = np.linspace(0.1, 0.6, 7)
-    assert (by_others(found_of(6), np.array([1, 4]), lit) > 0.99).all(), "four others say where their points are"
-    assert (by_others(found_of(6), np.arange(6), lit) > 0.99).all(), "six agree, whatever was thought of each"
-    assert by_others(found_of(3), np.array([2]), lit)[0] == 0.0, "two others say nothing"
+    assert (doubtful_probability(found_of(6), np.array([1, 4]), lit) > 0.99).all(), (
+        "four others say where their points are"
+    )
+    assert (doubtful_probability(found_of(6), np.arange(6), lit) > 0.99).all(), (
+        "six agree, whatever was thought of each"
+    )
+    assert doubtful_probability(found_of(3), np.array([2]), lit)[0] == 0.0, "two others say nothing"
 
 
 def test_the_other_matches_tell_of_one_by_their_evidence_alone() -> None:
     """Against the sum over both cases: it is right, or its point was not detected, lit or not."""
     found, lit = found_of(4), np.full(7, 0.3)
     modes, model = found.posterior.modes, found.model
-    at = model.linearised(modes.rotation[:1], modes.position[:1])
+    at = model.linearise_about(modes.rotation[:1], modes.position[:1])
     without = np.where(np.arange(7) == 3, -1, found.assignment)
-    gain = np.subtract(*evidence(model, np.array([found.assignment, without]), at, model.prior.without).log_odds)
+    gain = np.subtract(
+        *weigh_assignments(model, np.array([found.assignment, without]), at, model.prior.without).log_odds
+    )
     rate = USUAL_RATE * modes.visible[0, 3]
     cases = [(1.0 - TOGETHER, 0.3), (TOGETHER, LIT)]
     right = sum(share * chance for share, chance in cases) * math.exp(gain)
     wrong = sum(share * (1.0 - rate * chance) for share, chance in cases) / (1.0 - rate)
-    assert by_others(found, np.array([3]), lit) == pytest.approx(right / (right + wrong))
+    assert doubtful_probability(found, np.array([3]), lit) == pytest.approx(right / (right + wrong))
 
 
 def test_a_match_is_no_more_probable_than_when_it_was_met() -> None:
@@ -118,8 +124,8 @@ def test_a_match_is_no_more_probable_than_when_it_was_met() -> None:
 
 def test_a_hypothesis_gains_nothing_by_being_split() -> None:
     """What counts for less than it says counts so for both parts together."""
-    whole = tempered(np.log([0.5, 0.5]), np.array([0, 1]), 0.5)
-    split = tempered(np.log([0.5, 0.3, 0.2]), np.array([0, 1, 1]), 0.5)
+    whole = temper(np.log([0.5, 0.5]), np.array([0, 1]), 0.5)
+    split = temper(np.log([0.5, 0.3, 0.2]), np.array([0, 1, 1]), 0.5)
     assert split[0] == pytest.approx(whole[0])
     assert np.logaddexp(*split[1:]) == pytest.approx(whole[1])
     assert split[1] - split[2] == pytest.approx(0.5 * math.log(1.5))
@@ -129,13 +135,13 @@ def test_which_points_are_shown_is_no_reason_for_a_place() -> None:
     pose = MotionFilter(np.eye(3), rm.Pose(np.eye(3), (0.0, 0.0, 1.0), np.eye(6)), 0.0)
     every = [(0, 0.0, -2.0), (1, -1.0, -1.0), (1, 0.5, -3.0)]
     poses = [FollowedPose(pose, weight, shown, place=place) for place, weight, shown in every]
-    told = of_places(poses)
+    told = pool_place_weights(poses)
     for place in (0, 1):
         before = np.logaddexp.reduce([one.total for one in poses if one.place == place])
         after = np.logaddexp.reduce([one.log_weight for one in told if one.place == place])
         assert after == pytest.approx(before)
     assert told[2].log_weight - told[1].log_weight == pytest.approx(1.5)
-    assert of_places(poses[1:]) == poses[1:]
+    assert pool_place_weights(poses[1:]) == poses[1:]
 
 
 def test_what_is_kept_between_two_questions_is_of_the_last_frame() -> None:

@@ -8,17 +8,17 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 import oracles
-from rootmatch.algebra.rotation import along_arc, on_arc
+from rootmatch.algebra.rotation import arc_motion, move_along_arc
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.mode_search import modes_of
-from rootmatch.model.modes import none_near
+from rootmatch.model.mode_search import find_modes
+from rootmatch.model.modes import empty_changes_each
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior
-from rootmatch.problems.pose_fit.reference_point import about_point, with_curvature
-from rootmatch.tracking.averaged_pose import averaged_pose
+from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, pose_about_point
+from rootmatch.tracking.averaged_pose import average_pose
 from rootmatch.tracking.motion_filter import MotionFilter
 
 
@@ -31,20 +31,20 @@ def free_about(axis: tuple[float, ...], arm: tuple[float, ...], sigma: float) ->
 def test_a_covariance_has_the_arc_of_what_turns() -> None:
     """The square of how far an arc of 2 m leaves its tangent, as turns that are drawn have it."""
     sigma, arm = 0.2, np.array([2.0, 0.0, 0.0])
-    told = with_curvature(free_about((0.0, 0.0, 1.0), tuple(arm), sigma))
+    told = add_arc_curvature(free_about((0.0, 0.0, 1.0), tuple(arm), sigma))
     angles = np.random.default_rng(1).normal(0.0, sigma, 100_000)
     moved = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).apply(arm) - arm
     expected = moved.T @ moved / len(angles) + 1e-4 * np.eye(3)
     np.testing.assert_allclose(np.diag(told)[3:], np.diag(expected), rtol=0.1)
     sure = free_about((0.0, 0.0, 1.0), tuple(arm), 0.001) / 100.0
-    assert with_curvature(sure) is sure
+    assert add_arc_curvature(sure) is sure
 
 
 def test_motions_along_arcs() -> None:
     rng = np.random.default_rng(3)
     turns, along = rng.normal(size=(20, 3)), rng.normal(size=(20, 3))
     turns[:3] *= 1e-7
-    np.testing.assert_allclose(along_arc(turns, on_arc(turns, along)), along, atol=1e-9)
+    np.testing.assert_allclose(arc_motion(turns, move_along_arc(turns, along)), along, atol=1e-9)
 
 
 @pytest.mark.parametrize("angle", [-1.2, -0.3, 0.5, 1.5])
@@ -79,8 +79,8 @@ def test_an_average_leaves_a_rotation_that_no_detection_tells() -> None:
     covariance = np.outer(line, line) + np.diag([0.02] * 3 + [0.004] * 3) ** 2
     model = DetectionModel(camera, points, target, np.full(6, 0.3), rate=0.9, prior=Gaussian(R, position, covariance))
     assignment = np.where(np.arange(12) < 6, np.arange(12), -1)
-    modes = modes_of(model, Proposals(assignment[None], R[None], position[None]))
-    pose = averaged_pose(model, modes._replace(near=none_near(len(modes.near), 12)), 0)
+    modes = find_modes(model, Proposals(assignment[None], R[None], position[None]))
+    pose = average_pose(model, modes._replace(near=empty_changes_each(len(modes.near), 12)), 0)
     axis = modes.rotation[0] @ line[:3] / sigma
     assert pose.covariance is not None
     assert 0.9 < axis @ pose.covariance[:3, :3] @ axis / sigma**2 < 1.3
@@ -96,10 +96,10 @@ def test_an_average_leaves_what_first_order_tells_well(seed: int) -> None:
     target = camera.project((points - points.mean(axis=0)) @ R.T + position) + rng.normal(0.0, 0.3, (4, 2))
     prior = Gaussian(R, position, np.diag([0.06] * 3 + [0.2] * 3) ** 2)
     model = DetectionModel(camera, points, target, np.full(4, 0.3), rate=0.9, prior=prior)
-    modes = modes_of(model, Proposals(np.arange(4)[None], R[None], position[None]))
-    pose = averaged_pose(model, modes._replace(near=none_near(len(modes.near), 4)), 0)
+    modes = find_modes(model, Proposals(np.arange(4)[None], R[None], position[None]))
+    pose = average_pose(model, modes._replace(near=empty_changes_each(len(modes.near), 4)), 0)
     assert pose.covariance is not None
-    _, averaged = about_point(pose.R, pose.t, pose.covariance, model.centre)
+    _, averaged = pose_about_point(pose.R, pose.t, pose.covariance, model.centre)
     fitted = modes.covariance[0]
     values, vectors = np.linalg.eigh(fitted / np.outer([1.0] * 3 + [3.5] * 3, [1.0] * 3 + [3.5] * 3))
     assert values[-2] > 0.02**2, "two directions are averaged over"

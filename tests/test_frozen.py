@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from rootmatch.frozen import amended, copied, once
+from rootmatch.frozen import amend, copy_with, once
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class Value:
 def test_a_copy_has_the_other_fields_and_none_of_what_was_worked_out() -> None:
     value = Value(3, "other")
     assert value.twice == 6
-    copy, expected = copied(value, first=4), replace(value, first=4)
+    copy, expected = copy_with(value, first=4), replace(value, first=4)
     assert vars(copy) == vars(expected)
     assert copy.twice == 8
     assert value.twice == 6
@@ -29,14 +29,14 @@ def test_a_copy_has_the_other_fields_and_none_of_what_was_worked_out() -> None:
 def test_an_amended_copy_keeps_what_was_worked_out_but_for_what_is_lost() -> None:
     value = Value(3)
     assert value.twice == 6
-    assert vars(amended(value, second="other")) == {"first": 3, "second": "other", "twice": 6}
-    assert amended(value, "twice", first=4).twice == 8
+    assert vars(amend(value, second="other")) == {"first": 3, "second": "other", "twice": 6}
+    assert amend(value, "twice", first=4).twice == 8
     assert vars(value) == {"first": 3, "second": "as usual", "twice": 6}
 
 
 def test_an_unknown_field_is_an_error() -> None:
     with pytest.raises(TypeError, match="third"):
-        copied(Value(3), third=4)
+        copy_with(Value(3), third=4)
 
 
 def test_what_is_asked_for_twice_is_worked_out_once() -> None:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 import rootmatch as rm
 from rig_scenes import NOISE, VIEW, controllers, frame, headset
-from rootmatch.explain.image_hypotheses import Candidate, model_of
+from rootmatch.explain.image_hypotheses import Candidate, make_detection_model
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.gathering import RATE, gathered, gathered_by_each
+from rootmatch.model.gathering import RATE, gather_assignments, gather_each
 from rootmatch.model.prediction import HIDDEN
-from rootmatch.model.proposals import MinimalSets, poses_of_sets
+from rootmatch.model.proposals import MinimalSets, solve_minimal_sets
 from rootmatch.problems.limits import GATE
 from rootmatch.simulation import p3p_scene
 
@@ -65,11 +65,11 @@ def gathered_slowly(model: DetectionModel, sources: NDArray, at: Any, visible: N
 
 def compared(model: DetectionModel, sets: MinimalSets) -> int:
     """Compare all poses of some minimal sets; how many lead to an assignment."""
-    assignments, gains = gathered_by_each(model, sets.alone)
+    assignments, gains = gather_each(model, sets.alone)
     for k, one in enumerate(sets.members):
         sources = np.full(model.shape[0], -1)
         sources[one] = sets.proposals.assignments[k, one]
-        at = model.linearised(sets.proposals.rotation[[k]], sets.proposals.position[[k]])
+        at = model.linearise_about(sets.proposals.rotation[[k]], sets.proposals.position[[k]])
         expected, gain = gathered_slowly(model, sources, at, model.visibility(at, np.zeros(1))[0])
         assert gains[k] == pytest.approx(gain, rel=1e-6, abs=1e-6)
         if np.isfinite(gain):
@@ -81,13 +81,13 @@ def compared(model: DetectionModel, sets: MinimalSets) -> int:
 def test_in_all_cameras_of_a_rig(seed: int) -> None:
     scene = frame(seed, 0, RIG, clutter=2)
     known: dict[str, Any] = {"noise": NOISE, "normals": NORMALS[:LEDS], "view_angle": np.radians(VIEW)}
-    model = model_of(MatchingTask.of(rm.P3P(RIG), POINTS[:LEDS], scene.rows, **known))
+    model = make_detection_model(MatchingTask.of(rm.P3P(RIG), POINTS[:LEDS], scene.rows, **known))
     camera = int(np.argmax((scene.truth >= 0).sum(axis=1)))
     seen = np.random.default_rng(seed).permutation(np.flatnonzero(scene.truth[camera] >= 0))[:3]
     rows = np.full((2, *scene.truth.shape), -1)
     rows[:, camera, seen] = scene.truth[camera, seen]
     rows[1, camera, seen] = np.roll(scene.truth[camera, seen], 1)  # a false one
-    assert compared(model, poses_of_sets(model, rows.reshape(2, -1), 3)) >= 1
+    assert compared(model, solve_minimal_sets(model, rows.reshape(2, -1), 3)) >= 1
 
 
 @pytest.mark.parametrize("weighed", [False, True])
@@ -98,15 +98,15 @@ def test_in_one_image_of_hyperedges(weighed: bool) -> None:
         weights = np.random.default_rng(0).uniform(0.2, 1.0, task.shape)
         weights[scene.truth[2] :: 4, 2] = 0.0
         task = MatchingTask.of(scene.problem, scene.source, scene.target, noise=1.0, candidates=weights)
-    model = model_of(task)
+    model = make_detection_model(task)
     rng, rows = np.random.default_rng(1), np.full((6, 8), -1)
     for k, row in enumerate(rows):
         points = rng.permutation(8)[:4]
         row[points] = scene.truth[points] if k < 4 else rng.permutation(13)[:4]
-    sets = poses_of_sets(model, rows, 4)
+    sets = solve_minimal_sets(model, rows, 4)
     assert compared(model, sets) >= 4
     if not weighed:
-        first, *_ = gathered(model, sets.alone, least=4, most=2).assignments
+        first, *_ = gather_assignments(model, sets.alone, least=4, most=2).assignments
         assert ((first == scene.truth) | (first < 0)).all()
         assert (first >= 0).sum() >= 7
 
@@ -132,5 +132,5 @@ def test_nothing_is_gathered_from_an_empty_tensor() -> None:
     scene = p3p_scene(6, 2, noise=1.0, seed=0)
     task = MatchingTask.of(scene.problem, scene.source, scene.target, noise=1.0)
     empty = AffinityTensor.unchecked(np.empty((0, 4), np.int32), np.empty(0), task.shape, None)
-    assert Candidate.of(task, []).gathered(empty) == []
+    assert Candidate.of(task, []).gather_from_tensor(empty) == []
     assert not len(Candidate.of(replace(task), [], empty).modes.log_odds)

@@ -25,8 +25,8 @@ from rootmatch.problems.p3p.problem import P3P
 from rootmatch.result import Status
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import CHANCE_SAMPLES
-from rootmatch.samplers.guided.detection_grid import NARROWEST, narrowed
-from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest, width
+from rootmatch.samplers.guided.detection_grid import NARROWEST, gate_factor
+from rootmatch.samplers.guided.minimal_sets import minimal_sets, remaining_points, widest_sets, width
 from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.guided.stopping import StoppingOptions
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
@@ -227,7 +227,7 @@ def test_headset_of_which_most_is_unseen(view: int, load_shared: Callable[[str],
     seen = np.random.default_rng(view).permutation(np.flatnonzero(np.isfinite(data["points2d"][view, :, 0])))
     truth = np.full(32, -1)
     truth[seen] = np.arange(len(seen))
-    order = enumeration.wide_first(data["points3d"])
+    order = enumeration.farthest_point_order(data["points3d"])
     tensor, *_ = search(
         P3P(Camera.from_matrix(data["K"][view])),
         data["points3d"][order],
@@ -301,10 +301,10 @@ def test_width_is_the_least_altitude_or_the_distance() -> None:
     assert width(places, np.array([[0, 1, 2], [0, 1, 3]])) == pytest.approx([2.4, 0.0])
     assert width(places, np.array([[1, 2], [0, 3]])) == pytest.approx([5.0, 8.0])
     rng = np.random.default_rng(0)
-    chosen = widest(rng.normal(size=(30, 3)), np.arange(3, 25), 3, 5, rng)
+    chosen = widest_sets(rng.normal(size=(30, 3)), np.arange(3, 25), 3, 5, rng)
     assert chosen.shape == (5, 3)
     assert 3 <= chosen.min() <= chosen.max() < 25
-    assert others_of(np.array([[1, 3], [0, 2]]), 4).tolist() == [[0, 2], [1, 3]]
+    assert remaining_points(np.array([[1, 3], [0, 2]]), 4).tolist() == [[0, 2], [1, 3]]
 
 
 def test_mistakes_are_said() -> None:
@@ -338,7 +338,7 @@ def test_the_gate_is_narrower_where_detections_crowd() -> None:
     factors = []
     for count in (10, 60, 2000):
         pixels = rng.uniform((0.0, 0.0), (640.0, 480.0), (count, 2))
-        factors.append(narrowed(Camera(1000.0, 1000.0, 320.0, 240.0).bearings(pixels).T, 0.008))
+        factors.append(gate_factor(Camera(1000.0, 1000.0, 320.0, 240.0).bearings(pixels).T, 0.008))
     assert factors[0] == 1.0 > factors[1] > factors[2] == NARROWEST
 
 

@@ -22,10 +22,10 @@ from rootmatch.research.hypergraph.protocol import (
     SETTINGS,
     Instance,
     instance,
-    tensor_of,
+    protocol_tensor,
 )
 from rootmatch.research.hypergraph.published import ACCURACY
-from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, most_alike
+from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, nearest_triangles
 from rootmatch.research.paper.settings import Setting
 from rootmatch.research.paper.work_unit import Task, Unit
 from rootmatch.solvers import get_solver
@@ -67,7 +67,7 @@ def test_most_alike_are_the_nearest_of_a_tree(count: int) -> None:
     index, sines = all_triangles(target)
     norm = np.linalg.norm(sines, axis=1)
     by = np.argsort(norm)
-    triangle, order, distance = most_alike(asked, sines[by], norm[by], count)
+    triangle, order, distance = nearest_triangles(asked, sines[by], norm[by], count)
     every = np.array(list(itertools.permutations(range(12), 3)))
     expected, _ = cKDTree(turns(target[every])).query(asked, k=count)
     np.testing.assert_allclose(np.sort(distance, axis=1), expected.reshape(len(asked), count), atol=1e-12)
@@ -85,7 +85,7 @@ def test_neighbours_of_a_symmetric_target_are_as_many_as_asked_for() -> None:
     _, sines = all_triangles(np.column_stack((np.cos(angle), np.sin(angle))))
     norm = np.linalg.norm(sines, axis=1)
     by = np.argsort(norm)
-    triangle, order, _ = most_alike(asked, sines[by], norm[by], 50)
+    triangle, order, _ = nearest_triangles(asked, sines[by], norm[by], 50)
     assert triangle.shape == (4, 50)
     assert all(len(set(zip(t, o, strict=True))) == 50 for t, o in zip(triangle, order, strict=True))
 
@@ -95,7 +95,7 @@ def test_tensor(setting: Setting) -> None:
     points = instance(setting, 3)
     n, n_target = len(points.source), len(points.target)
     assert (n, n_target) == (POINTS[setting.problem], POINTS[setting.problem] + setting.outliers)
-    tensor = tensor_of(points, 3)
+    tensor = protocol_tensor(points, 3)
     i, j = np.divmod(tensor.indices, n_target)
     assert tensor.order == 3
     assert len({tuple(sorted(row)) for row in tensor.indices.tolist()}) == tensor.size
@@ -126,7 +126,7 @@ def test_a_mirrored_target_is_not_alike() -> None:
     """The published codes' sines have a sign; without it this would match as well."""
     points = instance(Setting(DEFORMATION, 0, 0.0), 0)
     mirrored = Instance(points.source, points.target * (-1.0, 1.0), points.truth)
-    scores = [tensor_of(p, 0).score(points.truth) for p in (points, mirrored)]
+    scores = [protocol_tensor(p, 0).score(points.truth) for p in (points, mirrored)]
     assert scores[1] < 0.05 * scores[0]
 
 
@@ -178,7 +178,7 @@ def test_small_sweep_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytes
 
 
 def test_the_same_seed_gives_the_same_rows() -> None:
-    unit = Unit(1, (Task(setting := SMALL[OUTLIERS][0], protocols.plan_of(SMALL)[setting]),))
+    unit = Unit(1, (Task(setting := SMALL[OUTLIERS][0], protocols.make_plan(SMALL)[setting]),))
     assert protocols.evaluate(unit) == protocols.evaluate(unit)
 
 

@@ -18,10 +18,10 @@ from rootmatch.problems.up2p import hypotheses as up2p_hypotheses
 from rootmatch.problems.up2p.problem import UP2P
 from rootmatch.problems.up2p.tables import UP2PTables
 from rootmatch.samplers.guided import detection_grid, hypothesis_clustering
-from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among
+from rootmatch.samplers.guided.candidate_hyperedges import list_cluster_hyperedges
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import CANDIDATES
-from rootmatch.samplers.guided.minimal_sets import others_of
+from rootmatch.samplers.guided.minimal_sets import remaining_points
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
 from rootmatch.samplers.guided.verification import VISIBLE, verify
@@ -236,7 +236,7 @@ def test_without_a_floor_all_and_only_the_sets_whose_predictions_are_met_survive
     gate = 0.03
     built = detection_grid.build_grid(tables.rays, gate)
     points = np.array(list(combinations(range(n), m)), dtype=np.int64)
-    sets = prepare_sets(tables, points, others_of(points, n), np.zeros(len(points), np.int64))
+    sets = prepare_sets(tables, points, remaining_points(points, n), np.zeros(len(points), np.int64))
     arrangements = np.array(list(permutations(range(n_target), m - 1)), dtype=np.int32)
     rules = SequentialTest(hit=1.0, fall=0.5, miss=-1.0, floor=-100.0, least=n, normals=False)
     tasks = len(points) * len(arrangements)
@@ -278,7 +278,7 @@ def test_a_floor_saves_lookups_and_keeps_the_truth() -> None:
     tables = scene.problem.prepare(scene.source, scene.target)
     built = detection_grid.build_grid(tables.rays, 0.008)
     points = np.array([[0, 1, 2], [3, 4, 5], [6, 7, 8], [9, 0, 4]], dtype=np.int64)
-    sets = prepare_sets(tables, points, others_of(points, 10), np.zeros(4, np.int64))
+    sets = prepare_sets(tables, points, remaining_points(points, 10), np.zeros(4, np.int64))
     arrangements = np.array(list(permutations(range(20), 2)), dtype=np.int32)
     results = {}
     for floor in (-100.0, -3.5):
@@ -311,7 +311,7 @@ def test_what_is_dropped_at_a_first_look_the_sequential_test_would_drop(
     for facing, allowed in product((None, normals), (EVERYTHING, mask)):
         tables = scene.problem.prepare(scene.source, scene.target, 1.0, facing)
         built = detection_grid.build_grid(tables.rays, 0.01)
-        sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(len(points), np.int64))
+        sets = prepare_sets(tables, points, remaining_points(points, 9), np.zeros(len(points), np.int64))
         rules = SequentialTest(hit=3.0, fall=3.0, miss=miss, floor=-3.5, least=m + 1, normals=facing is not None)
         given = tables, built, rules, sets, arrangements, 0, 4 * len(arrangements), allowed, 500, 2
         quick = run_sequential_tests(*given)
@@ -359,7 +359,7 @@ def test_sets_are_solved_with_the_detections_of_their_last_points(name: str, mon
     points = np.array([np.sort(rng.permutation(9)[:m]) for _ in range(12)])
     arrangements = np.array(list(permutations(range(18), m - 1)), dtype=np.int32)
     tables = scene.problem.prepare(scene.source, scene.target)
-    sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(len(points), np.int64))
+    sets = prepare_sets(tables, points, remaining_points(points, 9), np.zeros(len(points), np.int64))
     rules = SequentialTest(hit=3.0, fall=3.0, miss=-0.4, floor=-3.5, least=m + 1, normals=False)
     built, tasks = detection_grid.build_grid(tables.rays, 0.01), 12 * len(arrangements)
     rows, counts = [], []
@@ -505,7 +505,9 @@ def test_hyperedges_of_later_clusters_are_counted_among_the_subsets_that_are_lef
     later = 0
     for seed in range(30):
         options = GuidedOptions(edges=100)
-        source, target, coverage = hyperedges_among(clusters, (n, n_target), 3, options, np.random.default_rng(seed))
+        source, target, coverage = list_cluster_hyperedges(
+            clusters, (n, n_target), 3, options, np.random.default_rng(seed)
+        )
         assert 0.0 < coverage < 1.0
         assert (np.diff(source, axis=1) > 0).all()
         rows = {(*i, *j) for i, j in zip(source.tolist(), target.tolist(), strict=True)}

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.explain.body_labels import check_bodies
-from rootmatch.tracking.identical_bodies import identical_bodies
+from rootmatch.tracking.identical_bodies import find_identical_bodies
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -115,8 +115,8 @@ def test_what_is_identical() -> None:
     turned = Rotation.from_rotvec([0.3, 0.0, 0.0]).as_matrix()
     points = np.concatenate([one, one[order], one * (-1.0, 1.0, 1.0), one @ turned.T])
     labels = check_bodies(np.repeat(["a", "b", "mirror", "turned"], 6), points, 4)
-    assert identical_bodies(labels, points, None) == [["a", "b"]]
+    assert find_identical_bodies(labels, points, None) == [["a", "b"]]
     facing = np.concatenate([normals, normals[order], normals, normals])
-    assert identical_bodies(labels, points, facing) == [["a", "b"]]
+    assert find_identical_bodies(labels, points, facing) == [["a", "b"]]
     facing[6] *= -1.0
-    assert identical_bodies(labels, points, facing) == []
+    assert find_identical_bodies(labels, points, facing) == []

@@ -14,9 +14,9 @@ import rootmatch as rm
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model import detection_model, image_alike
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about, settled_about
-from rootmatch.model.image_alike import ERRORS, REACH, SEEN, _near, log_odds_alike
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.evidence import settle_poses, weigh_poses
+from rootmatch.model.image_alike import ERRORS, REACH, SEEN, _near_miss_gains, alike_log_odds
+from rootmatch.model.mode_search import find_modes
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Broad
 from rootmatch.model.prediction import HIDDEN
@@ -74,15 +74,15 @@ def exact_and_off(off: float, place: float = 0.0) -> tuple[DetectionModel, Integ
 def mode_of(model: DetectionModel, assignment: Integers) -> Modes:
     """The mode of some matches alone."""
     position = model.centre + np.array((0.0, 0.0, 0.8))
-    _, at = settled_about(model, assignment[None], np.eye(3)[None], position[None])
-    modes = modes_of(model, Proposals(assignment[None], at.rotation, at.position))
+    _, at = settle_poses(model, assignment[None], np.eye(3)[None], position[None])
+    modes = find_modes(model, Proposals(assignment[None], at.rotation, at.position))
     own = next(k for k, one in enumerate(modes.assignments) if (one == assignment).all())
     return modes.take(slice(own, own + 1))
 
 
 def alike(model: DetectionModel, mode: Modes, taken: Bools | None = None) -> Floats | None:
     """The odds of points that are off, where matches are exact."""
-    return log_odds_alike(model, mode, 0, taken)
+    return alike_log_odds(model, mode, 0, taken)
 
 
 def test_the_odds_are_the_evidence_of_points_that_are_off_with_all_that_is_near() -> None:
@@ -93,10 +93,10 @@ def test_the_odds_are_the_evidence_of_points_that_are_off_with_all_that_is_near(
     best = int(np.argmax(odds))
     covariance = np.tile((ERRORS[best] * body_radius(model.points)) ** 2 * np.eye(3), (8, 1, 1))
     wide = replace(model, source_covariance=covariance)
-    whole, _ = settled_about(wide, np.arange(8)[None], mode.rotation, mode.position)
+    whole, _ = settle_poses(wide, np.arange(8)[None], mode.rotation, mode.position)
     assert odds[best] + mode.log_mass[0] == pytest.approx(whole.log_odds[0], abs=0.5)
     assert odds[best] > 8.0  # beyond the odds of a wrong model
-    matched, _ = about(wide, assignment[None], mode.rotation, mode.position)
+    matched, _ = weigh_poses(wide, assignment[None], mode.rotation, mode.position)
     assert matched.log_odds[0] < mode.log_odds[0]  # exact matches alone speak for the body
 
 
@@ -104,13 +104,13 @@ def test_points_that_are_off_leave_what_is_known_of_the_image(monkeypatch: pytes
     model, assignment = exact_and_off(6e-3)
     mode, taken, worked_out = mode_of(model, assignment), np.arange(8) == 4, list[Any]()
     first, expected = alike(model, mode, taken), replace(model, source_covariance=np.tile(1e-6 * np.eye(3), (8, 1, 1)))
-    wide = image_alike.off_by(model, 1e-3)
+    wide = image_alike.perturb_points(model, 1e-3)
     assert vars(wide).keys() >= {"clutter", "scene_for_kernels"}
     pose = mode.rotation, mode.position
-    assert settled_about(wide, assignment[None], *pose)[0].log_odds == pytest.approx(
-        settled_about(expected, assignment[None], *pose)[0].log_odds, rel=1e-12
+    assert settle_poses(wide, assignment[None], *pose)[0].log_odds == pytest.approx(
+        settle_poses(expected, assignment[None], *pose)[0].log_odds, rel=1e-12
     )
-    monkeypatch.setattr(detection_model, "clutter_of", lambda *given: worked_out.append(given))
+    monkeypatch.setattr(detection_model, "estimate_clutter", lambda *given: worked_out.append(given))
     model.alike.clear()
     np.testing.assert_array_equal(alike(model, mode, taken), first)
     assert not worked_out
@@ -118,13 +118,13 @@ def test_points_that_are_off_leave_what_is_known_of_the_image(monkeypatch: pytes
 
 def test_what_is_alike_is_weighed_once_for_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     model, assignment = exact_and_off(6e-3)
-    mode, settled, work = mode_of(model, assignment), list[DetectionModel](), image_alike.settle
+    mode, settled, work = mode_of(model, assignment), list[DetectionModel](), image_alike.settle_assignment
 
     def counted(wide: DetectionModel, *rest: Any, **named: Any) -> Any:
         settled.append(wide)
         return work(wide, *rest, **named)
 
-    monkeypatch.setattr(image_alike, "settle", counted)
+    monkeypatch.setattr(image_alike, "settle_assignment", counted)
     first = alike(model, mode)
     assert (count := len(settled)) > 0
     np.testing.assert_array_equal(alike(model, mode), first)
@@ -147,8 +147,8 @@ def test_what_points_gain_by_what_is_near_is_that_of_formulas(place: float) -> N
     """For each point without a match the best of the free detections within reach of points that are off."""
     model, assignment = exact_and_off(6e-3, place)
     mode, errors, taken = mode_of(model, assignment), ERRORS * model.radius, np.arange(8) == 6
-    gains, free = _near(model, mode, 0, errors, taken)
-    at, left = model.linearised(mode.rotation, mode.position), np.array([4, 5, 7])
+    gains, free = _near_miss_gains(model, mode, 0, errors, taken)
+    at, left = model.linearise_about(mode.rotation, mode.position), np.array([4, 5, 7])
     (missed,) = np.nonzero((assignment < 0) & (mode.visible[0] > HIDDEN))
     squares = ((at.pixels[0, missed][:, None] - model.target[left]) ** 2).sum(axis=2)
     rows, own = at.jacobian[0, missed], model.sigma[left] ** 2
@@ -170,7 +170,7 @@ def test_what_is_near_but_could_not_matter_is_as_if_it_was_not_there() -> None:
     target[7] += 10.0
     model = DetectionModel(CAMERA, body, target, np.full(8, SIGMA), prior=Broad())
     mode = mode_of(model, np.where(np.arange(8) < 7, np.arange(8), -1))
-    assert _near(model, mode, 0, ERRORS * model.radius, None)[0].any()
+    assert _near_miss_gains(model, mode, 0, ERRORS * model.radius, None)[0].any()
     assert alike(model, mode) is None
 
 

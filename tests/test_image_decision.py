@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from posteriors import told_of
-from rootmatch.explain.finding import nothing_found
-from rootmatch.explain.image_decision import is_modelled, told_by
-from rootmatch.explain.image_hypotheses import Candidate, model_of
+from rootmatch.explain.finding import make_empty_finding
+from rootmatch.explain.image_decision import is_modelled, tell_image
+from rootmatch.explain.image_hypotheses import Candidate, make_detection_model
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.model.posterior import Posterior
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 def believed(task: MatchingTask, told: Posterior) -> tuple[rm.Status, NDArray[np.int64]]:
     """Status and assignment that a posterior leads to."""
-    found = told_by(nothing_found(task, ""), told, Candidate.of(task, []))
+    found = tell_image(make_empty_finding(task, ""), told, Candidate.of(task, []))
     return found.status, found.assignment
 
 
@@ -69,7 +69,7 @@ def test_the_pose_is_that_of_the_points_as_given() -> None:
     t = t - R @ (3.0, -1.0, 2.0)
     task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4)
     (told,) = told_of((task, [truth]))
-    rotation, position = model_of(task).centred(R, t)
+    rotation, position = make_detection_model(task).centred(R, t)
     off = np.concatenate(
         [Rotation.from_matrix(told.modes.rotation[0] @ rotation.T).as_rotvec(), told.modes.position[0] - position]
     )
@@ -143,7 +143,7 @@ def test_a_wrong_prediction_is_judged_by_what_is_known_without_it() -> None:
     rotation = Rotation.from_rotvec([[0.0, 0.0, 0.01], [0.0, 0.0, 1.0]]).as_matrix()
     position = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     found, broad = mixture.terms(rotation, position), Broad().terms(rotation, position)
-    np.testing.assert_array_equal(mixture.prediction_of(rotation, position), [0, -1])
+    np.testing.assert_array_equal(mixture.prediction_indices(rotation, position), [0, -1])
     assert found.log_density[1] == pytest.approx(broad.log_density[1] + np.log(0.01))
     assert found.log_density[0] == pytest.approx(prediction.terms(rotation, position).log_density[0] + np.log(0.99))
     np.testing.assert_array_equal(found.precision[1], broad.precision[1])

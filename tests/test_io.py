@@ -19,18 +19,18 @@ from rootmatch.io import (
     Calibration,
     PointSet,
     check_output,
-    folder_written_whole,
     parse_camera,
     parse_direction,
     read_camera,
     read_candidates,
     read_points,
     read_truth,
+    write_atomically,
     write_camera,
+    write_folder_atomically,
     write_matches,
     write_points,
     write_table,
-    written_whole,
 )
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -302,12 +302,12 @@ def test_nothing_is_left_when_writing_breaks_off(tmp_path: Path, error: type[Bas
     kept.write_text("as before")
 
     def break_off(path: Path) -> None:
-        with written_whole(path) as temporary:
+        with write_atomically(path) as temporary:
             temporary.write_text("half")
             raise error
 
     def break_off_folder(path: Path) -> None:
-        with folder_written_whole(path) as folder:
+        with write_folder_atomically(path) as folder:
             (folder / "model.csv").write_text("half")
             raise error
 
@@ -321,17 +321,17 @@ def test_nothing_is_left_when_writing_breaks_off(tmp_path: Path, error: type[Bas
 def test_a_full_folder_is_kept_unless_forced(tmp_path: Path) -> None:
     scene = tmp_path / "scene"
     for force in (False, True):
-        with folder_written_whole(scene, force) as folder:
+        with write_folder_atomically(scene, force) as folder:
             (folder / "model.csv").write_text(f"force {force}")
         (scene / "notes.txt").write_text("mine")
-        with pytest.raises(InputError, match="--force"), folder_written_whole(scene):
+        with pytest.raises(InputError, match="--force"), write_folder_atomically(scene):
             pytest.fail("a folder that is not empty was opened")
         assert (scene / "model.csv").read_text() == f"force {force}"
     assert sorted(file.name for file in scene.iterdir()) == ["model.csv", "notes.txt"]
     assert [file.name for file in tmp_path.iterdir()] == ["scene"]
-    with pytest.raises(InputError, match="is a file"), folder_written_whole(scene / "notes.txt"):
+    with pytest.raises(InputError, match="is a file"), write_folder_atomically(scene / "notes.txt"):
         pytest.fail("a file was taken for a folder")
-    with pytest.raises(InputError, match="does not exist"), folder_written_whole(tmp_path / "a" / "b"):
+    with pytest.raises(InputError, match="does not exist"), write_folder_atomically(tmp_path / "a" / "b"):
         pytest.fail("a folder without a parent was opened")
 
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.image_hypotheses import Candidate, is_enough
+from rootmatch.explain.image_hypotheses import Candidate, is_search_needless
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.posterior import Posterior, unknown
+from rootmatch.model.posterior import Posterior, empty_posterior
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
 
@@ -38,17 +38,17 @@ def with_mass(told: Posterior, mass: float) -> Posterior:
 
 def test_all_detections_explained_are_enough() -> None:
     model, told = told_of(8, 8)
-    assert is_enough(model, told, 3)
-    assert is_enough(model, with_mass(told, 0.1), 3)  # nothing is left for a pose elsewhere
-    assert not is_enough(model, with_mass(told, -9.0), 3)
-    assert not is_enough(model, unknown(10), 3)
+    assert is_search_needless(model, told, 3)
+    assert is_search_needless(model, with_mass(told, 0.1), 3)  # nothing is left for a pose elsewhere
+    assert not is_search_needless(model, with_mass(told, -9.0), 3)
+    assert not is_search_needless(model, empty_posterior(10), 3)
 
 
 def test_a_poor_fit_says_nothing_of_what_a_good_one_elsewhere_is_worth() -> None:
     """A prediction of a drone that came back into view explained four of its LEDs poorly, and was kept to."""
     model, told = told_of(4, 11)
-    assert is_enough(model, with_mass(told, 3.4), 3, of_several=True)
-    assert not is_enough(model, with_mass(told, 3.4), 3)
+    assert is_search_needless(model, with_mass(told, 3.4), 3, of_several=True)
+    assert not is_search_needless(model, with_mass(told, 3.4), 3)
 
 
 @pytest.mark.parametrize("detections", [8, 9, 10, 11])
@@ -59,5 +59,5 @@ def test_the_worth_of_a_match_elsewhere_is_that_of_one_that_fits(detections: int
     worth = np.log(1280.0 * 960.0 / detections / (2.0 * np.pi * 0.3**2)) - 1.0
     most = min(left, visible) - 3.0
     threshold = most * worth - 3.0 * np.log(left) + np.log(0.01)
-    assert is_enough(model, with_mass(told, threshold + 4.0 * most), 3)
-    assert not is_enough(model, with_mass(told, threshold - 4.0 * most), 3)
+    assert is_search_needless(model, with_mass(told, threshold + 4.0 * most), 3)
+    assert not is_search_needless(model, with_mass(told, threshold - 4.0 * most), 3)

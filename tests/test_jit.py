@@ -206,15 +206,15 @@ def test_single_precision_falls_back_to_double(monkeypatch: pytest.MonkeyPatch) 
     float32.can_remake.cache_clear()
     try:
         with pytest.warns(JitFallbackWarning, match="single precision"):
-            kernel = float32.serving(float32.rounded(tables), dot)
+            kernel = float32.kernel_for_tables(float32.round_tables(tables), dot)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            again = float32.serving(float32.rounded(tables), dot)
+            again = float32.kernel_for_tables(float32.round_tables(tables), dot)
         assert kernel is again is dot
     finally:
         monkeypatch.undo()
         float32.can_remake.cache_clear()
-    assert float32.serving(float32.rounded(tables), dot) is not dot
+    assert float32.kernel_for_tables(float32.round_tables(tables), dot) is not dot
 
 
 def kernels_of(path: Path) -> list[ast.FunctionDef]:

@@ -15,8 +15,8 @@ from types import FrameType
 
 import pytest
 
-from rootmatch.jit.cache import SUFFIX, interrupts_kept
-from rootmatch.jit.signals import RAISING, signals_wait
+from rootmatch.jit.cache import SUFFIX, keep_interrupts
+from rootmatch.jit.signals import RAISING, defer_signals
 
 MODULE = """
 from rootmatch.jit.decorators import driver
@@ -145,7 +145,7 @@ def test_an_interrupt_while_c_calls_python_is_not_lost(then: Exception | None) -
     hook = sys.unraisablehook
 
     def compiling() -> None:
-        with interrupts_kept():
+        with keep_interrupts():
             interrupted()
             if then is not None:
                 raise then
@@ -153,7 +153,7 @@ def test_an_interrupt_while_c_calls_python_is_not_lost(then: Exception | None) -
     with pytest.raises(KeyboardInterrupt):
         compiling()
     assert sys.unraisablehook is hook
-    with pytest.raises(ValueError, match="another"), interrupts_kept():
+    with pytest.raises(ValueError, match="another"), keep_interrupts():
         raise ValueError("another")
 
 
@@ -182,7 +182,7 @@ def test_signals_wait_for_the_end_and_then_all_come() -> None:
         told.append("noted")
 
     def work() -> None:
-        with signals_wait():
+        with defer_signals():
             for _ in range(2):
                 signal.raise_signal(signal.SIGTERM)
                 signal.raise_signal(signal.SIGINT)
@@ -198,11 +198,11 @@ def test_signals_wait_for_the_end_and_then_all_come() -> None:
     with pytest.raises(EndedError):
         signal.raise_signal(signal.SIGINT)  # as before
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    with pytest.raises(ValueError, match="its own"), signals_wait():
+    with pytest.raises(ValueError, match="its own"), defer_signals():
         raise ValueError("its own")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
     with ThreadPoolExecutor(1) as pool:  # where no handler can be set, and none is called
-        assert pool.submit(lambda: signals_wait().__enter__()).result() is None
+        assert pool.submit(lambda: defer_signals().__enter__()).result() is None
 
 
 LOADED = """

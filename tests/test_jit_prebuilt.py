@@ -38,11 +38,11 @@ def able(monkeypatch: pytest.MonkeyPatch) -> dict[str, bool]:
 
 
 def test_kernels_of_these_versions_are_used(folder: Path, able: dict[str, bool]) -> None:
-    assert prebuilt.misfit(folder) is None
+    assert prebuilt.reason_for_misfit(folder) is None
 
 
 def test_a_folder_without_kernels_is_told(tmp_path: Path) -> None:
-    assert prebuilt.misfit(tmp_path) == "none come with this installation"
+    assert prebuilt.reason_for_misfit(tmp_path) == "none come with this installation"
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_folder_without_kernels_is_told(tmp_path: Path) -> None:
 )
 def test_others_are_left_alone(folder: Path, able: dict[str, bool], entries: dict[str, object], told: str) -> None:
     change(folder, **entries)
-    assert told in str(prebuilt.misfit(folder))
+    assert told in str(prebuilt.reason_for_misfit(folder))
 
 
 def test_a_processor_without_what_they_need_is_told(
@@ -65,10 +65,10 @@ def test_a_processor_without_what_they_need_is_told(
 ) -> None:
     for feature in list(able)[:1]:
         able[feature] = False
-        assert prebuilt.misfit(folder) == f"this processor lacks {feature}"
+        assert prebuilt.reason_for_misfit(folder) == f"this processor lacks {feature}"
         able[feature] = True
     monkeypatch.setattr(numba.config, "CPU_NAME", "generic")
-    assert "asks for a processor" in str(prebuilt.misfit(folder))
+    assert "asks for a processor" in str(prebuilt.reason_for_misfit(folder))
 
 
 def test_the_stamp_is_that_of_the_sources() -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import gammaln
 
 import rootmatch as rm
-from rootmatch.model.joint import marginals
+from rootmatch.model.joint import joint_marginals
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def test_marginals_are_those_of_all_joint_hypotheses() -> None:
         weight = np.exp(alone + log_left(taken.any(axis=0)[None])[0])
         for k, mode in enumerate(chosen):
             expected[k][mode] += weight
-    for found, wanted in zip(marginals(uses, masses, log_left, given=[-1, -1, 0]), expected, strict=True):
+    for found, wanted in zip(joint_marginals(uses, masses, log_left, given=[-1, -1, 0]), expected, strict=True):
         np.testing.assert_allclose(found, wanted / wanted.sum(), rtol=1e-6)
 
 

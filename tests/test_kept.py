@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rootmatch.arrays import kept_by_identity, kept_by_values
+from rootmatch.arrays import cache_by_identity, cache_by_values
 
 
 def test_a_function_is_called_once_for_the_same_values() -> None:
     calls: list[tuple[int, ...]] = []
 
-    @kept_by_values(4)
+    @cache_by_values(4)
     def doubled(some: NDArray[np.float64], more: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         calls.append(some.shape)
         return 2.0 * some if more is None else some + more
@@ -30,7 +30,7 @@ def test_a_function_is_called_once_for_the_same_values() -> None:
 
 
 def test_arrays_are_not_written_into() -> None:
-    @kept_by_values(1)
+    @cache_by_values(1)
     def cleared(some: NDArray[np.float64]) -> None:
         some[:] = 0.0
 
@@ -42,7 +42,7 @@ def test_a_function_is_called_once_for_the_same_object() -> None:
     """Not for an equal one: that would have to be compared; and not longer than the last of them."""
     calls = []
 
-    @kept_by_identity(2)
+    @cache_by_identity(2)
     def first(values: list[int]) -> int:
         calls.append(values)
         return values[0]

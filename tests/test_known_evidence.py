@@ -14,7 +14,7 @@ from scipy.stats import multivariate_t
 
 import rootmatch as rm
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import settled_about, stepped
+from rootmatch.model.evidence import settle_poses, step_poses
 from rootmatch.model.known_density import Known
 from rootmatch.model.pose_density import Broad, Doubted
 
@@ -124,9 +124,9 @@ def fitted(scene: Scene, prior: rm.PosePrior | None, start: tuple[Floats, Floats
     """Log-odds of the true assignment from a pose of the points, and its pose after the steps."""
     model = model_of(scene, prior)
     R, t = start
-    found, at = settled_about(model, np.arange(4)[None], R[None], (t + R @ CENTRE)[None])
-    turns, places = stepped(found, at)
-    assert model.prior.prediction_of(turns, places)[0] == 0 if prior is not None else True  # type: ignore[attr-defined]
+    found, at = settle_poses(model, np.arange(4)[None], R[None], (t + R @ CENTRE)[None])
+    turns, places = step_poses(found, at)
+    assert model.prior.prediction_indices(turns, places)[0] == 0 if prior is not None else True  # type: ignore[attr-defined]
     return float(found.log_odds[0]), turns[0], places[0] - turns[0] @ CENTRE
 
 

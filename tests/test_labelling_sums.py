@@ -9,12 +9,12 @@ import pytest
 from scipy.special import logsumexp
 
 import rootmatch as rm
-from rootmatch.explain.point_set_decision import model_of
+from rootmatch.explain.point_set_decision import make_point_set_model
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.labelling_sums import labelling_sums, same_motion
-from rootmatch.model.matchings import FEWEST, matchings_in_parts
+from rootmatch.model.labelling_sums import is_same_motion, sum_labellings
+from rootmatch.model.matchings import FEWEST, sum_matchings_by_part
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.point_set_posterior import posterior
+from rootmatch.model.point_set_posterior import weigh_point_set_posterior
 
 
 def turned(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -36,7 +36,7 @@ def overlapping(seed: int, noise: float, own: int, common: int) -> tuple[np.ndar
 
 def model_of_sets(source: np.ndarray, target: np.ndarray, noise: tuple[float, float]) -> PointSetModel:
     """The model of one rigid motion."""
-    model = model_of(MatchingTask.of(rm.Rigid(), source, target, noise=noise))
+    model = make_point_set_model(MatchingTask.of(rm.Rigid(), source, target, noise=noise))
     assert model is not None
     return model
 
@@ -79,7 +79,7 @@ def test_sums_in_parts_are_those_of_all_assignments() -> None:
     rng = np.random.default_rng(3)
     pairs = np.array([(0, 0), (0, 1), (1, 1), (2, 3), (3, 3), (3, 4), (4, 2), (5, 5)])
     log_odds = rng.normal(0.5, 2.0, (2, len(pairs)))
-    sums = matchings_in_parts(log_odds, *pairs.T, least=-50.0)
+    sums = sum_matchings_by_part(log_odds, *pairs.T, least=-50.0)
     place = np.full((6, 6), -1)
     place[tuple(pairs.T)] = np.arange(len(pairs))
     every = every_labelling(6, 6, FEWEST)
@@ -104,8 +104,8 @@ def test_samples_sum_over_all_labellings(seed: int) -> None:
     odds = model.judged(every).log_odds
     share = np.exp(odds - logsumexp(odds))
     some = np.argsort(-odds)[:64]
-    some = some[same_motion(every[some], every[some[0]])]
-    sums = labelling_sums(model, every[some], share[some])
+    some = some[is_same_motion(every[some], every[some[0]])]
+    sums = sum_labellings(model, every[some], share[some])
     assert sums is not None
     assert sums.shares(every[some]) == pytest.approx(share[some], abs=0.04)
     for one in every[some[:4]]:
@@ -116,7 +116,7 @@ def test_points_that_overlap_in_part_are_as_doubtful_as_samples_say() -> None:
     """σ is not small beside the spacing, and half of the points have no partner: no match is certain."""
     source, target, truth = overlapping(13, 2.0, 35, 18)
     model = model_of_sets(source, target, (2.0, 2.0))
-    found = posterior(model, model.judged(truth[None]))
+    found = weigh_point_set_posterior(model, model.judged(truth[None]))
     first = found.assignments[0]
     exact = gibbs_marginals(model, first, 60)
     off = found.confidence[0] - exact[np.arange(len(first)), first]

@@ -155,7 +155,7 @@ def test_every_lens_is_inverted_up_to_its_fold(dist: list[float]) -> None:
     back = camera.bearings(camera.project(points))
     np.testing.assert_allclose(camera.project(back), camera.project(points), atol=1e-9)
     # where tangential terms fold the image a little before its radial part does, another point has the same pixel
-    slope = np.linalg.det(camera.lens.by_plane(plane)[1])
+    slope = np.linalg.det(camera.lens.project_plane(plane)[1])
     tame = slope > 0.02 * slope[0]
     assert tame.mean() > 0.9
     np.testing.assert_allclose((back[:, :2] / back[:, 2:])[tame], plane[tame], atol=1e-9)

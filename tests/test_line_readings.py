@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.image_hypotheses import model_of
+from rootmatch.explain.image_hypotheses import make_detection_model
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.line_readings import TURNS, line_readings, lines_of
+from rootmatch.model.line_readings import TURNS, find_lines, propose_line_readings
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
 WAND = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.12, 0.0, 0.0], [0.2, 0.0, 0.0], [0.09, 0.04, 0.02]])
@@ -26,9 +26,9 @@ def shown(seed: int, noise: float = NOISE, count: int = 4) -> tuple[np.ndarray, 
 @pytest.mark.parametrize("seed", range(4))
 def test_one_of_the_poses_is_the_true_one_but_for_a_turn_about_the_line(seed: int) -> None:
     target, R, t = shown(seed, noise=0.0)
-    model = model_of(MatchingTask.of(rm.P3P(CAMERA), WAND, target, noise=NOISE))
+    model = make_detection_model(MatchingTask.of(rm.P3P(CAMERA), WAND, target, noise=NOISE))
     row = np.array([0, 1, 2, 3, -1])
-    found = line_readings(model, row[None])
+    found = propose_line_readings(model, row[None])
     assert len(found.assignments) == 2 * TURNS
     true = (found.assignments == row).all(axis=1)
     assert true.sum() == TURNS
@@ -43,8 +43,8 @@ def test_one_of_the_poses_is_the_true_one_but_for_a_turn_about_the_line(seed: in
 def test_other_matches_of_images_on_a_line_are_read_along_it() -> None:
     """A search matched the point beside the line instead."""
     target, _, _ = shown(5, noise=0.0)
-    model = model_of(MatchingTask.of(rm.P3P(CAMERA), WAND, target, noise=NOISE))
-    found = line_readings(model, np.array([[2, -1, 0, 1, 3]]))
+    model = make_detection_model(MatchingTask.of(rm.P3P(CAMERA), WAND, target, noise=NOISE))
+    found = propose_line_readings(model, np.array([[2, -1, 0, 1, 3]]))
     assert (found.assignments == [0, 1, 2, 3, -1]).all(axis=1).any()
     assert (found.assignments == [3, 2, 1, 0, -1]).all(axis=1).any()
 
@@ -52,16 +52,16 @@ def test_other_matches_of_images_on_a_line_are_read_along_it() -> None:
 def test_nothing_is_read_where_no_points_are_on_a_line() -> None:
     target, _, _ = shown(6)
     bent = WAND + np.array([[0, 0, 0], [0, 0.03, 0], [0, 0, 0.03], [0, 0.02, 0], [0, 0, 0]])
-    model = model_of(MatchingTask.of(rm.P3P(CAMERA), bent, target, noise=NOISE))
-    assert not len(line_readings(model, np.array([[0, 1, 2, 3, -1]])).assignments)
-    every = model_of(MatchingTask.of(rm.P3P(CAMERA), WAND, shown(6, count=5)[0], noise=NOISE))
-    assert not len(line_readings(every, np.array([[0, 1, 2, 3, 4]])).assignments)
+    model = make_detection_model(MatchingTask.of(rm.P3P(CAMERA), bent, target, noise=NOISE))
+    assert not len(propose_line_readings(model, np.array([[0, 1, 2, 3, -1]])).assignments)
+    every = make_detection_model(MatchingTask.of(rm.P3P(CAMERA), WAND, shown(6, count=5)[0], noise=NOISE))
+    assert not len(propose_line_readings(every, np.array([[0, 1, 2, 3, 4]])).assignments)
 
 
 def test_lines_of_a_body() -> None:
-    assert [line.tolist() for line in lines_of(WAND)] == [[0, 1, 2, 3]]
+    assert [line.tolist() for line in find_lines(WAND)] == [[0, 1, 2, 3]]
     rng = np.random.default_rng(0)
-    assert lines_of(rng.normal(size=(100, 3))) == []
+    assert find_lines(rng.normal(size=(100, 3))) == []
 
 
 def test_no_reading_is_trusted_against_the_other() -> None:

@@ -46,7 +46,7 @@ def test_searches_that_find_nothing_better_become_rare() -> None:
 @pytest.mark.parametrize("of_rig", [False, True])
 def test_a_frame_that_is_searched_looks_at_its_prediction_once(monkeypatch: pytest.MonkeyPatch, of_rig: bool) -> None:
     looked, searched = [0], [0]
-    of_prediction, named = predicted_pose.proposals_by_prediction, explain._named
+    of_prediction, named = predicted_pose.propose_predicted, explain._propose
 
     def counted(model: Any) -> Any:
         looked[0] += 1
@@ -56,8 +56,8 @@ def test_a_frame_that_is_searched_looks_at_its_prediction_once(monkeypatch: pyte
         searched[0] += 1
         return named(task)
 
-    monkeypatch.setattr(predicted_pose, "proposals_by_prediction", counted)
-    monkeypatch.setattr(explain, "_named", search)
+    monkeypatch.setattr(predicted_pose, "propose_predicted", counted)
+    monkeypatch.setattr(explain, "_propose", search)
     camera = rm.Camera(800.0, 780.0, 320.0, 240.0)
     problem = rm.P3P(rm.Rig([(camera, np.eye(3), np.zeros(3))])) if of_rig else rm.P3P(camera)
     one = rm.Tracker(tracker().matcher.source, problem, noise=0.2, tracking=TrackingOptions(search_every=2))

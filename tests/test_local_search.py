@@ -14,15 +14,15 @@ from rootmatch.explain.explain import explain
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.enumeration import target_arrangements
-from rootmatch.problems.padding import with_sources
+from rootmatch.problems.padding import select_sources
 from rootmatch.samplers.guided import local_growth, local_search
 from rootmatch.samplers.guided.hypotheses import Hypotheses
 from rootmatch.samplers.guided.local_growth import PartialVerification
 from rootmatch.samplers.guided.local_search import MISSED, LocalSearch
 from rootmatch.samplers.guided.local_triples import run_local_tests
-from rootmatch.samplers.guided.minimal_sets import near_others
+from rootmatch.samplers.guided.minimal_sets import nearest_other_points
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.refinement import begin_with
+from rootmatch.samplers.guided.refinement import verify_known
 from rootmatch.samplers.guided.rivals import RIVAL_MISSED
 from rootmatch.samplers.guided.screening import ALONG
 from rootmatch.samplers.guided.sequential_test import (
@@ -32,7 +32,7 @@ from rootmatch.samplers.guided.sequential_test import (
     sequential_test,
 )
 from rootmatch.samplers.guided.visibility import FAILURE
-from rootmatch.samplers.guided.visible_search import search_of
+from rootmatch.samplers.guided.visible_search import choose_search
 
 Points = NDArray[np.float64]
 CAMERA = rm.Camera(3000.0, 3000.0, 2000.0, 1500.0)
@@ -73,7 +73,7 @@ def surface(n: int, seed: int) -> Points:
 
 def search_of_points(source: Points, target: Points) -> LocalSearch:
     task = MatchingTask.of(rm.P3P(CAMERA), source, target, noise=SIGMA, options=MatchOptions())
-    search = search_of(task.sampling_task, GuidedOptions(), task.deadline)
+    search = choose_search(task.sampling_task, GuidedOptions(), task.deadline)
     assert isinstance(search, LocalSearch)
     return search
 
@@ -85,7 +85,7 @@ def test_local_tests_are_those_of_all_images_that_are_near(visible: float) -> No
     search = search_of_points(surface(50, 0), target)
     level = search.levels[1]
     points = np.ascontiguousarray(search._triples(level)[:6])
-    others = near_others(points, search.neighbours)
+    others = nearest_other_points(points, search.neighbours)
     sets = prepare_sets(search.tables, points, others, np.zeros(len(points), np.int64))
     near = np.ascontiguousarray(search.near[:, : level.images])
     test = sequential_test(search.clutter, visible, 0, least=4, normals=False)
@@ -141,7 +141,7 @@ def verification_of_these_alone(search: LocalSearch, near: NDArray[np.int64]) ->
     points, camera = tables.points[:, near].T, rm.P3P(CAMERA)
     pixels = (tables.rays[:2] / tables.rays[2]).T * 3000.0 + [2000.0, 1500.0]
     alone = camera.prepare(points, pixels, SIGMA)
-    some = with_sources(tables, near, tables.points.shape[1])
+    some = select_sources(tables, near, tables.points.shape[1])
     # lengths are in units of the object's own
     np.testing.assert_allclose(some.distance2 / some.distance2.mean(), alone.distance2 / alone.distance2.mean())
     return PartialVerification(alone, np.ascontiguousarray(alone.points.T), search.density, search.allowed)
@@ -208,7 +208,7 @@ def test_rivals_are_sought_of_a_pose_that_too_few_local_triples_meet() -> None:
     source, target, truth = seen_here_and_there(60, 10, 0)
     task = MatchingTask.of(rm.P3P(CAMERA), source, target, noise=SIGMA)
     search = search_of_points(source, target)
-    begin_with(search, truth[task.permutation][None])
+    verify_known(search, truth[task.permutation][None])
     search.run()
     assert not search.wide
     tried = np.array([level.done for level in search.levels])

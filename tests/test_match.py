@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.explain.status_advice import advice_on
+from rootmatch.explain.status_advice import general_advice
 from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
@@ -138,10 +138,10 @@ def test_candidates_narrow_the_search() -> None:
     ids=lambda problem: problem.name,
 )
 def test_advice_names_what_the_problem_can_use(problem: rm.Problem) -> None:
-    doubtful, distrusted = advice_on(rm.Status.AMBIGUOUS, problem), advice_on(rm.Status.UNTRUSTED, problem)
+    doubtful, distrusted = general_advice(rm.Status.AMBIGUOUS, problem), general_advice(rm.Status.UNTRUSTED, problem)
     assert problem.to_tell in doubtful
     assert problem.to_check in distrusted
-    assert advice_on(rm.Status.MATCHED, problem).startswith(str(rm.Status.MATCHED))
+    assert general_advice(rm.Status.MATCHED, problem).startswith(str(rm.Status.MATCHED))
     rng = np.random.default_rng(0)
     points = rng.normal(size=(6, problem.source_dimension))
     pixels = rng.uniform(0.0, 400.0, (6, problem.target_dimension))

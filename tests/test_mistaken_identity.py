@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.explain.goodness_of_fit import SHAPE, Misfit
 from rootmatch.model.priors import NOISE_FREEDOM
-from rootmatch.tracking.followed_pose import FollowedPose, beside_misfits
-from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
+from rootmatch.tracking.followed_pose import FollowedPose, share_misfit_odds
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, log_other_presence, update_identity
 from rootmatch.tracking.motion_filter import MotionFilter
 
 Floats = NDArray[np.float64]
@@ -74,25 +74,25 @@ def test_what_is_found_in_the_sight_of_something_else_has_its_odds_for_a_while()
     covariance = np.diag([1e-3] * 3 + [1e-3] * 3) ** 2
     lost = MotionFilter(BODY, rm.Pose(np.eye(3), (0.0, 0.0, 1.0), covariance), 0.0)
     behind = rm.Pose(Rotation.from_rotvec((0.0, 2.0, 0.0)).as_matrix(), (0.0, 0.0, 1.5))
-    assert log_other_in_sight(lost, behind, 0.0) == pytest.approx(GIVEN_UP, abs=0.01)
-    assert log_other_in_sight(lost, behind, 2.0) == pytest.approx(GIVEN_UP - 2.0, abs=0.01)
-    assert log_other_in_sight(lost, behind, 60.0) == pytest.approx(FLOOR)
-    assert log_other_in_sight(lost, rm.Pose(np.eye(3), (0.5, 0.0, 1.0)), 0.0) == FLOOR
+    assert log_other_presence(lost, behind, 0.0) == pytest.approx(GIVEN_UP, abs=0.01)
+    assert log_other_presence(lost, behind, 2.0) == pytest.approx(GIVEN_UP - 2.0, abs=0.01)
+    assert log_other_presence(lost, behind, 60.0) == pytest.approx(FLOOR)
+    assert log_other_presence(lost, rm.Pose(np.eye(3), (0.5, 0.0, 1.0)), 0.0) == FLOOR
 
 
 def test_frames_that_do_not_fit_are_held_against_a_pose_and_others_for_it() -> None:
     bad, good = Misfit.of(90.0, 14), Misfit.of(10.0, 14)
     odds, count = FLOOR, 0
     while odds < GIVEN_UP:
-        odds, count = after_frame(odds, bad, 0.5), count + 1
+        odds, count = update_identity(odds, bad, 0.5), count + 1
     assert 3 <= count <= 10
-    once = after_frame(FLOOR, bad, 0.5)
+    once = update_identity(FLOOR, bad, 0.5)
     assert once > FLOOR
     for _ in range(20):
-        once = after_frame(once, good, 0.5)
+        once = update_identity(once, good, 0.5)
     assert once == FLOOR
-    assert after_frame(FLOOR, good, 0.5) == FLOOR
-    assert after_frame(-1.0, Misfit.of(0.0, 0), 0.5) == -1.0  # three points fit anything
+    assert update_identity(FLOOR, good, 0.5) == FLOOR
+    assert update_identity(-1.0, Misfit.of(0.0, 0), 0.5) == -1.0  # three points fit anything
 
 
 @pytest.mark.parametrize("dof", [2, 14, 60])
@@ -104,7 +104,7 @@ def test_residuals_as_they_are_expected_speak_for_the_body(dof: int) -> None:
         odds = FLOOR
         for _ in range(100):
             sigma = rng.chisquare(NOISE_FREEDOM) / NOISE_FREEDOM
-            odds = after_frame(odds, Misfit.of(rng.chisquare(dof) / sigma, dof), 0.5)
+            odds = update_identity(odds, Misfit.of(rng.chisquare(dof) / sigma, dof), 0.5)
             given_up += odds > GIVEN_UP
         ends.append(odds)
     assert given_up <= 4
@@ -123,7 +123,7 @@ def test_the_odds_are_those_of_two_distributions_of_the_chance(chi2: float, dof:
     chance = quad(tail, 0.0, 10.0)[0]
     other = stats.beta.pdf(chance, SHAPE, 1.0)
     expected = math.log(other / (0.999 + 0.001 * other))
-    assert after_frame(0.0, Misfit.of(chi2, dof), 1.0) == pytest.approx(max(expected, FLOOR), abs=1e-6)
+    assert update_identity(0.0, Misfit.of(chi2, dof), 1.0) == pytest.approx(max(expected, FLOOR), abs=1e-6)
 
 
 def inexact_flight(seed: int, off: float, frames: int) -> Iterator[tuple[rm.Tracker, Floats, Floats]]:
@@ -164,13 +164,13 @@ def test_poses_of_a_place_share_the_odds_that_it_is_of_something_else() -> None:
     filter_ = MotionFilter(BODY, rm.Pose(np.eye(3), (0.0, 0.0, 1.0), 1e-6 * np.eye(6)), 0.0)
     lost = FollowedPose(filter_, log_weight=-1.0, log_other=GIVEN_UP + 1.0, place=0)
     beside, elsewhere = (FollowedPose(filter_, log_weight=-4.0, place=place) for place in (0, 1))
-    kept = beside_misfits([lost, beside, elsewhere], None)
+    kept = share_misfit_odds([lost, beside, elsewhere], None)
     assert kept[0] is lost
     assert kept[1].log_other == pytest.approx(np.logaddexp(FLOOR, 3.0))
     assert kept[2] is elsewhere
-    assert beside_misfits([elsewhere], (1, -2.0))[0].log_other == pytest.approx(np.logaddexp(FLOOR, 2.0))
-    assert beside_misfits([elsewhere], (0, -2.0))[0] is elsewhere
-    assert beside_misfits([beside, elsewhere], None) == [beside, elsewhere]
+    assert share_misfit_odds([elsewhere], (1, -2.0))[0].log_other == pytest.approx(np.logaddexp(FLOOR, 2.0))
+    assert share_misfit_odds([elsewhere], (0, -2.0))[0] is elsewhere
+    assert share_misfit_odds([beside, elsewhere], None) == [beside, elsewhere]
 
 
 def test_points_that_are_off_by_a_per_cent_are_learned() -> None:

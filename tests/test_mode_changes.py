@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
-from rootmatch.model.compiled.single_changes import gains_of_matches
+from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, likely_mode_changes, sum_over_changes
+from rootmatch.model.compiled.single_changes import fill_match_gains
 from test_compiled_model import PINHOLE, WEIGHTS, scene
 from test_neighbourhood import one_change_neighbours
 
@@ -39,7 +39,7 @@ def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: 
     for seed in range(12):
         rng = np.random.default_rng(seed)
         model, R, position = scene(PINHOLE, seed=1030 + seed, poses=2, **more)
-        at = model.linearised(R[:1], position[:1])
+        at = model.linearise_about(R[:1], position[:1])
         truth = np.where(rng.random(6) < 0.9, rng.permutation(9)[:6], -1)
         target = model.target.copy()
         target[truth[truth >= 0]] = at.pixels[0, truth >= 0] + rng.normal(0.0, 3.0, (int((truth >= 0).sum()), 2))
@@ -49,19 +49,19 @@ def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: 
         assignment[some] = np.roll(assignment[some], 1)
         covariance, rate = np.diag(rng.uniform(1e-6, 1e-3, 6)), math.nan if seed % 2 else 0.8
         log_counts, image_of = rng.normal(size=(2, 10)), rng.integers(0, 2, 9)
-        known = *model.detections_for_gates, model.clutter.log_density, model.weights_of_pairs
+        known = *model.gating_arguments, model.clutter.log_density, model.weights_of_pairs
         points = at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), rng.uniform(0.2, 1.0, 6), at.seen[0]
-        columns, gains, order, changed = changes_of(
+        columns, gains, order, changed = likely_mode_changes(
             assignment, points, covariance, (*known, log_counts, image_of), (rate, -9.0, may_lose, most, 3)
         )
         every, matches = np.empty((6, 9)), np.bincount(image_of[assignment[assignment >= 0]], minlength=2)
         log_count = np.array([np.diff(log_counts[k])[max(matches[k], 1) - 1] for k in image_of])
         if math.isnan(rate):
             rate = (matches.sum() + 0.5) / (max(points[3].sum(), matches.sum()) + 1.0)
-        gains_of_matches(assignment, points, covariance, (*known, log_count), rate, every)
+        fill_match_gains(assignment, points, covariance, (*known, log_count), rate, every)
         own = np.flatnonzero(assignment >= 0), assignment[assignment >= 0]
         every[own] = np.maximum(every[own], IMPOSSIBLE)
-        neighbours = one_change_neighbours(assignment, 9, resize=True).applied_to(assignment)
+        neighbours = one_change_neighbours(assignment, 9, resize=True).apply_to(assignment)
         value = np.where(neighbours >= 0, every[np.arange(6), neighbours], 0.0).sum(axis=1)
         value -= np.where(assignment >= 0, every[np.arange(6), assignment], 0.0).sum()
         fewer = (neighbours >= 0).sum(axis=1) < (assignment >= 0).sum()
@@ -83,13 +83,13 @@ def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: 
 def test_there_is_room_for_any_number_of_changes() -> None:
     """Of six points, each that is seen may have any of sixty detections."""
     model, R, position = scene(PINHOLE, seed=1030, poses=1)
-    at = model.linearised(R, position)
+    at = model.linearise_about(R, position)
     model = replace(model, target=np.tile(model.target[:1], (60, 1)) + np.arange(60)[:, None], sigma=np.full(60, 0.5))
     counts = np.zeros((1, 61)), np.zeros(60, np.int64)
-    image = *model.detections_for_gates, np.zeros(60), model.weights_of_pairs, *counts
+    image = *model.gating_arguments, np.zeros(60), model.weights_of_pairs, *counts
     points = at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), np.full(6, 0.9), at.seen[0]
     limits = 0.9, -1e12, True, 8, 3
-    columns, gains, order, changed = changes_of(np.full(6, -1), points, 1e-4 * np.eye(6), image, limits)
+    columns, gains, order, changed = likely_mode_changes(np.full(6, -1), points, 1e-4 * np.eye(6), image, limits)
     assert (
         len(gains)
         == 60 * np.count_nonzero(at.seen[0])
@@ -106,7 +106,7 @@ def test_sums_over_changes(independent: int) -> None:
     changes = one_change_neighbours(assignment, 9, resize=True)
     gains = np.random.default_rng(0).normal(-2.0, 1.5, len(changes.source))
     local, unmatched = np.empty(6), np.empty(6)
-    total = sum_over(assignment, np.array(changes), gains, independent, local, unmatched)
+    total = sum_over_changes(assignment, np.array(changes), gains, independent, local, unmatched)
     weight = np.exp(np.minimum(gains, 0.0))
     own = [weight[changes.source == i].sum() for i in range(6)]
     touched = [weight[(changes.source == i) | (changes.other == i)].sum() for i in range(6)]
@@ -128,16 +128,16 @@ def test_no_change_is_likely() -> None:
     """A mode far from all other detections stays as it is."""
     model, R, _ = scene(PINHOLE, seed=1050, poses=1)
     turned = Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix() @ R
-    at = model.linearised(turned, np.array([[0.0, 0.0, 0.6]]))
+    at = model.linearise_about(turned, np.array([[0.0, 0.0, 0.6]]))
     model = replace(model, target=np.array(at.pixels[0]), sigma=np.full(6, 0.5))
     counts = np.zeros((1, 7)), np.zeros(6, np.int64)
-    columns, gains, order, changed = changes_of(
+    columns, gains, order, changed = likely_mode_changes(
         np.arange(6), (at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), np.full(6, 0.9), at.seen[0]),
-        1e-12 * np.eye(6), (*model.detections_for_gates, np.full(6, -40.0), model.weights_of_pairs, *counts),
+        1e-12 * np.eye(6), (*model.gating_arguments, np.full(6, -40.0), model.weights_of_pairs, *counts),
         (0.9, -9.0, True, 8, 3),
     )  # fmt: skip
     assert (len(gains), len(order), changed.shape) == (0, 0, (0, 6))
     local, unmatched = np.empty(6), np.empty(6)
-    assert sum_over(np.arange(6), columns, gains, 9, local, unmatched) == 0.0
+    assert sum_over_changes(np.arange(6), columns, gains, 9, local, unmatched) == 0.0
     np.testing.assert_array_equal(local, 1.0)
     np.testing.assert_array_equal(unmatched, 0.0)

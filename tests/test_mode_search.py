@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rootmatch.model.compiled.same_pose import is_same_pose
-from rootmatch.model.mode_search import NO_STEP, SAME_POSE, _beside, _is_known, _Mode
-from rootmatch.model.modes import nothing_near
+from rootmatch.model.mode_search import NO_STEP, SAME_POSE, _insert_mode, _is_known, _Mode
+from rootmatch.model.modes import empty_changes
 
 
 def modes(count: int, seed: int) -> list[_Mode]:
@@ -23,7 +23,7 @@ def modes(count: int, seed: int) -> list[_Mode]:
                 assignment=rng.permutation(5), rotation=turn.as_matrix(),
                 position=places[rng.integers(3)] + rng.normal(scale=0.05, size=3), covariance=0.05**2 * np.eye(6),
                 log_odds=odds, log_mass=odds + float(rng.uniform(0.0, 2.0)), local=np.ones(5), freedom=4.0,
-                visible=np.ones(5), detected=5.0, unmatched=np.zeros(5), summed=False, near=nothing_near(5),
+                visible=np.ones(5), detected=5.0, unmatched=np.zeros(5), summed=False, near=empty_changes(5),
             )
         )  # fmt: skip
     return made
@@ -43,6 +43,6 @@ def test_modes_that_are_part_of_others_are_those_of_all_pairs() -> None:
         if not expected:
             left = [other for other in kept if not is_same(other, mode)]
             given_way += len(kept) - len(left)
-            kept = _beside(kept, mode)
+            kept = _insert_mode(kept, mode)
             assert kept == sorted([*left, mode], key=lambda one: -one.log_mass)
     assert min(known, given_way, len(kept)) > 10

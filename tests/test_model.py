@@ -16,18 +16,18 @@ from oracles import log_first
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
-from rootmatch.model.clutter import clutter_of
+from rootmatch.model.clutter import estimate_clutter
 from rootmatch.model.competition import joint_posterior
-from rootmatch.model.compiled.evidence import log_of_first, log_of_squared
+from rootmatch.model.compiled.evidence import log_crowd_correction, log_student_density
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about, evidence, settled
+from rootmatch.model.evidence import settle_evidence, weigh_assignments, weigh_poses
 from rootmatch.model.known_density import Known
-from rootmatch.model.mode_search import modes_of
-from rootmatch.model.modes import Modes, none_near
+from rootmatch.model.mode_search import find_modes
+from rootmatch.model.modes import Modes, empty_changes_each
 from rootmatch.model.pose_density import Broad, Gaussian, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, DEPTHS, PRESENT_ODDS
-from rootmatch.model.proposals import Proposals, look_alikes, poses_of_few
+from rootmatch.model.proposals import Proposals, look_alikes, propose_few_matched
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
 Floats = NDArray[np.float64]
@@ -62,15 +62,15 @@ def made(
 
 def best(model: DetectionModel, R: Floats, position: Floats, assignment: NDArray[np.int64]):  # type: ignore[no-untyped-def]
     """Evidence of one hypothesis at its best pose, with that pose."""
-    found, at = about(model, assignment[None], R[None], position[None])
+    found, at = weigh_poses(model, assignment[None], R[None], position[None])
     for _ in range(3):
-        found, at = settled(model, assignment[None], found, at)
+        found, at = settle_evidence(model, assignment[None], found, at)
     return found, at.rotation[0], at.position[0]
 
 
 def posterior(model: DetectionModel, proposals: Proposals) -> Posterior:
     """That of one body alone."""
-    return joint_posterior([model], [modes_of(model, proposals)])[0]
+    return joint_posterior([model], [find_modes(model, proposals)])[0]
 
 
 Prior = Callable[[Floats, Floats], Floats]
@@ -222,7 +222,9 @@ def test_a_prior_alone_is_a_density(prior: PoseDensity) -> None:
     model, _, _, _ = made(1000, 5, normals=False)
     model = DetectionModel(CAMERA, model.points, model.target, model.sigma, prior=prior, rate=0.5)
     nothing = np.full((1, 5), -1)
-    found, _ = settled(model, nothing, *about(model, nothing, np.eye(3)[None], np.array([[0.0, 0.0, 1.0]])))
+    found, _ = settle_evidence(
+        model, nothing, *weigh_poses(model, nothing, np.eye(3)[None], np.array([[0.0, 0.0, 1.0]]))
+    )
     away = np.sort(np.linalg.norm(model.points - model.points.mean(axis=0) + (0.0, 0.0, 1.0), axis=1))
     beyond = (1.0 - np.log(away / away[0]) / math.log(DEPTHS)) ** 2  # chance of a limit of distance beyond each point
     missed = float((0.5 ** np.arange(1, 6) * -np.diff(beyond, append=0.0)).sum())
@@ -235,8 +237,8 @@ def test_a_prior_alone_is_a_density(prior: PoseDensity) -> None:
 def test_a_step_leads_to_the_best_pose_and_no_pose_need_be_fitted() -> None:
     model, R, position, assignment = made(1001, 8, normals=False)
     found, R1, position1 = best(model, R, position, assignment)
-    again = evidence(model, assignment[None], model.linearised(R1[None], position1[None]))
-    near = evidence(model, assignment[None], model.linearised(R[None], position[None]))
+    again = weigh_assignments(model, assignment[None], model.linearise_about(R1[None], position1[None]))
+    near = weigh_assignments(model, assignment[None], model.linearise_about(R[None], position[None]))
     assert (
         np.abs(again.step / np.sqrt(np.diagonal(again.covariance, axis1=1, axis2=2))).max() < 2e-2
     )  # what is left of Q: NO_CHANGE
@@ -246,18 +248,18 @@ def test_a_step_leads_to_the_best_pose_and_no_pose_need_be_fitted() -> None:
 def test_hypotheses_are_weighed_side_by_side_as_alone() -> None:
     model, R, position, assignment = made(1002, 6)
     many = np.array([assignment, np.roll(assignment, 1), np.where(assignment == 2, -1, assignment)])
-    at = model.linearised(np.repeat(R[None], 3, axis=0), np.repeat(position[None], 3, axis=0))
-    together = evidence(model, many, at)
+    at = model.linearise_about(np.repeat(R[None], 3, axis=0), np.repeat(position[None], 3, axis=0))
+    together = weigh_assignments(model, many, at)
     for k in range(3):
-        alone = evidence(model, many[[k]], at.take(np.array([k])))
+        alone = weigh_assignments(model, many[[k]], at.take(np.array([k])))
         assert together.log_odds[k] == pytest.approx(alone.log_odds[0], rel=1e-12)
         np.testing.assert_allclose(together.covariance[k], alone.covariance[0], rtol=1e-9)
 
 
 def test_a_point_behind_the_camera_is_no_hypothesis() -> None:
     model, R, position, assignment = made(1002, 6)
-    at = model.linearised(R[None], -position[None])
-    assert evidence(model, assignment[None], at).log_odds[0] == -np.inf
+    at = model.linearise_about(R[None], -position[None])
+    assert weigh_assignments(model, assignment[None], at).log_odds[0] == -np.inf
 
 
 def test_noise_of_model_points_is_that_of_their_images() -> None:
@@ -282,9 +284,9 @@ def test_noise_stated_too_small_costs_less_with_a_prior_on_its_scale() -> None:
     scale = np.exp(np.linspace(-3.0, 3.0, 4001))
     log_prior = 10.0 * math.log(10.0) - gammaln(10.0) - 10.0 * np.log(scale) - 10.0 / scale
     exact = logsumexp(log_prior - 0.5 * freedom * np.log(scale) - 0.5 * squared / scale) + math.log(6.0 / 4000.0)
-    assert log_of_squared(squared, freedom, 20.0) == pytest.approx(exact, abs=1e-3)
-    assert log_of_squared(squared, freedom, math.inf) == -20.0
-    assert log_of_squared(squared, freedom, 20.0) > -20.0
+    assert log_student_density(squared, freedom, 20.0) == pytest.approx(exact, abs=1e-3)
+    assert log_student_density(squared, freedom, math.inf) == -20.0
+    assert log_student_density(squared, freedom, 20.0) > -20.0
 
 
 def test_a_rig_of_one_camera_is_that_camera() -> None:
@@ -301,12 +303,12 @@ def test_a_rig_of_one_camera_is_that_camera() -> None:
 def test_uniform_clutter_is_uniform_and_a_crowd_is_denser() -> None:
     rng = np.random.default_rng(3)
     sigma = np.full(40, SIGMA)
-    uniform = clutter_of(rng.uniform((0, 0), (1280, 960), (40, 2)), sigma, np.array([1280.0 * 960.0]))
+    uniform = estimate_clutter(rng.uniform((0, 0), (1280, 960), (40, 2)), sigma, np.array([1280.0 * 960.0]))
     assert abs(np.mean(uniform.log_density) + math.log(1280.0 * 960.0)) < 0.5
     crowd = np.concatenate([rng.uniform(500, 540, (10, 2)), rng.uniform((0, 0), (1280, 960), (30, 2))])
-    found = clutter_of(crowd, sigma, np.array([1280.0 * 960.0]))
+    found = estimate_clutter(crowd, sigma, np.array([1280.0 * 960.0]))
     assert found.log_density[:10].min() > found.log_density[10:].max()
-    whole, half = (log_of_first(np.arange(own), np.zeros(40, np.bool_), found.for_kernels) for own in (10, 5))
+    whole, half = (log_crowd_correction(np.arange(own), np.zeros(40, np.bool_), found.for_kernels) for own in (10, 5))
     assert whole > half + 1.0, "a crowd that is taken whole owes its first member"
 
 
@@ -314,11 +316,11 @@ def test_crowds_are_found_among_more_detections_than_are_looked_at() -> None:
     rng = np.random.default_rng(1)
     area = np.array([1280.0 * 960.0])
     crowd = np.concatenate([rng.uniform((0, 0), (1280, 960), (600, 2)), rng.normal((300, 200), 4.0, (20, 2))])
-    found = clutter_of(crowd, np.full(len(crowd), 0.5), area)
+    found = estimate_clutter(crowd, np.full(len(crowd), 0.5), area)
     assert found.about.shape == (620, len(found.centres))
     assert len(found.centres) < 620
     each = np.arange(600, 620), np.arange(20)
-    crowded, scattered = (log_of_first(own, np.zeros(620, np.bool_), found.for_kernels) for own in each)
+    crowded, scattered = (log_crowd_correction(own, np.zeros(620, np.bool_), found.for_kernels) for own in each)
     assert crowded > scattered + 1.0
 
 
@@ -330,11 +332,11 @@ def test_unrelated_points_are_clutter() -> None:
         points, target = rng.uniform(-0.06, 0.06, (4, 3)), rng.uniform((0, 0), (1280, 960), (5, 2))
         model = DetectionModel(CAMERA, points, target, np.full(5, SIGMA))
         every = np.array(list(itertools.permutations(range(5), 4)))
-        proposed = poses_of_few(model, every)
-        found, _ = settled(model, proposed.assignments, *about(model, *proposed))
+        proposed = propose_few_matched(model, every)
+        found, _ = settle_evidence(model, proposed.assignments, *weigh_poses(model, *proposed))
         total.append(float(np.exp(found.log_odds[np.isfinite(found.log_odds)]).sum()))
         told = posterior(model, proposed)
-        assert told.believed(0.9) is None
+        assert told.believe(0.9) is None
         assert told.clutter > 0.1
     assert np.mean(total) < 1.0, total
 
@@ -354,7 +356,7 @@ def test_clutter_creates_no_trust() -> None:
 
 def of_first(told: Posterior) -> float:
     """Probability of the first mode's assignment."""
-    return told.probability_of(told.modes.assignments[0])
+    return told.assignment_probability(told.modes.assignments[0])
 
 
 def test_the_posterior_finds_what_is_there_and_grows_it() -> None:
@@ -364,7 +366,7 @@ def test_the_posterior_finds_what_is_there_and_grows_it() -> None:
     told = posterior(model, Proposals(part[None], R[None], position[None]))
     np.testing.assert_array_equal(told.modes.assignments[0], assignment)
     assert 0.98 < of_first(told) <= told.confidence.min() + 1e-12 <= 0.999 + 1e-12
-    believed = told.believed(0.9)
+    believed = told.believe(0.9)
     assert believed is not None
     np.testing.assert_array_equal(believed.assignment, assignment)
     assert 0.9 <= believed.probability <= told.confidence.min()
@@ -387,7 +389,7 @@ def test_two_detections_for_one_point_are_a_toss_up() -> None:
     told = posterior(model, Proposals(assignment[None], R[None], position[None]))
     assert 0.3 < told.confidence[3] < 0.7
     assert np.delete(told.confidence, 3).min() > 0.9
-    believed = told.believed(0.9)
+    believed = told.believe(0.9)
     assert believed is not None
     assert believed.assignment[3] == -1
     assert (np.delete(believed.assignment, 3) >= 0).all()
@@ -404,7 +406,7 @@ def test_the_mirror_image_of_a_body_is_proposed_where_it_looks_the_same() -> Non
     assert np.linalg.det(found.rotation[0]) == pytest.approx(1.0)
     np.testing.assert_array_equal(found.assignments[0][image], assignment)
     other = DetectionModel(CAMERA, mirrored[order], model.target, model.sigma)
-    pixels = other.linearised(found.rotation, found.position).pixels[0][image]
+    pixels = other.linearise_about(found.rotation, found.position).pixels[0][image]
     # weak perspective: a depth reversed moves a pixel by its distance from the line of sight, times 2 Δz / z
     assert np.abs(pixels - model.target[:6]).max() < 30.0
 
@@ -416,7 +418,8 @@ def test_a_copy_moved_along_looks_the_same() -> None:
     found = look_alikes(Proposals(assignment[None], R[None], position[None]), model.points, copy, np.arange(6)[None])
     other = DetectionModel(CAMERA, copy, model.target, model.sigma)
     np.testing.assert_allclose(
-        other.linearised(found.rotation, found.position).pixels, model.linearised(R[None], position[None]).pixels
+        other.linearise_about(found.rotation, found.position).pixels,
+        model.linearise_about(R[None], position[None]).pixels,
     )
 
 
@@ -428,9 +431,9 @@ def test_a_flat_body_is_turned_over_and_not_only_reversed_in_depth() -> None:
     turned = flat * (1.0, -1.0, 1.0)  # its mirror image
     found = look_alikes(own, flat, turned, np.arange(6)[None])
     assert len(found.assignments) == 2
-    image = DetectionModel(CAMERA, flat, model.target, model.sigma).linearised(R[None], position[None]).pixels[0]
+    image = DetectionModel(CAMERA, flat, model.target, model.sigma).linearise_about(R[None], position[None]).pixels[0]
     other = DetectionModel(CAMERA, turned, model.target, model.sigma)
-    off = np.abs(other.linearised(found.rotation, found.position).pixels - image).max(axis=(1, 2))
+    off = np.abs(other.linearise_about(found.rotation, found.position).pixels - image).max(axis=(1, 2))
     assert off.max() > 1.0 > 10.0 * off.min()
 
 
@@ -457,7 +460,7 @@ def made_modes(log_odds: list[float], assignments: list[list[int]]) -> Modes:
     return Modes(
         np.array(assignments), np.repeat(np.eye(3)[None], count, 0), places,
         np.repeat(np.eye(6)[None], count, 0), value, value, np.ones((count, n)), np.zeros(count),
-        np.ones((count, n)), np.zeros(count), np.zeros((count, n)), np.ones(count, np.bool_), none_near(count, n),
+        np.ones((count, n)), np.zeros(count), np.zeros((count, n)), np.ones(count, np.bool_), empty_changes_each(count, n),
     )  # fmt: skip
 
 
@@ -494,8 +497,8 @@ def test_of_a_body_and_its_mirror_image_the_one_in_view_is_believed() -> None:
     mirrored = DetectionModel(CAMERA, model.points * [-1.0, 1.0, 1.0], model.target, model.sigma)
     own = Proposals(assignment[None], R[None], position[None])
     modes = (
-        modes_of(model, own),
-        modes_of(mirrored, look_alikes(own, model.points, mirrored.points, np.arange(len(model.points))[None])),
+        find_modes(model, own),
+        find_modes(mirrored, look_alikes(own, model.points, mirrored.points, np.arange(len(model.points))[None])),
     )
     here, there = joint_posterior([model, mirrored], modes)
     assert of_first(here) > 0.9
@@ -513,10 +516,10 @@ def test_a_flat_noise_prior_is_an_option() -> None:
 def test_what_others_leave_of_a_mode_tells_its_own_points() -> None:
     model, R, position, assignment = made(1004, 8, normals=False)
     taken = np.where(np.arange(8) < 3, assignment, -1)  # another body may have three of its detections
-    own = modes_of(model, Proposals(assignment[None], R[None], position[None]))
+    own = find_modes(model, Proposals(assignment[None], R[None], position[None]))
     told = joint_posterior([model, model], [own, own.take(slice(1))._replace(assignments=taken[None])])[0].modes
     parts = (told.assignments >= 0).sum(axis=1) == 5
     assert parts.any()
-    found = evidence(model, told.assignments, model.linearised(told.rotation, told.position))
+    found = weigh_assignments(model, told.assignments, model.linearise_about(told.rotation, told.position))
     np.testing.assert_allclose(told.detected[parts], found.detected[parts], atol=1e-9)
     assert (np.abs(told.detected[parts] - own.detected[0]) > 0.5).all()

@@ -168,8 +168,8 @@ def test_a_tracker_follows_tools_that_hide() -> None:
 
 def test_what_is_where_it_was_predicted_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted = []
-    fit = point_set_model.fitted_point_sets
-    monkeypatch.setattr(point_set_model, "fitted_point_sets", lambda *given: fitted.append(given) or fit(*given))
+    fit = point_set_model.fit_point_sets
+    monkeypatch.setattr(point_set_model, "fit_point_sets", lambda *given: fitted.append(given) or fit(*given))
     bodies, pose = np.repeat(["a", "b"], 5), rm.Pose(np.eye(3), np.zeros(3), np.diag(DEVIATION**2))
     source = np.vstack([TOOL, 1.5 * TOOL + (300.0, 0.0, 0.0)])
     match = rm.match(source, source, rm.Rigid(), noise=(0.0, SIGMA), bodies=bodies, prior={"a": pose, "b": pose})

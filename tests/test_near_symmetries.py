@@ -18,8 +18,8 @@ from rootmatch.model.near_symmetries import (
     MOST,
     MOST_POINTS,
     TOLERANCE,
-    near_symmetries,
-    symmetries_of,
+    find_symmetries,
+    near_symmetric_motions,
 )
 
 Floats = NDArray[np.float64]
@@ -127,8 +127,8 @@ BODIES = {
 def test_those_of_all_triples_are_found(name: str, mirrored: bool) -> None:
     source = BODIES[name]
     expected = all_symmetries(source, mirrored=mirrored)
-    found = symmetries_of(source, None, mirrored)
-    assert [one.mapped for one in found] == [count for count, _ in expected][:MOST]
+    found = find_symmetries(source, None, mirrored)
+    assert [one.mapped_count for one in found] == [count for count, _ in expected][:MOST]
     for one in found:
         alike = [Rotation.from_matrix(one.rotation @ R.T).magnitude() < 0.02 for _, R in expected]
         assert sum(alike) == 1
@@ -137,15 +137,15 @@ def test_those_of_all_triples_are_found(name: str, mirrored: bool) -> None:
         assert np.linalg.det(one.rotation) == pytest.approx(-1.0 if mirrored else 1.0)
     turned = {"half turn": [8], "moved": [8], "nearly": [8], "hexagon": [6] * 11, "brick": [8] * 7}
     reflected = {"mirror": [8], "mirror, moved": [8], "hexagon": [6] * 11, "brick": [8] * 8}
-    assert [one.mapped for one in found] == (reflected if mirrored else turned).get(name, [])
+    assert [one.mapped_count for one in found] == (reflected if mirrored else turned).get(name, [])
 
 
 def test_a_reflection_reverses_what_faces_the_camera() -> None:
     source = mirror_image(5, 0.0)
     normals = np.tile([0.0, 0.0, 1.0], (len(source), 1))
-    assert symmetries_of(source, normals, mirrored=True) == ()
+    assert find_symmetries(source, normals, mirrored=True) == ()
     normals[4:8] *= -1.0
-    (one,) = symmetries_of(source, normals, mirrored=True)
+    (one,) = find_symmetries(source, normals, mirrored=True)
     assert one.image.tolist() == [4, 5, 6, 7, 0, 1, 2, 3, -1, -1]
     assert len(all_symmetries(source, normals, mirrored=True)) == 1
 
@@ -153,16 +153,16 @@ def test_a_reflection_reverses_what_faces_the_camera() -> None:
 def test_normals_forbid_a_symmetry() -> None:
     source = half_turn(5, 0.0)
     normals = source / np.linalg.norm(source, axis=1, keepdims=True)
-    (one,) = symmetries_of(source, normals)
-    assert one.mapped == 8
+    (one,) = find_symmetries(source, normals)
+    assert one.mapped_count == 8
     normals[4] *= -1.0
-    (one,) = symmetries_of(source, normals)
+    (one,) = find_symmetries(source, normals)
     assert one.image.tolist() == [-1, 5, 6, 7, -1, 1, 2, 3, -1, -1]
     assert len(all_symmetries(source, normals)) == 1
     normals[5:7] *= -1.0
-    assert symmetries_of(source, normals) == ()
+    assert find_symmetries(source, normals) == ()
     normals[4:7] = 0.0  # unknown: facing anywhere
-    assert symmetries_of(source, normals)[0].mapped == 8
+    assert find_symmetries(source, normals)[0].mapped_count == 8
 
 
 def test_a_quarter_of_many_points_suffices() -> None:
@@ -170,20 +170,20 @@ def test_a_quarter_of_many_points_suffices() -> None:
     few = rng.uniform(-1.0, 1.0, (8, 3))
     quarter = Rotation.from_rotvec([0.0, 0.0, 0.5 * np.pi]).as_matrix()
     source = np.concatenate([few, few @ quarter.T, rng.uniform(-1.0, 1.0, (16, 3))])
-    found = symmetries_of(source, None)
-    assert [one.mapped for one in found] == [8, 8]  # there and back
+    found = find_symmetries(source, None)
+    assert [one.mapped_count for one in found] == [8, 8]  # there and back
     angles = [Rotation.from_matrix(one.rotation).as_rotvec()[2] for one in found]
     assert sorted(angles) == pytest.approx([-0.5 * np.pi, 0.5 * np.pi])
-    assert len(near_symmetries(source, None, 1)) == 1
+    assert len(near_symmetric_motions(source, None, 1)) == 1
 
 
 def steps_of(source: Floats, each: int) -> list[tuple[int, float]]:
     """Mapped points, and by how many steps of so many points, of the symmetries that displace all by the same."""
     found = []
-    for one in symmetries_of(source, None):
+    for one in find_symmetries(source, None):
         own = np.flatnonzero(one.image >= 0)
         if np.ptp(one.image[own] - own) == 0:
-            found.append((one.mapped, (one.image[own] - own)[0] / each))
+            found.append((one.mapped_count, (one.image[own] - own)[0] / each))
     return found
 
 
@@ -213,16 +213,16 @@ def test_points_that_are_near_each_other_are_told_apart_where_most_are_not() -> 
     edge = [(60.0 * x, 22.5 * y, 0.0) for x in range(20) for y in (-1, 1)]
     approach = [(-30.0 * x, y, 0.0) for x in range(1, 14) for y in (-2, -1, 0, 1, 2)]
     source = np.array(edge + approach) + rng.normal(0.0, 0.03, (105, 3))
-    first = symmetries_of(source, None)[0]
-    assert first.mapped >= 103
+    first = find_symmetries(source, None)[0]
+    assert first.mapped_count >= 103
     assert abs(first.shift[1]) < 0.05
     assert Rotation.from_matrix(first.rotation).magnitude() == pytest.approx(np.pi, abs=0.01)
 
 
 def test_what_is_never_symmetric_and_that_each_body_is_asked_once() -> None:
-    assert symmetries_of(CUBE[:5], None) == ()
-    assert symmetries_of(np.tile(np.arange(MOST_POINTS + 1.0)[:, None], 3), None) == ()
-    assert symmetries_of(np.arange(8.0)[:, None] * [1.0, 2.0, 3.0], None) == ()  # in line: no triple has a plane
-    assert symmetries_of(CUBE, None) is symmetries_of(CUBE.copy(), None)
+    assert find_symmetries(CUBE[:5], None) == ()
+    assert find_symmetries(np.tile(np.arange(MOST_POINTS + 1.0)[:, None], 3), None) == ()
+    assert find_symmetries(np.arange(8.0)[:, None] * [1.0, 2.0, 3.0], None) == ()  # in line: no triple has a plane
+    assert find_symmetries(CUBE, None) is find_symmetries(CUBE.copy(), None)
     with pytest.raises(ValueError, match="read-only"):
-        symmetries_of(CUBE, None)[0].image[0] = 0
+        find_symmetries(CUBE, None)[0].image[0] = 0

@@ -64,12 +64,12 @@ def test_neighbours_are_all_assignments_at_one_change(n: int, n_target: int, res
     every = one_to_one(n, n_target)
     for before in every:
         changes = one_change_neighbours(np.array(before), n_target, resize=resize)
-        found: NDArray[np.int64] = changes.applied_to(np.array(before))
+        found: NDArray[np.int64] = changes.apply_to(np.array(before))
         rows = [tuple(row) for row in found.tolist()]
         assert len(rows) == len(set(rows))
         assert set(rows) == {after for after in every if is_one_change(before, after, resize)}
         some = changes.take(np.arange(len(rows))[::2])
-        assert [tuple(row) for row in some.applied_to(np.array(before)).tolist()] == rows[::2]
+        assert [tuple(row) for row in some.apply_to(np.array(before)).tolist()] == rows[::2]
 
 
 @pytest.mark.parametrize("least", [-np.inf, -1.0, 0.5])
@@ -78,11 +78,11 @@ def test_likely_changes_are_the_neighbours_that_gain_enough(least: float) -> Non
     for before in one_to_one(4, 3):
         assignment, gains = np.array(before), rng.normal(size=(4, 3))
         every = one_change_neighbours(assignment, 3, resize=True)
-        after = every.applied_to(assignment)
+        after = every.apply_to(assignment)
         added = np.where(after >= 0, gains[np.arange(4), after], 0.0).sum(axis=1)
         added -= sum(gains[i, k] for i, k in enumerate(before) if k >= 0)
         expected = {tuple(row): gain for row, gain in zip(after.tolist(), added, strict=True) if gain > least}
         changes, found = likely_changes(assignment, gains, least)
-        rows = [tuple(row) for row in changes.applied_to(assignment).tolist()]
+        rows = [tuple(row) for row in changes.apply_to(assignment).tolist()]
         assert dict(zip(rows, found, strict=True)) == pytest.approx(expected)
         assert len(rows) == len(expected)

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.noise_estimation import mean_cut, scale_of, solve_with_estimated_noise
+from rootmatch.explain.noise_estimation import estimate_noise_and_solve, solve_scale, truncated_mean
 from rootmatch.explain.task import MatchingTask
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
@@ -75,9 +75,9 @@ def test_poses_know_as_much_less_as_their_noise_is_estimated() -> None:
 @pytest.mark.parametrize("dof", [1, 2])
 def test_scale_of_residuals_of_the_law_is_found(dof: int) -> None:
     drawn = np.random.default_rng(0).chisquare(dof, 200_000)
-    assert scale_of(4.0 * drawn, mean_cut(dof)) == pytest.approx(4.0, rel=0.02)
+    assert solve_scale(4.0 * drawn, truncated_mean(dof)) == pytest.approx(4.0, rel=0.02)
     drawn[:2000] = 1e6  # a few that are no residuals of the law change little
-    assert scale_of(4.0 * drawn, mean_cut(dof)) == pytest.approx(4.0, rel=0.12)
+    assert solve_scale(4.0 * drawn, truncated_mean(dof)) == pytest.approx(4.0, rel=0.12)
 
 
 def test_no_long_search_is_spent_on_a_guess_of_noise_that_is_far_too_large() -> None:
@@ -94,7 +94,7 @@ def test_no_long_search_is_spent_on_a_guess_of_noise_that_is_far_too_large() -> 
         return spent[-1]
 
     task = MatchingTask.of(rm.P3P(camera), source, target, noise="auto")
-    found = solve_with_estimated_noise(task, counted)
+    found = estimate_noise_and_solve(task, counted)
     assert found.status
     np.testing.assert_array_equal(found.assignment[:20], np.arange(20))
     assert sum(each.evaluated for each in spent) < 2e8

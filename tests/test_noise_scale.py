@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rig_scenes import LABELS, NOISE, RATE, VIEW, controllers, frame, headset
 from rootmatch.explain.decide import Facts
-from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.tracking.noise_scale import MOST, MOST_FREEDOM, NoiseScale
@@ -28,7 +28,7 @@ def told(ratio: float | None, dof: int = 20, present: float = 0.99, sure: bool =
         np.random.default_rng(1).uniform(-1.0, 1.0, (4, 3)),
         np.random.default_rng(2).uniform(0, 99, (4, 2)),
     )
-    nothing = nothing_found(MatchingTask.of(rm.P3P(camera), points, pixels), "made up")
+    nothing = make_empty_finding(MatchingTask.of(rm.P3P(camera), points, pixels), "made up")
     facts = Facts(present=present, sure_of_the_rest=sure)
     return replace(nothing, facts=facts, noise_factor=ratio, noise_dof=dof)
 

@@ -18,13 +18,13 @@ from rootmatch.model.compiled.occluder import (
     LOG_FREE,
     OCCLUDED,
     WINDOW,
-    hide,
-    log_of_limits,
-    nearest_of,
-    sizes_of,
-    smaller_than,
+    fill_sizes,
+    find_occluders,
+    largest_size,
+    log_with_range_limit,
+    order_smaller,
 )
-from rootmatch.model.compiled.rates import log_of_rates
+from rootmatch.model.compiled.rates import log_over_rates
 from rootmatch.model.detection_model import RATE_PRIOR
 from rootmatch.model.priors import DEPTHS, beta_quadrature
 
@@ -104,21 +104,21 @@ def products() -> Floats:
 def kernel(owned: NDArray[np.bool_], visible: Floats, pixels: Floats, kind: int) -> tuple[float, Floats]:
     """What the model takes for an edge or a window, and which points are in sight then."""
     missing, in_sight, odds = np.where(owned, 0.0, visible), np.empty((2, len(owned))), np.empty(2)
-    hide(np.where(owned, 0, -1), pixels, missing, 1, np.empty(DIRECTIONS), in_sight, odds)
+    find_occluders(np.where(owned, 0, -1), pixels, missing, 1, np.empty(DIRECTIONS), in_sight, odds)
     seen, count = np.log(visible[owned]).sum(), int(owned.sum())
     prior = math.log(0.5 * OCCLUDED) - LOG_FREE
-    detected = log_of_rates(missing * in_sight[kind], count, *RATES, products())
+    detected = log_over_rates(missing * in_sight[kind], count, *RATES, products())
     return odds[kind] - prior + seen + detected, in_sight[kind]
 
 
 def limited(owned: NDArray[np.bool_], visible: Floats, depth: Floats) -> float:
     """What the model has with a limit of distance."""
     assignment, missing, sizes = np.where(owned, 0, -1), np.where(owned, 0.0, visible), np.empty(len(owned))
-    smallest, order = sizes_of(assignment, jacobians(depth), sizes), np.empty(len(owned), np.int64)
-    farther, nearest = order[: smaller_than(smallest, sizes, order)], nearest_of(assignment, visible, sizes)
+    smallest, order = fill_sizes(assignment, jacobians(depth), sizes), np.empty(len(owned), np.int64)
+    farther, nearest = order[: order_smaller(smallest, sizes, order)], largest_size(assignment, visible, sizes)
     matches, scratch = int(owned.sum()), (np.empty((2, len(owned))), products())
-    far = log_of_rates(missing, matches, *RATES, scratch[1])
-    value = log_of_limits(missing, far, matches, sizes, farther, nearest, smallest, *RATES, *scratch)
+    far = log_over_rates(missing, matches, *RATES, scratch[1])
+    value = log_with_range_limit(missing, far, matches, sizes, farther, nearest, smallest, *RATES, *scratch)
     return float(np.log(visible[owned]).sum() + value)
 
 
@@ -164,7 +164,7 @@ def test_points_are_ordered_by_size_and_equal_ones_by_their_numbers(count: int) 
     sizes, order = rng.integers(0, max(count // 4, 2), count).astype(float), np.empty(count, np.int64)
     limit = float(sizes.max())
     expected = [i for i in np.lexsort([np.arange(count), -sizes]) if sizes[i] < limit]
-    np.testing.assert_array_equal(order[: smaller_than(limit, sizes, order)], expected)
+    np.testing.assert_array_equal(order[: order_smaller(limit, sizes, order)], expected)
 
 
 def test_the_prior_of_a_limit_sums_to_one() -> None:
@@ -206,7 +206,7 @@ def test_a_window_in_one_image_hides_nothing_in_another() -> None:
     used = np.array([one == "1" for one in "00011000" + "11000000"])  # about the middle, and at one end
     in_sight, odds = np.empty((2, 16)), np.empty(2)
     missing = np.where(used, 0.0, 1.0)
-    hide(np.where(used, 0, -1), np.tile(line, (2, 1)), missing, 2, np.empty(8), in_sight, odds)
+    find_occluders(np.where(used, 0, -1), np.tile(line, (2, 1)), missing, 2, np.empty(8), in_sight, odds)
     np.testing.assert_array_equal(in_sight[WINDOW], [float(one) for one in "00011000" + "11111111"])
     np.testing.assert_array_equal(in_sight[EDGE], [float(one) for one in "11111000" + "11000000"])
     prior = math.log(0.5 * OCCLUDED) - LOG_FREE

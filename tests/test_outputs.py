@@ -27,8 +27,8 @@ import rootmatch
 from commands import Command, started
 from permissions import CAN_BE_BOUND, bound_by_permissions
 from rootmatch.cli.app import app
-from rootmatch.errors import MOST_QUOTED, InputError, printable, quoted
-from rootmatch.io import check_output, folder_written_whole, write_table, written_whole
+from rootmatch.errors import MOST_QUOTED, InputError, escape_unprintable, quote_value
+from rootmatch.io import check_output, write_atomically, write_folder_atomically, write_table
 from rootmatch.report.pictures import match_figure, save_figure
 
 PROGRAM = [sys.executable, "-c", "from rootmatch.cli import main; main()"]
@@ -94,15 +94,15 @@ def test_a_name_that_is_no_mathematics_is_drawn(tmp_path: Path, suffix: str) -> 
 
 
 def test_an_error_quotes_without_obeying() -> None:
-    assert quoted("\x1b[31m\u202ered") == r"'\x1b[31m\u202ered'"
-    assert printable("a\x1b[2Jb") == r"a\x1b[2Jb"
-    assert len(quoted("x" * 10_000)) == MOST_QUOTED
-    assert quoted(list(range(100))) == "a list of 100"
-    assert quoted(10**10_000) == "a number of thousands of digits"
+    assert quote_value("\x1b[31m\u202ered") == r"'\x1b[31m\u202ered'"
+    assert escape_unprintable("a\x1b[2Jb") == r"a\x1b[2Jb"
+    assert len(quote_value("x" * 10_000)) == MOST_QUOTED
+    assert quote_value(list(range(100))) == "a list of 100"
+    assert quote_value(10**10_000) == "a number of thousands of digits"
     bomb: list[Any] = ["lol"]
     for _ in range(30):
         bomb = [bomb] * 8
-    assert len(quoted(bomb)) <= MOST_QUOTED
+    assert len(quote_value(bomb)) <= MOST_QUOTED
 
 
 @UNIX
@@ -228,9 +228,9 @@ def test_ctrl_c_at_any_statement_of_writing(tmp_path: Path, times: int) -> None:
         steps = 0
         sys.settrace(trace)
         try:
-            with written_whole(path) as temporary:
+            with write_atomically(path) as temporary:
                 temporary.write_text("new")
-            with folder_written_whole(folder) as inside:
+            with write_folder_atomically(folder) as inside:
                 (inside / "model.csv").write_text("x,y")
         except KeyboardInterrupt:
             pass
@@ -271,7 +271,7 @@ def open_folder() -> Iterator[Path]:
 
 
 def put(path: Path, content: str = "new") -> None:
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_text(content)
 
 
@@ -460,7 +460,7 @@ def test_an_overlong_word_is_shortened_in_an_error() -> None:
 
 
 def test_nothing_is_written_but_through_one_function() -> None:
-    """Every module that writes a file does so within `written_whole`, or is of the caches and stores named here."""
+    """Every module that writes a file does so within `write_atomically`, or is of the caches and stores named here."""
     package = Path(rootmatch.__file__).parent
     others = {
         "research/real/leaderboard.py", "cli/surroundings.py", "derivation/shipped.py", "io/appended_table.py",

@@ -8,11 +8,11 @@ from scipy.optimize import Bounds, LinearConstraint, least_squares, milp
 
 import rootmatch as rm
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
+from rootmatch.problems.up2p.group_fit import extend_upright_groups, grow_upright_groups, upright_chi2
 from rootmatch.simulation import Scene, up2p_scene
-from rootmatch.solvers.packing.exact_packing import best_packing, packing_above, relaxation, rounded
-from rootmatch.solvers.packing.solver import GroupPacking, inside_groups
-from rootmatch.solvers.packing.tabu_search import pack
+from rootmatch.solvers.packing.exact_packing import best_packing, find_packing_above, relaxation, round_relaxation
+from rootmatch.solvers.packing.solver import GroupPacking, weight_inside_groups
+from rootmatch.solvers.packing.tabu_search import search_packing
 
 
 def best_by_trying(elements: np.ndarray, values: np.ndarray, most: int) -> float:
@@ -50,13 +50,13 @@ def test_both_searches_find_the_best_of_few(most: int) -> None:
         relaxed = relaxation(elements, values, 10, most)
         assert relaxed.bound >= best - 1e-9
         for chosen in (
-            pack(elements, values, 10, most, np.zeros(12, bool), 300),
-            packing_above(0.0, elements, relaxed, most, 100_000),  # from nothing
+            search_packing(elements, values, 10, most, np.zeros(12, bool), 300),
+            find_packing_above(0.0, elements, relaxed, most, 100_000),  # from nothing
         ):
             assert are_disjoint(elements[chosen])
             assert chosen.sum() <= most
             assert values[chosen].sum() == pytest.approx(best)
-        assert not packing_above(best + 1e-6, elements, relaxed, most, 100_000).any()
+        assert not find_packing_above(best + 1e-6, elements, relaxed, most, 100_000).any()
 
 
 def some_motions(seed: int, groups: int) -> tuple[np.ndarray, np.ndarray]:
@@ -75,7 +75,7 @@ def some_motions(seed: int, groups: int) -> tuple[np.ndarray, np.ndarray]:
 def test_best_packing_is_that_of_an_integer_programme(seed: int, most: int) -> None:
     elements, values = some_motions(seed, 100)
     relaxed = relaxation(elements, values, 60, most)
-    chosen = best_packing(elements, values, relaxed, most, rounded(elements, values, relaxed, most), 1_000_000)
+    chosen = best_packing(elements, values, relaxed, most, round_relaxation(elements, values, relaxed, most), 1_000_000)
     matrix = np.zeros((61, len(values)))
     for g, row in enumerate(elements):
         matrix[row[row >= 0], g] = 1.0
@@ -92,7 +92,7 @@ def test_best_packing_is_that_of_an_integer_programme(seed: int, most: int) -> N
 def test_a_search_that_ends_early_keeps_what_it_began_with() -> None:
     elements, values = some_motions(9, 400)
     relaxed = relaxation(elements, values, 60, 60)
-    start = rounded(elements, values, relaxed, 60)
+    start = round_relaxation(elements, values, relaxed, 60)
     chosen = best_packing(elements, values, relaxed, 60, start, 1)
     assert values[chosen].sum() >= values[start].sum()
     assert are_disjoint(elements[chosen])
@@ -127,7 +127,7 @@ def test_a_group_grows_to_all_that_its_pose_predicts() -> None:
         tables = scene.problem.prepare(scene.source, scene.target, 0.5)
         start = np.full((1, 8), -1)
         start[0, :4] = scene.truth[:4]
-        grown = upright_grown(
+        grown = grow_upright_groups(
             tables.points, tables.rays, tables.variance, start, 36.0, 12.25, np.empty((0, 0), np.bool_)
         )
         complete += int((grown[0] == scene.truth).all())
@@ -165,10 +165,10 @@ def test_a_group_is_extended_by_each_detection_near_a_prediction(masked: bool) -
                     more[i] = k
                     wanted.append(tuple(more.tolist()))
     room = np.empty((1000, n), np.int64)
-    count = upright_extended(tables.points, tables.rays, tables.variance, groups, gate2, allowed, room)
+    count = extend_upright_groups(tables.points, tables.rays, tables.variance, groups, gate2, allowed, room)
     assert len(wanted) > 5
     assert sorted(map(tuple, room[:count].tolist())) == sorted(wanted)
-    assert upright_extended(tables.points, tables.rays, tables.variance, groups, gate2, allowed, room[:1]) == count
+    assert extend_upright_groups(tables.points, tables.rays, tables.variance, groups, gate2, allowed, room[:1]) == count
 
 
 def test_groups_are_found_among_weights_across_them() -> None:
@@ -186,7 +186,7 @@ def test_groups_are_found_among_weights_across_them() -> None:
     assert solution.groups is not None
     same = solution.groups[:, None] == solution.groups
     np.testing.assert_array_equal(same, label[:, None] == label)
-    assert solution.score == pytest.approx(inside_groups(tensor, image, label))
+    assert solution.score == pytest.approx(weight_inside_groups(tensor, image, label))
     assert solution.score < tensor.score(image) + 1e-9
 
 

@@ -9,9 +9,9 @@ from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent, ReweightedWalk
 from rootmatch.solvers.ascent.assignment_state import change, empty_state
-from rootmatch.solvers.ascent.pair_table import pairs_of, place_of_pair
-from rootmatch.solvers.ascent.random_walk_start import _contract_among, random_walk_start
-from rootmatch.solvers.ascent.start_selection import next_starts, within
+from rootmatch.solvers.ascent.pair_table import pair_total, place_of_pair
+from rootmatch.solvers.ascent.random_walk_start import _contract_chosen, random_walk_start
+from rootmatch.solvers.ascent.start_selection import lies_within_assignments, next_starts
 from rootmatch.solvers.ascent.subset_index import build_index, ranked_hyperedges
 from solver_oracles import dense_contraction, dense_tensor, naive_support, planted, random_edges
 from test_solvers_ascent import random_tensor
@@ -41,7 +41,7 @@ def tabled(tensor, monkeypatch):
 
 def test_ranks_are_places_in_any_order():
     ranks = [place_of_pair(np.uint32(a), np.uint32(b)) for b in range(12) for a in range(b)]
-    assert ranks == list(range(pairs_of(12)))
+    assert ranks == list(range(pair_total(12)))
     assert [place_of_pair(np.uint32(b), np.uint32(a)) for b in range(12) for a in range(b)] == ranks
 
 
@@ -113,7 +113,7 @@ def test_contraction_among_few_correspondences(monkeypatch):
     x = np.zeros(42)
     x[chosen] = rng.random(17)
     v = np.zeros(42)
-    _contract_among(index, x, chosen, v)
+    _contract_chosen(index, x, chosen, v)
     expected = dense_contraction(dense_tensor(tensor.indices, tensor.weights, 42), x)
     np.testing.assert_allclose(v, expected, atol=1e-12)
 
@@ -166,6 +166,6 @@ def test_candidates_within_assignments_against_the_definition():
     sets = [{i * 6 + k for i, k in enumerate(image) if k >= 0} for image in images]
     for least in (1, 2, 3):
         expected = [any(len(set(c) & s) >= least for s in sets) for c in candidates.tolist()]
-        np.testing.assert_array_equal(within(candidates, images, 6, least), expected)
+        np.testing.assert_array_equal(lies_within_assignments(candidates, images, 6, least), expected)
         assert 0 < sum(expected) < 200
-    assert not within(candidates, images[:0], 6, 2).any()
+    assert not lies_within_assignments(candidates, images[:0], 6, 2).any()

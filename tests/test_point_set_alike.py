@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
-from rootmatch.model.point_set_alike import likeness
+from rootmatch.model.point_set_alike import weigh_likeness
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.congruent import congruent_labellings
@@ -103,7 +103,7 @@ def test_an_alike_scene_is_more_probable_than_the_same_where_it_is_another() -> 
             proposals = congruent_labellings(model.clouds, mirror=False).proper
             proposals = np.concatenate([scene[2][None], proposals]) if same else proposals
             judged = model.judged(proposals)
-            told = likeness(model, judged)
+            told = weigh_likeness(model, judged)
             assert np.isfinite(told.log_odds)
             best = judged.log_odds + told.log_factors(judged.fit.assignments)
             lead.append(float(best.max()) - told.log_odds)
@@ -120,7 +120,7 @@ def test_points_without_a_law_have_nothing_alike() -> None:
     scene = pair(points := rng.uniform(0.0, 10.0, (24, 2)), points, (7.0, 3.0), 0.05, rng)
     model = model_of(scene, 0.05)
     judged = model.judged(np.concatenate([scene[2][None], congruent_labellings(model.clouds, mirror=False).proper]))
-    told = likeness(model, judged)
+    told = weigh_likeness(model, judged)
     assert told.log_odds < judged.log_odds.max() - 6.0
     assert np.abs(told.log_factors(judged.fit.assignments[:1])).max(initial=0.0) < 0.1
 

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
 
 import rootmatch as rm
-from rootmatch.explain.point_set_decision import model_of
+from rootmatch.explain.point_set_decision import make_point_set_model
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.exact_symmetry import exactly_symmetric
+from rootmatch.model.exact_symmetry import exact_symmetry_probability
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.point_set_posterior import posterior
+from rootmatch.model.point_set_posterior import weigh_point_set_posterior
 from rootmatch.model.priors import NOISE_FREEDOM, PRESENT
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import DECADES
@@ -136,7 +136,7 @@ def test_what_is_counted_is_what_is_integrated() -> None:
         rate = quad(lambda d, m=m: d**m * (1.0 - d) ** (n - m), 0.0, 1.0)[0]
         clutter = [quad(lambda x, c=c: x ** (c - 0.5) * np.exp(-x), 0.0, np.inf)[0] for c in (n_target - m, n_target)]
         # λ is integrated, of which crowds about hidden points have their parts
-        about = model.about_points(judged.fit, hidden)[0] * np.exp(model.clutter.log_density)
+        about = model.clutter_about_points(judged.fit, hidden)[0] * np.exp(model.clutter.log_density)
         more = (1.0 - model.clutter.alone) * (m + 1) / (n + 2) * (n - m) / n_target
         density = log_density_of_clutter(model, list(range(m)), about) + (n_target - m + 0.5) * np.log1p(more)
         assert counted == pytest.approx(np.log(rate * clutter[0] / clutter[1]) - density, rel=1e-6)
@@ -179,8 +179,8 @@ def test_clutter_crowds_in_forests() -> None:
     for taken in ([0], [0, 1], [2, 4], []):
         expected = log_density_of_clutter(model, taken, extra)
         used = np.isin(np.arange(count), taken)
-        assert clutter.log_taken(used[None], more[None])[0] == pytest.approx(expected, abs=1e-9)
-        each = clutter.log_each(used, more)
+        assert clutter.log_density_of_taken(used[None], more[None])[0] == pytest.approx(expected, abs=1e-9)
+        each = clutter.log_density_of_each(used, more)
         for j in range(count):
             others = sorted({*taken} ^ {j})
             change = log_density_of_clutter(model, others, extra) - expected
@@ -271,7 +271,7 @@ def test_posterior_is_the_sum_over_all_labellings() -> None:
     for seed in range(4):
         measured, target, _ = scene(source, seed, missing=seed % 2, stray=2)
         target = np.concatenate([target, target[:1] + 0.8])
-        model = model_of(MatchingTask.of(rm.Rigid(), measured, target, noise=NOISE))
+        model = make_point_set_model(MatchingTask.of(rm.Rigid(), measured, target, noise=NOISE))
         assert model is not None
         n, n_target = len(measured), len(target)
         every = np.array(
@@ -283,7 +283,7 @@ def test_posterior_is_the_sum_over_all_labellings() -> None:
         )
         odds = model.judged(every).log_odds
         expected = np.exp(odds - np.logaddexp(logsumexp(odds), np.log(1.0 / PRESENT - 1.0)))
-        found = posterior(model, model.judged(congruent_labellings(model.clouds, False).proper))
+        found = weigh_point_set_posterior(model, model.judged(congruent_labellings(model.clouds, False).proper))
         shares = {one.tobytes(): share for one, share in zip(found.assignments, found.probabilities, strict=True)}
         for k in np.argsort(-expected)[:4]:
             assert shares.get(every[k].tobytes(), 0.0) == pytest.approx(expected[k], abs=0.02)
@@ -317,7 +317,7 @@ def test_a_symmetry_is_exact_within_the_noise_only() -> None:
             off = measured + 4.0 * (np.arange(6) == 5)[:, None] * [1.0, 0.0, 0.0]
             for points, results in ((measured, exact), (off, displaced)):
                 clouds = clouds_of(points, points, 0.2 * np.sqrt(2.0))
-                results.append(exactly_symmetric(clouds, np.arange(6), second))
+                results.append(exact_symmetry_probability(clouds, np.arange(6), second))
         assert np.quantile(exact, 0.1) > 0.5
         assert np.max(displaced) < 0.01
 
@@ -330,9 +330,9 @@ def test_two_points_beside_each_other_are_no_exact_symmetry() -> None:
         points[:, size - 1 :] += np.arange(8.0)[:, None] * (size - 2)
         exchanged = np.arange(8)
         exchanged[[6, 7]] = [7, 6]
-        assert exactly_symmetric(clouds_of(points, points, 0.14), np.arange(8), exchanged) == 0.0
+        assert exact_symmetry_probability(clouds_of(points, points, 0.14), np.arange(8), exchanged) == 0.0
         pair = np.array([6, 7])  # of these alone, a half turn may be one
-        assert exactly_symmetric(clouds_of(points, points, 0.14), pair, pair[::-1]) > 0.0
+        assert exact_symmetry_probability(clouds_of(points, points, 0.14), pair, pair[::-1]) > 0.0
 
 
 def test_mirrored_sets_are_not_trusted() -> None:

@@ -10,7 +10,7 @@ import rootmatch as rm
 from rootmatch.arrays import Floats
 from rootmatch.model.image_alike import ERRORS
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.point_set_off import log_odds_off
+from rootmatch.model.point_set_off import log_odds_of_errors
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -45,15 +45,15 @@ def test_the_odds_are_the_evidence_of_points_that_are_off_with_all_that_is_near(
     seen = seen + rng.normal(0.0, scale * SIGMA, seen.shape)
     clouds = PointClouds(tree, seen, np.zeros(4), np.full(8, (scale * SIGMA) ** 2), scaled=False, mirror=False)
     model, own = PointSetModel(clouds), np.array([0, 1, 2, -1])
-    mass = float(model.judged_one(own).log_odds[0])
-    odds = log_odds_off(model, own, mass)
+    mass = float(model.judge_one(own).log_odds[0])
+    odds = log_odds_of_errors(model, own, mass)
     assert odds is not None
     for error, told in zip(ERRORS[2:] * body_radius(tree), odds[2:], strict=True):
         wide = PointSetModel(clouds.off_by(np.full(4, error)))
         assert told == pytest.approx(float(wide.judged(np.arange(4)[None]).log_odds[0]) - mass, abs=1e-6)
     assert odds[2] > 2.0, "a target beside the place of the fourth is nothing by chance"
     taken = np.arange(8) == 3
-    assert log_odds_off(model, own, mass, taken) is None, "it is a marker of another body"
+    assert log_odds_of_errors(model, own, mass, taken) is None, "it is a marker of another body"
 
 
 def another_tree(seed: int) -> tuple[int, int]:

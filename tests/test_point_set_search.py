@@ -16,7 +16,7 @@ from rootmatch.problems.points import distances
 from rootmatch.samplers.point_sets import motion_search, triangles
 from rootmatch.samplers.point_sets.congruent import congruent_labellings
 from rootmatch.samplers.point_sets.motion_search import MotionSearch
-from rootmatch.samplers.point_sets.motions import fitted_motions
+from rootmatch.samplers.point_sets.motions import fit_motions
 from rootmatch.samplers.point_sets.shown_parts import LOST, ORDERS, ShownParts
 
 PROBLEMS = [rm.Rigid(2), rm.Rigid(3), rm.Similarity(2), rm.Similarity(3), rm.Similarity(2, mirror=True)]
@@ -98,7 +98,7 @@ def test_motions_are_those_of_scipy() -> None:
     rng = np.random.default_rng(0)
     source, weight = rng.normal(size=(4, 6, 3)), rng.uniform(0.5, 2.0, (4, 6))
     target = source @ Rotation.random(rng=rng).as_matrix().T + 0.1 * rng.normal(size=(4, 6, 3)) + 3.0
-    motions = fitted_motions(source, target, False, False, weight)
+    motions = fit_motions(source, target, False, False, weight)
     for k in range(4):
         middle, middle2 = (np.average(points[k], axis=0, weights=weight[k]) for points in (source, target))
         expected, _ = Rotation.align_vectors(target[k] - middle2, source[k] - middle, weight[k])
@@ -177,7 +177,7 @@ def test_what_was_missed_is_the_share_of_parts_that_no_triple_is_all_in() -> Non
     fresh = ShownParts(points, distances(points), np.random.default_rng(1))
     for shown in (6, 20, 40):
         left = []
-        for order in fresh._placed(2_000)[1]:
+        for order in fresh._draw_places(2_000)[1]:
             part = set(np.argsort(order)[:shown].tolist())
             left.append(LOST ** sum(part.issuperset(one) for one in triples.tolist()))
         # so many orders stand for all of them
@@ -190,7 +190,7 @@ def test_all_triples_of_few_points_are_tried_once() -> None:
     points = rng.uniform(-1.0, 1.0, (9, 3))
     parts = ShownParts(points, distances(points), rng)
     every = []
-    while not parts.exhausted:
+    while not parts.is_exhausted:
         every.append(parts.triples(12))
         parts.add(every[-1], np.ones(len(every[-1])))
     assert sorted(map(tuple, np.concatenate(every).tolist())) == list(itertools.combinations(range(9), 3))
@@ -234,7 +234,7 @@ def test_a_search_ends_once_nothing_beyond_chance_can_have_been_missed() -> None
     search.run()
     assert not search.conclusive
     assert search.tried < motion_search.TRIPLES / 4
-    assert search._missed(search.level) < motion_search.MISSED
+    assert search._miss_probability(search.level) < motion_search.MISSED
 
 
 def test_what_a_search_found_is_judged_though_it_is_not_beyond_chance() -> None:

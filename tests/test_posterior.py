@@ -10,7 +10,7 @@ import pytest
 import rootmatch as rm
 from posteriors import told
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.posterior import WRONG, right_together, surest
+from rootmatch.model.posterior import WRONG, joint_probabilities, surest_matches
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 
@@ -44,7 +44,7 @@ def test_probabilities_are_those_of_the_scenes() -> None:
         truth = np.argsort(order)[scene.truth]
         evidence = MatchingTask.of(scene.problem, scene.source, target[order], noise=1.0)
         found = told(evidence, [truth])
-        probability.append(found.probability_of(found.modes.assignments[0]))
+        probability.append(found.assignment_probability(found.modes.assignments[0]))
         right.append(np.array_equal(found.modes.assignments[0], truth))
     assert 0.5 < np.mean(probability) < 0.99
     assert np.mean(right) == pytest.approx(np.mean(probability), abs=0.09)
@@ -100,17 +100,17 @@ def test_noise_said_to_be_too_small_does_not_empty_the_answer() -> None:
 
 def test_the_surest_matches_leave_so_many_wrong_ones_and_no_more() -> None:
     confidence = np.array([0.9, 1.0, 0.995, 0.99])
-    assert surest(confidence, 0.0).tolist() == [1]
-    assert surest(confidence, 0.0151).tolist() == [1, 2, 3]
-    assert surest(confidence, 0.2).tolist() == [1, 2, 3, 0]
-    assert len(surest(np.full(200, 0.9995), 0.0)) == 200  # a thousandth of a large assignment
-    assert len(surest(np.full(200, 0.9979), 0.0)) == 95
+    assert surest_matches(confidence, 0.0).tolist() == [1]
+    assert surest_matches(confidence, 0.0151).tolist() == [1, 2, 3]
+    assert surest_matches(confidence, 0.2).tolist() == [1, 2, 3, 0]
+    assert len(surest_matches(np.full(200, 0.9995), 0.0)) == 200  # a thousandth of a large assignment
+    assert len(surest_matches(np.full(200, 0.9979), 0.0)) == 95
 
 
 @pytest.mark.parametrize("count", [5, 49, 60, 200])
 def test_what_is_right_together_is_no_more_than_independent_matches_are(count: int) -> None:
     confidence = np.sort(1.0 - np.random.default_rng(count).uniform(0.0, 0.004, count))[::-1]
-    told = right_together(confidence, 0.95)
+    told = joint_probabilities(confidence, 0.95)
     for k in (1, 4, count // 2, count):
         wrong = np.ones(1)  # probabilities of 0, 1, 2 … wrong ones
         for one in confidence[:k]:

@@ -47,7 +47,7 @@ rm.match(scene.source, scene.target, scene.problem, noise=0.5{options})
 """
 
 needs_kernels = pytest.mark.skipif(
-    prebuilt.misfit() is not None, reason=f"make smoke-wheel runs it; here {prebuilt.misfit()}"
+    prebuilt.reason_for_misfit() is not None, reason=f"make smoke-wheel runs it; here {prebuilt.reason_for_misfit()}"
 )
 
 

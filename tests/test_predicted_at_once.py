@@ -11,14 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from rootmatch.cameras.base import CameraModel
 from rootmatch.model import prediction
-from rootmatch.model.compiled.averaging import leave_out
+from rootmatch.model.compiled.averaging import project_out
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import mixture_of, residuals_of, settled_about, settled_of_likely, stepped
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.evidence import kernel_mixture, residual_statistics, settle_likely, settle_poses, step_poses
+from rootmatch.model.mode_search import find_modes
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
-from rootmatch.model.proposals import Proposals, joined
-from rootmatch.problems.pose_fit.reference_point import about_point
-from rootmatch.tracking.averaged_pose import averaged_pose
+from rootmatch.model.proposals import Proposals, join_proposals
+from rootmatch.problems.pose_fit.reference_point import pose_about_point
+from rootmatch.tracking.averaged_pose import average_pose
 from test_compiled_model import FISHEYE, PINHOLE, SIZES, Floats, rig, scene
 from test_settled import by_numpy
 
@@ -36,11 +36,11 @@ def predicted(name: str, seed: int, spread: float, shown: int) -> tuple[Detectio
     truth = Rotation.from_rotvec(off[:3]).as_matrix() @ R[:1], position[:1] + off[3:]
     guess = Gaussian(R[0], position[0], np.diag(deviations**2))
     model = replace(model, prior=Doubted([guess], [np.log(0.99)], Broad(), 0.01))
-    pixels, own = model.linearised(*truth).pixels[0], rng.permutation(model.shape[0])
+    pixels, own = model.linearise_about(*truth).pixels[0], rng.permutation(model.shape[0])
     left = np.arange(model.shape[1])
     for i in own[:shown].tolist():
         image = i // 6 if name == "rig" else 0
-        free = left[model.image_of[left] == image]
+        free = left[model.image_indices[left] == image]
         if not len(free):
             continue
         model.target[free[0]] = pixels[i] + rng.normal(0.0, model.sigma[free[0]], 2)
@@ -56,7 +56,7 @@ def test_assignments_about_a_prediction(name: str, spread: float) -> None:
         model, guess = predicted(name, seed, spread, shown=6)
         slow = by_numpy(model)
         assert model.scene_for_kernels is not None
-        fast, oracle = prediction.proposals_about(model, guess), prediction.proposals_about(slow, guess)
+        fast, oracle = prediction.propose_about(model, guess), prediction.propose_about(slow, guess)
         assert (fast is None) == (oracle is None)
         if fast is None or oracle is None:
             continue
@@ -74,13 +74,13 @@ def test_poses_averaged_along_weak_directions(name: str) -> None:
     averaged = 0
     for seed in range(1030, 1050):
         model, guess = predicted(name, seed, 0.1, shown=3)
-        start = prediction.proposals_about(model, guess)
+        start = prediction.propose_about(model, guess)
         if start is None:
             continue
-        modes = modes_of(model, start.take(np.arange(1)))
+        modes = find_modes(model, start.take(np.arange(1)))
         if not len(modes.log_odds):
             continue
-        fast, oracle = averaged_pose(model, modes, 0), averaged_pose(by_numpy(model), modes, 0)
+        fast, oracle = average_pose(model, modes, 0), average_pose(by_numpy(model), modes, 0)
         assert fast.covariance is not None
         assert oracle.covariance is not None
         averaged += not np.allclose(fast.R, modes.rotation[0], atol=1e-6)
@@ -100,7 +100,7 @@ def test_a_step_without_its_part_along_lines(weak: int) -> None:
     duals, step = rng.normal(size=(6, weak)), rng.normal(size=6)
     across = step.copy()
     work = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
-    leave_out.py_func(duals, np.linalg.inv(precision), across, work)  # type: ignore[attr-defined]
+    project_out.py_func(duals, np.linalg.inv(precision), across, work)  # type: ignore[attr-defined]
     np.testing.assert_allclose(duals.T @ across, 0.0, atol=1e-8)
     free = np.linalg.svd(duals.T)[2][weak:]
     np.testing.assert_allclose(free @ precision @ (step - across), 0.0, atol=1e-8)
@@ -110,30 +110,30 @@ def test_a_step_without_its_part_along_lines(weak: int) -> None:
 def test_an_average_is_over_the_changes_of_the_assignment(seed: int) -> None:
     """Each change settled by itself, without what the mode knows of it: which of two points a detection is of."""
     model, guess = predicted("bare", seed, 0.004, shown=3)
-    every = model.linearised(guess.rotation[None], guess.position[None]).pixels[0]
+    every = model.linearise_about(guess.rotation[None], guess.position[None]).pixels[0]
     apart = np.linalg.norm(every[:, None] - every, axis=2) + 1e9 * np.eye(len(every))
     pair = np.unravel_index(apart.argmin(), apart.shape)
     extra = int(np.flatnonzero(np.linalg.norm(model.target[:, None] - every, axis=2).min(axis=1) > 30.0)[0])
     model.target[extra] = every[list(pair)].mean(axis=0)
     model = replace(model)
-    start = prediction.proposals_about(model, guess)
+    start = prediction.propose_about(model, guess)
     assert start is not None
-    modes = modes_of(model, start.take(np.arange(1)))
+    modes = find_modes(model, start.take(np.arange(1)))
     changed = modes.near[0][0]
     rows = np.concatenate([modes.assignments[:1], changed])
     turns = np.repeat(modes.rotation[:1], len(rows), axis=0), np.repeat(modes.position[:1], len(rows), axis=0)
-    settled, at = settled_about(by_numpy(model), rows, *turns)
-    rotation, position = stepped(settled, at)
+    settled, at = settle_poses(by_numpy(model), rows, *turns)
+    rotation, position = step_poses(settled, at)
     steps = np.hstack([Rotation.from_matrix(rotation @ modes.rotation[0].T).as_rotvec(), position - modes.position[0]])
     weight = np.exp(settled.log_odds - settled.log_odds.max())
     weight /= weight.sum()
     mean = weight @ steps
     spread = (weight[:, None] * (steps - mean)).T @ (steps - mean)
-    pose = averaged_pose(model, modes, 0)
+    pose = average_pose(model, modes, 0)
     place = pose.R @ model.centre + pose.t
     told = np.append(Rotation.from_matrix(pose.R @ modes.rotation[0].T).as_rotvec(), place - modes.position[0])
     assert pose.covariance is not None
-    _, covariance = about_point(pose.R, pose.t, pose.covariance, model.centre)
+    _, covariance = pose_about_point(pose.R, pose.t, pose.covariance, model.centre)
     deviations = np.sqrt(np.diagonal(modes.covariance[0]))
     assert weight.max() < 0.99, "more than one assignment counts"
     np.testing.assert_allclose(told / deviations, mean / deviations, atol=1e-3)
@@ -143,17 +143,17 @@ def test_an_average_is_over_the_changes_of_the_assignment(seed: int) -> None:
 
 def test_what_is_all_matched_is_not_narrowed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three detections, one in the gate of each of three points, which fit: no other assignment is near."""
-    narrowed, work = list[int](), prediction._narrowed
+    narrowed, work = list[int](), prediction._narrow_by_pairs
 
     def counted(model: DetectionModel, looked: Any, covariance: Floats) -> Any:
         narrowed.append(np.count_nonzero(looked.candidates))
         return work(model, looked, covariance)
 
-    monkeypatch.setattr(prediction, "_narrowed", counted)
+    monkeypatch.setattr(prediction, "_narrow_by_pairs", counted)
     matched = list[int]()
     for seed in range(1030, 1050):
         model, guess = predicted("bare", seed, 0.003, shown=3)
-        found = prediction.proposals_about(replace(model, target=model.target[:3], sigma=model.sigma[:3]), guess)
+        found = prediction.propose_about(replace(model, target=model.target[:3], sigma=model.sigma[:3]), guess)
         matched += [] if found is None else [int((found.assignments[0] >= 0).sum())]
     assert matched.count(3) >= 5
     assert 3 not in narrowed
@@ -162,41 +162,41 @@ def test_what_is_all_matched_is_not_narrowed(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize("name", CAMERAS)
 def test_modes_to_which_proposals_add_nothing_are_handed_back(name: str) -> None:
     model, guess = predicted(name, 1031, 0.02, shown=6)
-    start = prediction.proposals_about(model, guess)
+    start = prediction.propose_about(model, guess)
     assert start is not None
-    modes = modes_of(model, start)
-    assert modes_of(model, start.take(np.arange(1)), modes) is modes
+    modes = find_modes(model, start)
+    assert find_modes(model, start.take(np.arange(1)), modes) is modes
 
 
 def test_a_prediction_with_nothing_near(monkeypatch: pytest.MonkeyPatch) -> None:
     model, guess = predicted("normals", 1031, 0.003, shown=0)
     far = replace(model, target=model.target + 5000.0)
     for one in (far, by_numpy(far)):
-        assert prediction.proposals_about(one, guess) is None
+        assert prediction.propose_about(one, guess) is None
     monkeypatch.setattr(prediction, "MOST_PAIRS", 1)
     for one in (model, by_numpy(model)):
-        assert prediction.proposals_about(one, guess) is None
+        assert prediction.propose_about(one, guess) is None
 
 
 def test_a_pose_with_nothing_possible_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fit of matches behind the camera has no average: it is handed on as it is."""
     model, guess = predicted("normals", 1033, 0.1, shown=3)
-    start = prediction.proposals_about(model, guess)
+    start = prediction.propose_about(model, guess)
     assert start is not None
-    modes = modes_of(model, start.take(np.arange(1)))
+    modes = find_modes(model, start.take(np.arange(1)))
     unseen = modes._replace(position=modes.position * (1.0, 1.0, -1.0))
     for one in (model, by_numpy(model)):
-        pose = averaged_pose(one, unseen, 0)
+        pose = average_pose(one, unseen, 0)
         assert np.isfinite(pose.R).all()
 
 
 def test_proposals_are_of_their_own() -> None:
     """Two looks about one prediction share no memory."""
     model, guess = predicted("normals", 1035, 0.003, shown=6)
-    first = prediction.proposals_about(model, guess)
+    first = prediction.propose_about(model, guess)
     assert isinstance(first, Proposals)
     before = first.assignments.copy()
-    prediction.proposals_about(model, guess)
+    prediction.propose_about(model, guess)
     np.testing.assert_array_equal(first.assignments, before)
 
 
@@ -206,12 +206,12 @@ def test_modes_of_proposals_that_repeat_others(name: str) -> None:
     repeated = 0
     for seed in range(1030, 1040):
         model, guess = predicted(name, seed, 0.02, shown=6)
-        start = prediction.proposals_about(model, guess)
+        start = prediction.propose_about(model, guess)
         if start is None:
             continue
         turned = Rotation.from_rotvec([1e-3, 0.0, 0.0]).as_matrix() @ start.rotation
-        proposals = joined([start, Proposals(start.assignments, turned, start.position)])
-        fast, oracle = modes_of(model, proposals), modes_of(by_numpy(model), proposals)
+        proposals = join_proposals([start, Proposals(start.assignments, turned, start.position)])
+        fast, oracle = find_modes(model, proposals), find_modes(by_numpy(model), proposals)
         repeated += len(fast.log_odds) < len(proposals.assignments)
         np.testing.assert_array_equal(fast.assignments, oracle.assignments)
         for one, other in zip(fast[1:-1], oracle[1:-1], strict=True):
@@ -222,26 +222,26 @@ def test_modes_of_proposals_that_repeat_others(name: str) -> None:
 @pytest.mark.parametrize("name", CAMERAS)
 def test_what_is_hopeless_or_repeated_is_not_settled(name: str) -> None:
     model, guess = predicted(name, 1031, 0.02, shown=6)
-    start = prediction.proposals_about(model, guess)
+    start = prediction.propose_about(model, guess)
     assert start is not None
     rows, rotation, position = start.take(np.zeros(3, np.int64))
     rotation[2] = Rotation.from_rotvec([0.4, 0.0, 0.3]).as_matrix() @ rotation[2]  # hopeless to first order
-    prior, expected = mixture_of(model), settled_about(by_numpy(model), rows[:1], rotation[:1], position[:1])
+    prior, expected = kernel_mixture(model), settle_poses(by_numpy(model), rows[:1], rotation[:1], position[:1])
     assert prior is not None
-    found, at, after = settled_of_likely(model, rows, (rotation, position), prior, (3.0, -np.inf, np.inf))
+    found, at, after = settle_likely(model, rows, (rotation, position), prior, (3.0, -np.inf, np.inf))
     assert np.isfinite(found.log_odds).tolist() == [True, False, False]
     assert found.log_odds[0] == pytest.approx(expected[0].log_odds[0], rel=1e-9)
     np.testing.assert_allclose(at.rotation[0], expected[1].rotation[0], atol=1e-9)
-    for one, other in zip(after, stepped(*expected), strict=True):
+    for one, other in zip(after, step_poses(*expected), strict=True):
         np.testing.assert_allclose(one[0], other[0], atol=1e-9)
-    every, _, _ = settled_of_likely(model, rows, (rotation, position), prior, (3.0, -np.inf, -np.inf))
+    every, _, _ = settle_likely(model, rows, (rotation, position), prior, (3.0, -np.inf, -np.inf))
     assert every.decrement[2] < 1.0 < found.decrement[2], "what is better than enough is fitted, however far behind"
 
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_residuals_about_a_pose(name: str) -> None:
     model, guess = predicted(name, 1032, 0.003, shown=6)
-    start = prediction.proposals_about(model, guess)
+    start = prediction.propose_about(model, guess)
     assert start is not None
     of = start.assignments[0], start.rotation[0], start.position[0]
-    np.testing.assert_allclose(residuals_of(model, *of), residuals_of(by_numpy(model), *of), rtol=1e-9)
+    np.testing.assert_allclose(residual_statistics(model, *of), residual_statistics(by_numpy(model), *of), rtol=1e-9)

@@ -14,12 +14,12 @@ from scipy.stats import chi2, f, multivariate_normal, multivariate_t
 
 import rootmatch as rm
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about, settled, stepped
+from rootmatch.model.evidence import settle_evidence, step_poses, weigh_poses
 from rootmatch.model.pose_density import Gaussian
-from rootmatch.model.prediction import proposals_about
-from rootmatch.problems.pose_fit.pose_prior import with_vertical
+from rootmatch.model.prediction import propose_about
+from rootmatch.problems.pose_fit.pose_prior import update_with_vertical
 from rootmatch.problems.pose_fit.prior_residuals import Prior
-from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.reference_point import pose_about_point
 from test_compiled_predictions import deviations
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
@@ -107,15 +107,15 @@ def test_the_fit_is_the_least_of_all_deviations() -> None:
     covariance = SPREAD + 1e-4 * np.outer(np.arange(6.0), np.arange(6.0)) * 0.1
     given = predicted(made, 3, covariance=covariance)
     centre = made["source"].mean(axis=0)
-    prediction = Gaussian(given.R, *about_point(given.R, given.t, covariance, centre))
+    prediction = Gaussian(given.R, *pose_about_point(given.R, given.t, covariance, centre))
     sigma = np.full(len(made["target"]), 0.3)
     model = DetectionModel(CAMERA, made["source"], made["target"], sigma, prior=prediction)
-    found = proposals_about(model, prediction)
+    found = propose_about(model, prediction)
     assert found is not None
     np.testing.assert_array_equal(found.assignments[0], made["truth"])
-    best, at = about(model, *found.take(np.array([0])))
+    best, at = weigh_poses(model, *found.take(np.array([0])))
     for _ in range(3):
-        best, at = settled(model, found.assignments[:1], best, at)
+        best, at = settle_evidence(model, found.assignments[:1], best, at)
     root = np.linalg.cholesky(np.linalg.inv(prediction.covariance)).T
 
     def residuals(step: Any) -> Any:
@@ -129,7 +129,7 @@ def test_the_fit_is_the_least_of_all_deviations() -> None:
     expected = np.linalg.inv(slow.jac.T @ slow.jac)
     deviations = np.sqrt(np.diag(expected))
     assert np.abs((best.covariance[0] - expected) / np.outer(deviations, deviations)).max() < 0.1
-    (R,), (position,) = stepped(best, at)
+    (R,), (position,) = step_poses(best, at)
     np.testing.assert_allclose(R, Rotation.from_rotvec(slow.x[:3]).as_matrix() @ prediction.rotation, atol=1e-4)
     np.testing.assert_allclose(position, prediction.position + slow.x[3:], atol=1e-4)
 
@@ -197,7 +197,7 @@ def test_a_vertical_narrows_a_prediction() -> None:
     made = scene(4)
     down = np.array([0.0, 2.0, 0.0])
     prior = predicted(made, 4, covariance=SPREAD * 25.0)
-    together = with_vertical(prior, down, made["R"] @ down, 0.001)
+    together = update_with_vertical(prior, down, made["R"] @ down, 0.001)
     assert together.covariance is not None
     assert prior.covariance is not None
     assert np.linalg.norm(np.cross(together.R @ down, made["R"] @ down)) < 0.02

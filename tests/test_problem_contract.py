@@ -21,7 +21,7 @@ from rootmatch.backends.selection import device_backend
 from rootmatch.hypergraph.affinity import KINDS, NOISE_KINDS
 from rootmatch.problems import PROBLEMS, problem_class
 from rootmatch.problems.derived.problem import DerivedProblem
-from rootmatch.problems.kernels import ProblemKernels, kernels_of
+from rootmatch.problems.kernels import ProblemKernels, kernel_record
 from rootmatch.problems.points import TwoViews
 from rootmatch.problems.residual_kinds import Joint
 from rootmatch.report.json_record import match_record
@@ -54,7 +54,7 @@ class Case(NamedTuple):
 
     @property
     def kernels(self) -> ProblemKernels:
-        return kernels_of(self.problem.prepare(self.source, self.target))
+        return kernel_record(self.problem.prepare(self.source, self.target))
 
     @property
     def views(self) -> TwoViews | None:

@@ -8,7 +8,7 @@ import pytest
 import rootmatch as rm
 from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.explain.proposed_pairs import pays
+from rootmatch.explain.proposed_pairs import is_worth_drawing
 from rootmatch.explain.task import MatchingTask
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
@@ -68,6 +68,6 @@ def test_where_there_are_many_candidates_nothing_changes() -> None:
     def task(candidates):  # type: ignore[no-untyped-def]
         return MatchingTask.of(rm.P3P(CAMERA), source, target, candidates=candidates, options=options)
 
-    assert pays(task(mask))
-    assert not pays(task(np.ones_like(mask)))
-    assert not pays(task(None))
+    assert is_worth_drawing(task(mask))
+    assert not is_worth_drawing(task(np.ones_like(mask)))
+    assert not is_worth_drawing(task(None))

@@ -52,13 +52,13 @@ def test_a_search_that_finds_nothing_tells_anew_of_the_body_searched_for_alone(m
     rng, told = np.random.default_rng(5), list[object]()
     points = rng.uniform(-0.2, 0.2, (2, 8, 3))
     tracker = rm.Tracker(points.reshape(-1, 3), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 8))
-    work = image_bodies.told_by
+    work = image_bodies.tell_image
 
     def counted(base: Any, *rest: Any, **more: Any) -> Any:
         told.append(base)
         return work(base, *rest, **more)
 
-    monkeypatch.setattr(image_bodies, "told_by", counted)
+    monkeypatch.setattr(image_bodies, "tell_image", counted)
     after_search = []
     for k in range(60):
         shown = [frame(points[0], k, rng)]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.poses import poses_of
+from rootmatch.explain.poses import fit_match_poses
 from rootmatch.explain.task import MatchingTask
 
 Load = Callable[[str], dict[str, NDArray]]
@@ -145,7 +145,7 @@ def test_poses_of_raw_pixels_are_those_of_the_calibration(load_shared: Load) -> 
         source, raw, _, truth = shuffled_view(data, view, None, seed=view)
         problem = rm.P3P(rm.Camera.from_opencv(data["K"][view], data["dist"]))
         task = MatchingTask.of(problem, source, raw, noise=float(data["rms"][view]))
-        ((pose,),) = poses_of(task, [truth], np.where(truth >= 0, 0, -1))
+        ((pose,),) = fit_match_poses(task, [truth], np.where(truth >= 0, 0, -1))
         assert pose is not None
         assert pose.covariance is not None
         error = np.concatenate([Rotation.from_matrix(R @ pose.R.T).as_rotvec(), t - pose.t])

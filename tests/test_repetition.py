@@ -10,9 +10,9 @@ import pytest
 import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.point_set_posterior import posterior
-from rootmatch.model.repetition import with_repetition
-from rootmatch.model.targets_box import chances_among
+from rootmatch.model.point_set_posterior import weigh_point_set_posterior
+from rootmatch.model.repetition import find_repetition
+from rootmatch.model.targets_box import view_probability_among
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.congruent import MOST_KEPT, congruent_labellings
 
@@ -71,7 +71,7 @@ def test_what_the_best_labelling_leaves_repeats_the_targets() -> None:
     proposals = np.concatenate([truth[None], congruent_labellings(model.clouds, False).proper])
     judged = model.judged(proposals)
     assert judged.log_odds.argmax() > 0  # against clutter anywhere, another labelling is better
-    found = with_repetition(model, judged)
+    found = find_repetition(model, judged)
     assert found is not None
     own, again, more = found
     assert more > 3.0  # the targets repeat themselves
@@ -79,7 +79,7 @@ def test_what_the_best_labelling_leaves_repeats_the_targets() -> None:
     lead, before = (one.log_odds[0] - one.log_odds[judged.log_odds.argmax()] for one in (again, judged))
     assert lead > before + 3.0
     # shares are of all clutter
-    assert own.clutter.alone + own.clutter.crowded + own.clutter.repeats == pytest.approx(1.0)
+    assert own.clutter.alone + own.clutter.crowd_share + own.clutter.repeats == pytest.approx(1.0)
 
 
 def test_the_image_of_an_object_repeats_as_it_does_itself() -> None:
@@ -88,12 +88,12 @@ def test_the_image_of_an_object_repeats_as_it_does_itself() -> None:
     model = PointSetModel(clouds_of(grid, grid + rng.normal(0.0, SIGMA, grid.shape)))
     judged = model.judged(congruent_labellings(model.clouds, False).proper)
     assert (judged.fit.assignments[judged.log_odds.argmax()] >= 0).all()
-    found = with_repetition(model, judged)
+    found = find_repetition(model, judged)
     assert found is not None
     # so the best labelling, which leaves nothing, is as probable with repetitions as without
     assert float(found.judged.log_odds.max()) + found.log_odds == pytest.approx(float(judged.log_odds.max()), abs=1.0)
-    told = posterior(model, judged)
-    again = posterior(found.model, found.judged)
+    told = weigh_point_set_posterior(model, judged)
+    again = weigh_point_set_posterior(found.model, found.judged)
     assert min(told.present, again.present) > 0.99
 
 
@@ -102,7 +102,7 @@ def test_points_that_do_not_repeat_have_no_repetition() -> None:
     source, target, _ = halves(rng.uniform(0.0, 10.0, (30, 2)), 7.0, 3.0, rng)
     model = PointSetModel(clouds_of(source, target))
     judged = model.judged(congruent_labellings(model.clouds, False).proper)
-    assert with_repetition(model, judged) is None
+    assert find_repetition(model, judged) is None
 
 
 def road(seed: int) -> tuple[Floats, Floats, Integers]:
@@ -137,7 +137,7 @@ def test_what_is_flat_shows_places_within_the_noise() -> None:
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(0.0, 10.0, (30, 2)), np.zeros(30)])
     places = np.array([[5.0, 5.0, 0.02], [5.0, 5.0, 1.0], [11.5, 5.0, 0.0]])
-    chances = chances_among(places, points, np.full(30, 0.02**2))
+    chances = view_probability_among(places, points, np.full(30, 0.02**2))
     assert chances[0] == pytest.approx(1.0)
     assert chances[1] < 1e-3
     assert 1e-3 < chances[2] < 0.2

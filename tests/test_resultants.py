@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from rootmatch.algebra import bezout
-from rootmatch.algebra.any_degree import lesser_last_entry_of
+from rootmatch.algebra.any_degree import make_lesser_entry_kernel
 from rootmatch.algebra.sylvester import (
     smallest_singular_value_quadratic,
     smallest_singular_value_quartic,
@@ -23,7 +23,7 @@ from rootmatch.algebra.sylvester import (
 
 Pair = tuple[np.ndarray, np.ndarray]
 UNIT = {4: bezout.unit_last_entry_quartic, 2: bezout.unit_last_entry_quadratic}
-LESSER = {degree: lesser_last_entry_of(degree) for degree in (4, 2)}
+LESSER = {degree: make_lesser_entry_kernel(degree) for degree in (4, 2)}
 LEAST = {4: smallest_singular_value_quartic, 2: smallest_singular_value_quadratic}
 
 

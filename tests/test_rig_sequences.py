@@ -24,7 +24,7 @@ from rootmatch.arrays import Integers
 from rootmatch.cli import app
 from rootmatch.errors import InputError
 from rootmatch.explain import image_bodies
-from rootmatch.explain.image_hypotheses import model_of
+from rootmatch.explain.image_hypotheses import make_detection_model
 from rootmatch.explain.task import MatchingTask
 from rootmatch.io import Calibration, PointSet, read_camera, write_camera, write_points, write_table
 from rootmatch.model.clutter import clutter_areas
@@ -180,8 +180,8 @@ def test_what_a_predicted_pose_projects() -> None:
     scene = frame(3, 0, RIG)
     prior = predicted(scene, 3)
     task = MatchingTask.of(rm.P3P(RIG), scene.points, scene.rows, prior=prior, **KNOWN)
-    model = model_of(task)
-    whole = model.linearised(*(one[None] for one in model.centred(prior.R, prior.t)))
+    model = make_detection_model(task)
+    whole = model.linearise_about(*(one[None] for one in model.centred(prior.R, prior.t)))
     pixels, jacobian, shown_by = whole.pixels[0], whole.jacobian[0], model.visibility(whole, np.zeros(1))[0]
     arm = prior.R @ model.centre
     offsets = RIG.offsets(scene.rows)

@@ -19,10 +19,10 @@ import rootmatch as rm
 from rig_scenes import LENS, four_about
 from rootmatch.cli import app
 from rootmatch.errors import InputError
-from rootmatch.explain.image_hypotheses import model_of
+from rootmatch.explain.image_hypotheses import make_detection_model
 from rootmatch.explain.task import MatchingTask
 from rootmatch.io import Calibration, PointSet, read_camera, write_camera, write_points, write_table
-from rootmatch.model.proposals import fitted
+from rootmatch.model.proposals import fit_assignments
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -122,11 +122,11 @@ def _rotation_vector(R: NDArray) -> NDArray:
 def test_the_fit_of_sightings_is_the_least_of_their_squared_deviations() -> None:
     """Of all cameras, from a minimal set of one: against SciPy, from the truth."""
     points, rows, rig, truth, ((R, t),) = four_about()
-    model = model_of(MatchingTask.of(rm.P3P(rig), points, rows, noise=0.5))
+    model = make_detection_model(MatchingTask.of(rm.P3P(rig), points, rows, noise=0.5))
     none = np.full_like(truth, -1)
     none[0, :2], none[1, 2:4] = 0, 1  # two in each of two cameras
     both = np.array([none.ravel(), truth.ravel()])
-    proposals, found, at = fitted(model, both)
+    proposals, found, at = fit_assignments(model, both)
     np.testing.assert_array_equal(proposals.assignments, both[1:])
     k, i = np.nonzero(truth >= 0)
 
@@ -147,7 +147,7 @@ def test_the_fit_of_sightings_is_the_least_of_their_squared_deviations() -> None
     for parameter in range(6):
         change = step * np.eye(6)[parameter]
         turned = Rotation.from_rotvec(change[:3]).as_matrix() @ at.rotation
-        moved = model.linearised(turned, at.position + change[3:]).pixels
+        moved = model.linearise_about(turned, at.position + change[3:]).pixels
         np.testing.assert_allclose((moved - at.pixels) / step, at.jacobian[..., parameter], rtol=1e-3, atol=0.1)
 
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rig_scenes import NOISE, VIEW, controllers, frame, headset
 from rootmatch.explain import image_bodies, image_hypotheses, rig_search
-from rootmatch.frozen import copied
-from rootmatch.model.modes import no_modes
-from rootmatch.model.proposals import no_proposals
+from rootmatch.frozen import copy_with
+from rootmatch.model.modes import empty_modes
+from rootmatch.model.proposals import empty_proposals
 
 CAMERA = rm.Camera(500.0, 500.0, 640.0, 480.0)
 
@@ -28,7 +28,11 @@ def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkey
     rng, twins, told = np.random.default_rng(5), list[Any](), list[bool]()
     points = rng.uniform(-0.2, 0.2, (2, 8, 3))
     tracker = rm.Tracker(points.reshape(-1, 3), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 8))
-    work, tell, also = image_hypotheses.Candidate.twins, image_bodies.told_by, image_hypotheses.Candidate.also
+    work, tell, also = (
+        image_hypotheses.Candidate.twins,
+        image_bodies.tell_image,
+        image_hypotheses.Candidate.add_assignments,
+    )
 
     def counted(self: Any, modes: Any) -> Any:
         twins.append(modes)
@@ -46,8 +50,8 @@ def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkey
         strays = rng.uniform(100.0, 800.0, (7, 2)) if k > 5 else shown(points[1], k, 0.7, rng)
         if k == 6:  # from here on the second body is not in view
             monkeypatch.setattr(image_hypotheses.Candidate, "twins", counted)
-            monkeypatch.setattr(image_bodies, "told_by", telling)
-            monkeypatch.setattr(image_hypotheses.Candidate, "also", named)
+            monkeypatch.setattr(image_bodies, "tell_image", telling)
+            monkeypatch.setattr(image_hypotheses.Candidate, "add_assignments", named)
         told.clear()
         match = tracker.update(np.vstack([shown(points[0], k, 0.0, rng), strays]), time=k / 60.0)
         assert match.bodies is not None
@@ -59,17 +63,17 @@ def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkey
 def test_a_trackers_search_of_one_camera_does_not_narrow_poses(monkeypatch: pytest.MonkeyPatch) -> None:
     points, normals, _ = controllers()
     leds, rig, looked, camera = len(points) // 2, headset(), list[int | None](), list[int | None]([None])
-    scene, searched, narrowed = frame(0, 0, rig, clutter=2), rig_search._searched, rig_search._narrowed
+    scene, searched, narrowed = frame(0, 0, rig, clutter=2), rig_search._search_cameras, rig_search._narrow
 
     def looking(*given: Any) -> Any:
         looked.append(camera[0])
         return narrowed(*given)
 
     def of_camera(task: Any, model: Any, limits: Any) -> Any:
-        return searched(copied(task, search_camera=camera[0]), model, limits)
+        return searched(copy_with(task, search_camera=camera[0]), model, limits)
 
-    monkeypatch.setattr(rig_search, "_narrowed", looking)
-    monkeypatch.setattr(rig_search, "_searched", of_camera)
+    monkeypatch.setattr(rig_search, "_narrow", looking)
+    monkeypatch.setattr(rig_search, "_search_cameras", of_camera)
     known: dict[str, Any] = {"noise": NOISE, "normals": normals[:leds], "view_angle": np.radians(VIEW)}
     for camera[0] in (None, *range(len(rig.views))):
         rm.match(points[:leds], scene.rows, rm.P3P(rig), **known)
@@ -83,7 +87,7 @@ def test_what_another_body_explains_has_no_twins(monkeypatch: pytest.MonkeyPatch
     points = rng.uniform(-0.2, 0.2, (10, 3))
     other = np.where(np.arange(10)[:, None] < 5, points, rng.uniform(-0.2, 0.2, (10, 3)))
     tracker = rm.Tracker(np.concatenate([points, other]), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 10))
-    work, also = image_hypotheses.Candidate.twins, image_hypotheses.Candidate.also
+    work, also = image_hypotheses.Candidate.twins, image_hypotheses.Candidate.add_assignments
 
     def counted(self: Any, modes: Any) -> Any:
         twins.append(float(modes.log_mass[0]))
@@ -97,7 +101,7 @@ def test_what_another_body_explains_has_no_twins(monkeypatch: pytest.MonkeyPatch
     for k in range(20):
         if k == 6:
             monkeypatch.setattr(image_hypotheses.Candidate, "twins", counted)
-            monkeypatch.setattr(image_hypotheses.Candidate, "also", naming)
+            monkeypatch.setattr(image_hypotheses.Candidate, "add_assignments", naming)
         seen = shown(points, k, 0.0, rng)[: 10 if k < 6 else 7]
         match = tracker.update(np.vstack([seen, rng.uniform(100.0, 800.0, (4, 2))]), time=k / 60.0)
         assert match.bodies is not None
@@ -108,15 +112,15 @@ def test_what_another_body_explains_has_no_twins(monkeypatch: pytest.MonkeyPatch
 
 def test_twins_are_proposed_of_the_best_pose_that_a_search_found(monkeypatch: pytest.MonkeyPatch) -> None:
     asked, candidate = list[Any](), image_hypotheses.Candidate
-    empty = no_modes(4)
+    empty = empty_modes(4)
     modes = type(empty)._make([np.zeros((3, *field.shape[1:]), field.dtype) for field in empty])
     mass = np.array([50.0, 49.0, 20.0])
     modes = modes._replace(log_odds=mass, log_mass=mass, rotation=Rotation.random(3, random_state=1).as_matrix())
 
     def twins(_: Any, of: Any) -> Any:
         asked.append(of.log_mass)
-        return no_proposals(4)
+        return empty_proposals(4)
 
     monkeypatch.setattr(candidate, "twins", twins)
-    candidate(None, None, modes).with_twins()  # type: ignore[arg-type]
+    candidate(None, None, modes).add_twins()  # type: ignore[arg-type]
     np.testing.assert_array_equal(asked, [mass[:1]])

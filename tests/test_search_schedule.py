@@ -20,7 +20,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.proposals import Proposals
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.tracking.followed_body import FollowedBody
-from rootmatch.tracking.search_schedule import LATELY, RepeatedSearch, chance_unmet, found_lately
+from rootmatch.tracking.search_schedule import LATELY, RepeatedSearch, bodies_found_lately, unmet_chance
 from rootmatch.tracking.tracker import TRACKING
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -108,14 +108,14 @@ def test_a_map_is_followed_from_the_second_frame_on(seed: int) -> None:
 
 def test_a_search_that_was_cut_short_is_not_repeated_as_it_was() -> None:
     search, options = RepeatedSearch(), MatchOptions(seed=3)
-    assert search.reordered(options) is options
+    assert search.reorder_draws(options) is options
     for k in range(1, 4):
         search.take(found=False, cut=True)
-        assert search.reordered(options).seed == 3 + k
+        assert search.reorder_draws(options).seed == 3 + k
     search.take(found=False, cut=False)  # nothing was left to search
     assert search.failures == 3
     search.take(found=True, cut=True)
-    assert search.reordered(options) is options
+    assert search.reorder_draws(options) is options
 
 
 def test_a_search_that_max_seconds_ends_counts_as_cut_short() -> None:
@@ -147,10 +147,10 @@ def followed(missed: int, *, served: int = 0, searched: int = 0, failures: int =
 
 def test_more_noise_is_asked_for_only_of_what_was_found_lately() -> None:
     bodies: dict[Label | None, FollowedBody] = {0: followed(0), 1: followed(LATELY - 1), 2: followed(LATELY, served=7)}
-    assert found_lately(bodies, bodies, 8, doubted=False) == [0, 1]
-    assert found_lately(bodies, bodies, 8, doubted=True) == [0, 1, 2]
-    assert found_lately(bodies, [1], 8, doubted=True) == [1]
-    assert not found_lately(bodies, bodies, 7, doubted=True)  # which is searched
+    assert bodies_found_lately(bodies, bodies, 8, doubted=False) == [0, 1]
+    assert bodies_found_lately(bodies, bodies, 8, doubted=True) == [0, 1, 2]
+    assert bodies_found_lately(bodies, [1], 8, doubted=True) == [1]
+    assert not bodies_found_lately(bodies, bodies, 7, doubted=True)  # which is searched
 
 
 def in_hall(rng: np.random.Generator, built: np.ndarray, k: int, shown: float) -> tuple[list[np.ndarray], np.ndarray]:
@@ -191,7 +191,7 @@ def test_what_images_show_too_little_of_is_as_probable_as_in_draws(looked: list[
     draws = np.array([np.bincount(rng.permutation(sightings)[:matched], minlength=6) for _ in range(4000)])
     each = (draws[:, looked] <= 3).mean(axis=0)
     assert 0.02 < each.prod() < 0.98
-    np.testing.assert_allclose(chance_unmet(found, looked), each.prod(), atol=0.03)
+    np.testing.assert_allclose(unmet_chance(found, looked), each.prod(), atol=0.03)
 
 
 def test_a_body_that_is_followed_is_searched_for_with_half_the_budget() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.errors import InputError, RootmatchError
-from rootmatch.problems.derived.store import vetted
+from rootmatch.problems.derived.store import compile_vetted
 from source_files import SOURCES, every_file, nodes_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -87,8 +87,8 @@ def test_a_calibration_runs_nothing(tmp_path: Path, suffix: str) -> None:
 def test_a_formula_is_arithmetic_or_not_run(statement: str) -> None:
     text = f"plan = {{}}\n\ndef f(a):\n    {statement}\n    return (a,)\n"
     with pytest.raises(RootmatchError, match="nothing of the file was run"):
-        vetted(text)
-    good = vetted(text.replace(statement, "x = sqrt(a) + 2.0 * a"))
+        compile_vetted(text)
+    good = compile_vetted(text.replace(statement, "x = sqrt(a) + 2.0 * a"))
     assert np.allclose(good.functions["f"](4.0), (4.0,))
 
 

@@ -13,8 +13,8 @@ from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.search import Search
-from rootmatch.samplers.guided.visibility import facing_points, seen_together
-from rootmatch.samplers.guided.visible_search import VisibleSearch, ranks_triples, search_of
+from rootmatch.samplers.guided.visibility import covisible_share, facing_points
+from rootmatch.samplers.guided.visible_search import VisibleSearch, choose_search, ranks_triples
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
 NOISE = 0.3
@@ -44,7 +44,7 @@ def searched(points: Points, pixels: Points, normals: Points, view_angle: float 
     task = MatchingTask.of(
         rm.P3P(CAMERA), points, pixels, noise=NOISE, options=MatchOptions(), normals=normals, view_angle=view_angle
     )
-    search = search_of(task.sampling_task, GuidedOptions(), task.deadline)
+    search = choose_search(task.sampling_task, GuidedOptions(), task.deadline)
     search.run()
     return search
 
@@ -56,17 +56,17 @@ def test_the_share_of_triples_is_that_of_all_triples_in_all_views() -> None:
     views = facing_points(normals)
     triples = np.array(list(combinations(range(9), 3)))
     shown = views[:, triples].all(axis=2)[views.sum(axis=1) >= 3]
-    assert seen_together(normals) == pytest.approx(shown.mean())
+    assert covisible_share(normals) == pytest.approx(shown.mean())
 
 
 def test_one_side_of_a_plate_is_seen_together_and_two_sides_are_not() -> None:
     normals = np.tile([0.0, 0.0, 1.0], (20, 1))
-    assert seen_together(normals) == 1.0
-    assert seen_together(normals, np.zeros(20)) == 1.0
+    assert covisible_share(normals) == 1.0
+    assert covisible_share(normals, np.zeros(20)) == 1.0
     normals[:10] *= -1.0
-    assert seen_together(normals) < 0.15
-    assert seen_together(np.zeros((20, 3))) == 1.0  # no normal hides anything
-    assert seen_together(normals[9:11]) == 0.0
+    assert covisible_share(normals) < 0.15
+    assert covisible_share(np.zeros((20, 3))) == 1.0  # no normal hides anything
+    assert covisible_share(normals[9:11]) == 0.0
 
 
 @pytest.mark.parametrize("view_angle", [None, 0.5 * np.pi])

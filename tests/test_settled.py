@@ -13,7 +13,14 @@ import rootmatch as rm
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import FAR, about, evidence, settled, settled_about, squared_deviations
+from rootmatch.model.evidence import (
+    FAR,
+    settle_evidence,
+    settle_poses,
+    squared_deviations,
+    weigh_assignments,
+    weigh_poses,
+)
 from rootmatch.model.known_density import Known
 from rootmatch.model.proposals import rough_fits
 from test_compiled_model import CASES, PINHOLE, SIZES, assignments_of, rig, scene
@@ -52,7 +59,7 @@ def test_of_nearly_collinear_points(seed: int) -> None:
     model = Candidate.of(task, []).model
     k = int(np.flatnonzero((modes.assignments == truth).all(axis=1))[0])
     R, position = modes.rotation[k], modes.position[k]
-    chi2 = squared_deviations(model, truth[None], model.linearised(R[None], position[None]))[0]
+    chi2 = squared_deviations(model, truth[None], model.linearise_about(R[None], position[None]))[0]
     assert chi2 < least_chi2(task, truth, R, position) + FAR
 
 
@@ -62,10 +69,10 @@ def test_a_hypothesis_settles_as_it_does_by_itself() -> None:
     model, rng = Candidate.of(task, []).model, np.random.default_rng(0)
     rows = np.array([truth, *(rng.permutation(8)[:6] for _ in range(10))])
     proposals = rough_fits(model, rows)
-    together, at = settled(model, proposals.assignments, *about(model, *proposals))
+    together, at = settle_evidence(model, proposals.assignments, *weigh_poses(model, *proposals))
     for k in range(3):
         one = proposals.take(np.array([k]))
-        alone, there = settled(model, one.assignments, *about(model, *one))
+        alone, there = settle_evidence(model, one.assignments, *weigh_poses(model, *one))
         if together.log_odds[k] < together.log_odds.max() - 30.0:
             continue
         np.testing.assert_allclose(at.rotation[k], there.rotation[0], atol=1e-9)
@@ -83,7 +90,7 @@ def test_a_pose_far_from_the_best_one_is_not_weighed_for_another() -> None:
     model = DetectionModel(rm.Camera(900.0, 900.0, 640.0, 480.0), points, target, np.full(5, 0.3), prior=prior)
     turns = Rotation.from_rotvec([[0.521, 0.617, -0.251], [0.994, 1.219, -0.1]]).as_matrix()
     places = np.array([[-0.272, 0.226, 0.733], [-0.25, 0.199, 0.738]]) + turns @ centre
-    found, at = settled_about(model, np.arange(5)[None].repeat(2, axis=0), turns, places)
+    found, at = settle_poses(model, np.arange(5)[None].repeat(2, axis=0), turns, places)
     assert (found.decrement < FAR).all()
     assert found.log_odds[0] == pytest.approx(found.log_odds[1], abs=1e-2)
     np.testing.assert_allclose(at.rotation[0], at.rotation[1], atol=1e-3)
@@ -113,7 +120,7 @@ def test_at_once_is_step_by_step(name: str, count: int) -> None:
     model, rotation, position = scene(camera, seed=1020, poses=count, **more)
     rows = assignments_of(model, count, 1021)
     rng = np.random.default_rng(1022)
-    at = model.linearised(rotation, position)
+    at = model.linearise_about(rotation, position)
     # half of them fit their detections, and are some steps away from their best poses
     for k in range(0, count, 2):
         used = rows[k] >= 0
@@ -122,16 +129,18 @@ def test_at_once_is_step_by_step(name: str, count: int) -> None:
     model, slow = replace(model), by_numpy(model)
     assert model.scene_for_kernels is not None
     for fast, oracle in zip(
-        (about(model, rows, rotation, position), settled_about(model, rows, rotation, position)),
-        (about(slow, rows, rotation, position), settled_about(slow, rows, rotation, position)),
+        (weigh_poses(model, rows, rotation, position), settle_poses(model, rows, rotation, position)),
+        (weigh_poses(slow, rows, rotation, position), settle_poses(slow, rows, rotation, position)),
         strict=True,
     ):
         for one, other in zip((*fast[0], *fast[1]), (*oracle[0], *oracle[1]), strict=True):
             if one is not None and other is not None:
                 np.testing.assert_allclose(one, other, rtol=1e-6, atol=exact)
-    found, there = settled(model, rows, *about(model, rows, rotation, position))
+    found, there = settle_evidence(model, rows, *weigh_poses(model, rows, rotation, position))
     np.testing.assert_array_equal(found.log_odds, fast[0].log_odds)
     np.testing.assert_array_equal(there.rotation, fast[1].rotation)
-    one_pose = model.linearised(rotation[:1], position[:1])
-    for one, other in zip(evidence(model, rows, one_pose), evidence(slow, rows, one_pose), strict=True):
+    one_pose = model.linearise_about(rotation[:1], position[:1])
+    for one, other in zip(
+        weigh_assignments(model, rows, one_pose), weigh_assignments(slow, rows, one_pose), strict=True
+    ):
         np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-9)

@@ -13,17 +13,24 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.finding import nothing_found
-from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.finding import make_empty_finding
+from rootmatch.explain.image_decision import tell_image
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model import unrecognised
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.mode_search import find_modes
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian
-from rootmatch.model.posterior import unknown
+from rootmatch.model.posterior import empty_posterior
 from rootmatch.model.proposals import Proposals
-from rootmatch.model.shown_in_part import IN_SIGHT, FewShown, few_detected, few_in_sight, few_of_each, ways_to_own
+from rootmatch.model.shown_in_part import (
+    IN_SIGHT,
+    FewShown,
+    count_distributions,
+    count_ways_to_own,
+    odds_of_few,
+    sum_small_subsets,
+)
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior
 
@@ -53,7 +60,7 @@ def test_few_detected_points_by_enumeration() -> None:
         (first, of_first), (second, of_second) = of_image(case, 0), of_image(case, 1)
         whole += weight * first * second
         without += weight * np.array([of_first * second, first * of_second])
-    odds, share = few_detected(chance.transpose(1, 2, 0), weights, np.array(counts), most)
+    odds, share = odds_of_few(chance.transpose(1, 2, 0), weights, np.array(counts), most)
     assert odds == pytest.approx(whole)
     np.testing.assert_allclose(share, without.reshape(-1) / whole)
 
@@ -61,13 +68,13 @@ def test_few_detected_points_by_enumeration() -> None:
 def test_what_may_be_hidden_as_a_whole_is_summed_over_what_is_ever_visible() -> None:
     rng = np.random.default_rng(1)
     visible, rates, most = rng.uniform(0.0, 1.0, (3, 8)) * (rng.random(8) < 0.7), np.array([0.4, 0.95]), 2
-    few, hidden = few_in_sight(visible, rates, 2, most)
+    few, hidden = count_distributions(visible, rates, 2, most)
     each = np.outer(rates, (1.0, *IN_SIGHT)).reshape(-1)
     chance = (visible.T[:, :, None] * each).reshape(2, 4, -1)
     assert hidden.sum() == pytest.approx(1.0)
     for counts in (np.array([3, 1]), np.array([0, 2])):
-        odds = (ways_to_own(counts, most) * few).sum(axis=0).prod(axis=0)
-        np.testing.assert_allclose(np.log(odds), few_of_each(chance, counts, most)[0])
+        odds = (count_ways_to_own(counts, most) * few).sum(axis=0).prod(axis=0)
+        np.testing.assert_allclose(np.log(odds), sum_small_subsets(chance, counts, most)[0])
 
 
 def test_what_is_expected_of_a_body_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,15 +85,15 @@ def test_what_is_expected_of_a_body_is_worked_out_once(monkeypatch: pytest.Monke
     target = CAMERA.project(points + np.array([0.2, 0.0, 1.0]))
     model = DetectionModel(CAMERA, points, target, np.ones(6), prior=prior)
     place = Proposals(np.arange(6)[None], np.eye(3)[None], points.mean(axis=0)[None] + [0.2, 0.0, 1.0])
-    modes, work = modes_of(model, place), unrecognised.few_in_sight
+    modes, work = find_modes(model, place), unrecognised.count_distributions
 
     def counted(visible: Floats, *rest: Any) -> Any:
         asked.append(len(visible))
         return work(visible, *rest)
 
-    monkeypatch.setattr(unrecognised, "few_in_sight", counted)
-    first = unrecognised.unrecognised(model, prior, modes)
-    again = unrecognised.unrecognised(replace(model), prior, modes)
+    monkeypatch.setattr(unrecognised, "count_distributions", counted)
+    first = unrecognised.odds_of_unrecognised(model, prior, modes)
+    again = unrecognised.odds_of_unrecognised(replace(model), prior, modes)
     np.testing.assert_array_equal(first, again)
     assert asked == [unrecognised.POSES]
 
@@ -128,7 +135,9 @@ def test_only_who_asks_for_one_body_is_told_of_parts_and_fewer_detections_show_f
     task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.3)
 
     def confidence(task: MatchingTask, taken: NDArray[np.bool_] | None = None) -> Floats:
-        told = told_by(nothing_found(task, ""), unknown(6), Candidate.of(task, []), taken=taken).every_confidence
+        told = tell_image(
+            make_empty_finding(task, ""), empty_posterior(6), Candidate.of(task, []), taken=taken
+        ).all_confidence
         assert told is not None
         return told
 
@@ -147,7 +156,7 @@ def test_what_faces_away_is_not_in_view() -> None:
     def of(normals: Floats) -> Floats:
         given = {"normals": normals, "view_cosine": np.full(5, 0.5), "rate": 0.97}
         model = DetectionModel(CAMERA, points, target, np.full(6, 0.3), **given)
-        return FewShown(model, 3, np.array([6])).undetected()
+        return FewShown(model, 3, np.array([6])).undetected_probability()
 
     one_side, all_sides = of(flat), of(points / np.linalg.norm(points, axis=1)[:, None])
     assert 0.75 < one_side.mean() < 0.88, "it would show nearly all of its points, but from beside"
@@ -160,19 +169,19 @@ def test_a_body_that_a_search_has_not_met_by_enumeration() -> None:
     points, target = rng.uniform(-0.05, 0.05, (5, 3)), rng.uniform((0, 0), (640, 480), (7, 2))
     model = DetectionModel(CAMERA, points, target, np.full(7, 0.3))
     few, more = FewShown(model, most, np.array([7])), np.zeros(2)
-    rates = np.outer(model.rates[0], (1.0, *IN_SIGHT)).reshape(1, 1, -1).repeat(5, axis=1)
-    _, shares = few_in_sight(np.ones((1, 5)), model.rates[0], 1, most)
-    cases = np.outer(np.exp(model.rates[1]), shares).reshape(-1)
+    rates = np.outer(model.rate_quadrature[0], (1.0, *IN_SIGHT)).reshape(1, 1, -1).repeat(5, axis=1)
+    _, shares = count_distributions(np.ones((1, 5)), model.rate_quadrature[0], 1, most)
+    cases = np.outer(np.exp(model.rate_quadrature[1]), shares).reshape(-1)
     for chance, weight in zip(rates[0].T, cases, strict=True):
         for k in range(most + 1, 6):
             for some in combinations(range(5), k):
                 own = np.isin(np.arange(5), some)
                 each = weight * np.prod(np.where(own, chance, 1.0 - chance))
                 more += each, each * (0 not in some)
-    known = few.undetected()[0]
-    odds = few_detected(rates, cases, np.array([7]), most)[0] * present
+    known = few.undetected_probability()[0]
+    odds = odds_of_few(rates, cases, np.array([7]), most)[0] * present
     expected = (known * (1.0 + odds) + present * unmet * more[1]) / (1.0 + odds + present * unmet * more[0])
-    assert replace(few, unmet=unmet).undetected()[0] == pytest.approx(expected, abs=0.01)
+    assert replace(few, unmet=unmet).undetected_probability()[0] == pytest.approx(expected, abs=0.01)
     assert expected < known - 0.03
 
 

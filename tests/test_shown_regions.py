@@ -10,9 +10,9 @@ from scipy.special import betaln
 
 import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
-from rootmatch.model.labelling_sums import labelling_sums
+from rootmatch.model.labelling_sums import sum_labellings
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.shown_regions import log_of_regions
+from rootmatch.model.shown_regions import log_region_factor
 from rootmatch.problems.points import PointClouds
 
 
@@ -35,20 +35,20 @@ def test_the_probabilities_of_all_that_may_be_shown_sum_to_one(n: int) -> None:
     every = np.array(list(product([False, True], repeat=n)))
     shown = every.sum(axis=1)
     log_flat = betaln(shown + 1.0, n - shown + 1.0)
-    assert np.exp(log_flat + log_of_regions(source, every)).sum() == pytest.approx(1.0, abs=1e-5)
+    assert np.exp(log_flat + log_region_factor(source, every)).sum() == pytest.approx(1.0, abs=1e-5)
 
 
 def test_in_a_region_that_is_shown_a_point_is_hardly_missed() -> None:
     source, _, truth = plot(0)
     changed = np.repeat((truth >= 0)[None], 71, axis=0)
     changed[np.arange(70), np.arange(70)] ^= True
-    *others, own = log_of_regions(source, changed)
+    *others, own = log_region_factor(source, changed)
     more = np.where(truth >= 0, -1.0, 1.0) * (np.array(others) - own)
     assert own > 5.0
     assert np.median(more[truth >= 0]) > 1.0
     away = np.linalg.norm(source - source[truth >= 0].mean(axis=0), axis=1)
     assert more[np.argsort(away)[-20:]].max() < -1.0
-    assert log_of_regions(source, (np.arange(70) % 3 == 0)[None])[0] > -0.23, "points anywhere lose a fifth at most"
+    assert log_region_factor(source, (np.arange(70) % 3 == 0)[None])[0] > -0.23, "points anywhere lose a fifth at most"
 
 
 def test_sums_over_labellings_have_regions_in_them() -> None:
@@ -61,7 +61,7 @@ def test_sums_over_labellings_have_regions_in_them() -> None:
     without[np.arange(len(seen)), seen] = -1
     every = np.concatenate([truth[None], without])
     odds = model.judged(every).log_odds
-    sums = labelling_sums(model, every, np.exp(odds - odds.max()))
+    sums = sum_labellings(model, every, np.exp(odds - odds.max()))
     assert sums is not None
     shares = np.log(sums.shares(every))
     np.testing.assert_allclose(shares[1:] - shares[0], odds[1:] - odds[0], atol=0.5)

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.arrays import Floats
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about, settled_about
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.evidence import settle_poses, weigh_poses
+from rootmatch.model.mode_search import find_modes
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Broad
 from rootmatch.model.proposals import Proposals
-from rootmatch.model.smooth_errors import log_odds_if_smooth
+from rootmatch.model.smooth_errors import smooth_error_log_odds
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 SIGMA = 0.2
@@ -55,18 +55,18 @@ def bent(bend: float, matched: int) -> tuple[DetectionModel, Modes, float]:
     target = CAMERA.project(shown + AWAY) + rng.normal(0.0, SIGMA, (12, 2))
     model = DetectionModel(CAMERA, body, target, np.full(12, SIGMA), prior=Broad(), noise_freedom=1e9)
     assignment = np.where(np.arange(12) < matched, np.arange(12), -1)[None]
-    _, at = settled_about(model, assignment, np.eye(3)[None], (model.centre + AWAY)[None])
-    modes = modes_of(model, Proposals(assignment, at.rotation, at.position))
+    _, at = settle_poses(model, assignment, np.eye(3)[None], (model.centre + AWAY)[None])
+    modes = find_modes(model, Proposals(assignment, at.rotation, at.position))
     return model, modes.take(slice(1)), body_radius(body)
 
 
 def test_the_evidence_is_that_of_a_gaussian_process() -> None:
     model, mode, radius = bent(0.0, 12)
     error = 0.01 * radius
-    at = model.linearised(mode.rotation, mode.position)
+    at = model.linearise_about(mode.rotation, mode.position)
     squares = ((model.points[:, None] - model.points) ** 2).sum(axis=2)
     wide = replace(model, source_covariance=np.tile(error**2 * np.eye(3), (12, 1, 1)))
-    independent, _ = about(wide, mode.assignments, mode.rotation, mode.position)
+    independent, _ = weigh_poses(wide, mode.assignments, mode.rotation, mode.position)
     rows, offset = at.jacobian[0].reshape(24, 6), (model.target - at.pixels[0]).ravel()
     any_pose = rows @ np.diag([0.3**2] * 6) @ rows.T
     densities = []
@@ -74,7 +74,7 @@ def test_the_evidence_is_that_of_a_gaussian_process() -> None:
         moved = np.einsum("iac,jbc->iajb", at.by_position[0], at.by_position[0]) * alike[:, None, :, None]
         spread = error**2 * moved.reshape(24, 24) + SIGMA**2 * np.eye(24) + any_pose
         densities.append(stats.multivariate_normal(np.zeros(24), spread).logpdf(offset))
-    (smooth,) = log_odds_if_smooth(model, mode, 0, np.array([error]))
+    (smooth,) = smooth_error_log_odds(model, mode, 0, np.array([error]))
     assert smooth - independent.log_odds[0] == pytest.approx(densities[1] - densities[0], abs=0.1)
 
 
@@ -82,8 +82,8 @@ def test_an_assignment_grows_along_a_bend() -> None:
     """The end of the rod is 4.5 cm off, beyond the points beside it, where independent errors would expect others."""
     model, mode, radius = bent(2.0, 6)
     assert (mode.assignments[0, 9:] < 0).all()
-    few, far = log_odds_if_smooth(model, mode, 0, np.array([1e-4, 0.1]) * radius)
+    few, far = smooth_error_log_odds(model, mode, 0, np.array([1e-4, 0.1]) * radius)
     assert far > few + 10.0
     none = replace(model, target=model.target + np.outer(np.arange(12) >= 6, (0.0, 300.0)))
-    (left,) = log_odds_if_smooth(none, mode, 0, np.array([0.1]) * radius)
+    (left,) = smooth_error_log_odds(none, mode, 0, np.array([0.1]) * radius)
     assert far > left + 10.0

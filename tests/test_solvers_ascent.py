@@ -82,7 +82,7 @@ def test_index_in_parts_is_the_same_on_any_number_of_threads(monkeypatch):
     tensor = random_tensor(3, 9, 9, 4, 4000)
     found = []
     for threads in (1, 3):
-        monkeypatch.setattr(subset_index, "threads_worth", lambda tasks, threads=threads: threads)
+        monkeypatch.setattr(subset_index, "worthwhile_threads", lambda tasks, threads=threads: threads)
         found.append(build_index(tensor, bucket_bits=20))
     at_once = subset_index._index_at_once(
         tensor.indices, tensor.weights, found[0].keys, 20, found[0].bucket_shift, found[0].tag_shift, found[0].edge_bits
@@ -309,7 +309,7 @@ def test_neighbours_of_equal_scores_come_in_the_order_in_which_they_are_listed(o
     tensor = AffinityTensor(indices, rng.integers(0, 2, len(indices)) * 1.0, (n, n_target))
     image = np.where(rng.random(n) < 0.8, rng.permutation(n_target)[:n], -1)
     assert (image >= 0).any()
-    every = one_change_neighbours(image, n_target).applied_to(image)
+    every = one_change_neighbours(image, n_target).apply_to(image)
     scores = np.array([objective(tensor.indices, tensor.weights, one, n_target, None, 0.0) for one in every])
     best = np.argsort(-scores, kind="stable")
     for keep in (3, 1000):

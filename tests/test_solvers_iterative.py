@@ -18,7 +18,7 @@ from rootmatch.solvers import (
 )
 from rootmatch.solvers.bcagm import _Ascent
 from rootmatch.solvers.hgm import project
-from rootmatch.solvers.rrwhm import balanced
+from rootmatch.solvers.rrwhm import balance_matrix
 from solver_oracles import best_score, dense_contraction, dense_tensor, naive_score, planted, random_edges
 
 SHAPES = [(2, 6, 6), (3, 6, 7), (3, 7, 6), (4, 6, 6), (4, 6, 8), (5, 7, 7)]
@@ -148,9 +148,9 @@ def test_a_short_walk_is_the_one_in_steps(order, n, n_target, slack):
         tensor = noise(order, n, n_target, order, 40, unary=unary)
         for steps in (1, 2, 300):
             usual = ReweightedWalk(iterations=steps, slack=slack)
-            x, done, change = usual.walked(tensor)
+            x, done, change = usual.run_walk(tensor)
             start = np.full((n, n_target), 1 / (n * n_target))
-            expected, expected_done, expected_change = usual.walked_in_steps(tensor, start)
+            expected, expected_done, expected_change = usual.run_walk_in_steps(tensor, start)
             np.testing.assert_allclose(x, expected, rtol=1e-9, atol=1e-14)
             assert done == expected_done
             assert change == pytest.approx(expected_change, rel=1e-6, abs=1e-18)
@@ -160,7 +160,7 @@ def test_a_short_walk_is_the_one_in_steps(order, n, n_target, slack):
 def test_balanced_matrix_has_the_sums_of_an_assignment(shape):
     rng = np.random.default_rng(0)
     y = np.exp(30 * rng.random(shape))
-    x = balanced(y, 20000, 1e-10)
+    x = balance_matrix(y, 20000, 1e-10)
     short, long = (1, 0) if shape[0] <= shape[1] else (0, 1)
     np.testing.assert_allclose(x.sum(axis=short), 1, rtol=1e-8)
     assert (x.sum(axis=long) <= 1 + 1e-8).all()
@@ -171,19 +171,19 @@ def test_balanced_matrix_has_the_sums_of_an_assignment(shape):
 
 def test_balancing_is_bounded():
     y = np.array([[1.0, 1e-120], [1.0, 1e-120]])
-    assert np.isfinite(balanced(y, 5)).all()
+    assert np.isfinite(balance_matrix(y, 5)).all()
 
 
 def test_without_slack_both_sets_are_balanced_to_equal_sums():
     y = np.random.default_rng(2).random((3, 7)) + 0.1
-    for x in (balanced(y, 2000, 1e-12, slack=False), balanced(y.T, 2000, 1e-12, slack=False).T):
+    for x in (balance_matrix(y, 2000, 1e-12, slack=False), balance_matrix(y.T, 2000, 1e-12, slack=False).T):
         np.testing.assert_allclose(x.sum(axis=1), x.sum() / 3)
         np.testing.assert_allclose(x.sum(axis=0), x.sum() / 7)
         ratio = x / y
         np.testing.assert_allclose(ratio * ratio[0, 0], ratio[:, :1] * ratio[:1])
     # many steps between sets of very different sizes neither overflow nor vanish
     y = np.exp(30 * np.random.default_rng(3).random((3, 60)))
-    x = balanced(y, 5000, 0.0, slack=False)
+    x = balance_matrix(y, 5000, 0.0, slack=False)
     np.testing.assert_allclose(x.sum(axis=1), 1)
     np.testing.assert_allclose(x.sum(axis=0), 3 / 60)
     indices, weights, _ = planted(3, 5, 9, 3, 300)

@@ -14,7 +14,7 @@ import rootmatch as rm
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.problems.noise import check_source_noise
-from rootmatch.problems.pose_fit.shared_errors import left_by
+from rootmatch.problems.pose_fit.shared_errors import remaining_prediction_error
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(1500.0, 1500.0, 640.0, 480.0)
@@ -237,7 +237,7 @@ def test_a_vaguer_pose_from_a_caller_leaves_little_of_a_prediction() -> None:
     root = rng.normal(size=(6, 6))
     predicted = root @ root.T
     fitted = root @ np.diag([0.25, 0.5, 1.0, 1.0, 4.0, 100.0]) @ root.T
-    left = np.linalg.solve(root, left_by(fitted, predicted) @ root)
+    left = np.linalg.solve(root, remaining_prediction_error(fitted, predicted) @ root)
     np.testing.assert_allclose(left, np.diag([0.25, 0.5, 1.0, 1.0, 0.25, 0.01]), atol=1e-6)
 
 

@@ -9,7 +9,7 @@ from rootmatch.solvers import MultiStartAscent
 from rootmatch.solvers.ascent import bounded_ascents, multi_start
 from rootmatch.solvers.ascent.bounded_ascents import BoundedAscents
 from rootmatch.solvers.ascent.climb import climb_from, state_of
-from rootmatch.solvers.ascent.start_ranking import candidates, heaviest, rank_heaviest
+from rootmatch.solvers.ascent.start_ranking import heaviest, rank_candidates, rank_heaviest
 from rootmatch.solvers.ascent.subset_index import build_index
 from solver_oracles import naive_support, planted
 from test_solvers_ascent import random_tensor
@@ -32,7 +32,7 @@ def test_ranks_that_are_looked_up_are_weights_with_support(order):
 def test_candidates_are_the_best_of_those_that_are_ranked(most, monkeypatch):
     tensor = random_tensor(3, 6, 7, 3, 600)
     index = build_index(tensor, bucket_bits=12)
-    edges, ranks = candidates(index, 5, most)
+    edges, ranks = rank_candidates(index, 5, most)
     rank = naive_support(tensor.indices, tensor.weights) + tensor.weights
     ranked = np.arange(600) if most > 600 else rank_heaviest(index, most)[0]
     wanted = set(ranked[np.argsort(-rank[ranked])[:5]].tolist())

@@ -11,9 +11,9 @@ import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.near_symmetries import LEAST, same_up_to
+from rootmatch.model.near_symmetries import LEAST, same_point_tolerance
 from rootmatch.model.proposals import Proposals
-from rootmatch.model.successive_symmetries import MOST_MOTIONS, in_succession, moved_along
+from rootmatch.model.successive_symmetries import MOST_MOTIONS, compose_symmetries, propose_moved
 
 CAMERA = rm.Camera(250.0, 250.0, 640.0, 480.0)
 ROWS, COLUMNS, SPACING = 9, 12, (1.2, 1.8)
@@ -46,7 +46,7 @@ def shown_with_another(points: Floats, across: float) -> tuple[Integers, Integer
 
 def test_all_shifts_of_a_lattice_are_among_them() -> None:
     points = lamps(0)
-    motions = in_succession(points, None)
+    motions = compose_symmetries(points, None)
     straight = np.einsum("mii->m", motions.rotation) > 2.99
     images = {one.tobytes() for one in motions.image[straight]}
     assert len(motions.image) == len({one.tobytes() for one in motions.image}) < 2 * MOST_MOTIONS
@@ -57,13 +57,15 @@ def test_all_shifts_of_a_lattice_are_among_them() -> None:
     moved = points @ motions.rotation.swapaxes(1, 2) + motions.shift[:, None]
     which, own = np.nonzero(motions.image >= 0)
     assert len(which) >= LEAST * len(motions.image)
-    assert np.linalg.norm(moved[which, own] - points[motions.image[which, own]], axis=1).max() < same_up_to(points)
+    assert np.linalg.norm(moved[which, own] - points[motions.image[which, own]], axis=1).max() < same_point_tolerance(
+        points
+    )
 
 
 def test_a_body_with_one_half_turn_has_no_others() -> None:
     half = np.random.default_rng(3).uniform(-1.0, 1.0, (6, 3))
-    assert not len(in_succession(np.concatenate([half, half * (-1.0, -1.0, 1.0)]), None).image)
-    assert not len(in_succession(half, None).image)
+    assert not len(compose_symmetries(np.concatenate([half, half * (-1.0, -1.0, 1.0)]), None).image)
+    assert not len(compose_symmetries(half, None).image)
 
 
 def test_moved_poses_have_the_same_image() -> None:
@@ -75,8 +77,8 @@ def test_moved_poses_have_the_same_image() -> None:
     assignment = np.full((1, len(points)), -1)
     assignment[0, own] = np.arange(len(own))
     found = Proposals(assignment, rotation[None], (rotation @ (centre - camera))[None])
-    motions = in_succession(points, None)
-    moved = moved_along(found, motions, motions.image, centre)
+    motions = compose_symmetries(points, None)
+    moved = propose_moved(found, motions, motions.image, centre)
     image = CAMERA.project((points[own] - centre) @ rotation.T + found.position[0])
     for row, turned, place in zip(*moved, strict=True):
         (at,) = np.nonzero(row >= 0)

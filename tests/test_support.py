@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rootmatch.hypergraph.support import drop_unsupported, scores_of
+from rootmatch.hypergraph.support import drop_unsupported, score_assignments
 from rootmatch.hypergraph.tensor import AffinityTensor
 from solver_oracles import planted
 
@@ -74,11 +74,11 @@ def test_many_assignments_at_once_are_as_one_by_one(order: int, unary: bool) -> 
     assignments[rng.random(assignments.shape) < 0.2] = -1
     assignments[0] = -1
     whole = [tensor.score(assignment) for assignment in assignments]
-    assert scores_of(tensor, assignments) == pytest.approx(whole, rel=1e-12)
+    assert score_assignments(tensor, assignments) == pytest.approx(whole, rel=1e-12)
     dropped = 0
     for fraction in (0.0, 0.2, 0.8):
         kept, scores = drop_unsupported(tensor, assignments, fraction)
-        assert scores_of(tensor, kept).tolist() == scores.tolist()
+        assert score_assignments(tensor, kept).tolist() == scores.tolist()
         for assignment, got, score in zip(assignments, kept, scores, strict=True):
             expected = dropped_one_by_one(assignment, tensor, fraction)
             assert got.tolist() == expected.tolist()

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.arrays import Floats
-from rootmatch.samplers.guided.hypotheses import Hypotheses, missed_as_met
+from rootmatch.samplers.guided.hypotheses import Hypotheses, recurrence_miss_probability
 from rootmatch.samplers.guided.minimal_sets import sets_of_parts
 from rootmatch.samplers.guided.sequential_test import sequential_test
-from rootmatch.samplers.guided.stopping import fewest_told
+from rootmatch.samplers.guided.stopping import least_telling_matches
 
 CAMERA = rm.Camera(1800.0, 1800.0, 640.0, 480.0)
 AT_THE_STARS = rm.PosePrior(position=((0, 0, 0), 1e-6))
@@ -57,10 +57,10 @@ def test_no_more_is_searched_than_a_pose_takes_that_can_be_told() -> None:
 def test_fewest_matches_that_tell_a_pose() -> None:
     """Each match beyond three is worth e⁹ here, and 10⁷ sets are tried, of which one in 19 odds may be chance."""
     density, variance = np.full(60, math.exp(-9.0) / (2.0 * math.pi)), np.ones(60)
-    assert fewest_told(density, variance, 3, 1.0) == 4
-    assert fewest_told(density, variance, 3, 1e6) == 5
-    assert fewest_told(density, variance, 3, 1e7) == 6
-    assert fewest_told(np.ones(60), variance, 3, 1e7) == 60
+    assert least_telling_matches(density, variance, 3, 1.0) == 4
+    assert least_telling_matches(density, variance, 3, 1e6) == 5
+    assert least_telling_matches(density, variance, 3, 1e7) == 6
+    assert least_telling_matches(np.ones(60), variance, 3, 1e7) == 60
 
 
 def test_what_is_known_still_finds_few_stars() -> None:
@@ -97,7 +97,9 @@ def test_what_was_met_often_would_not_have_been_missed_elsewhere() -> None:
         count = len(sets)
         return Hypotheses(points, images, np.ones(count), np.tile(best, (count, 1)), np.full((count, 6, 4), -1))
 
-    assert missed_as_met(best, []) == 1.0
-    assert missed_as_met(best, [batch((0, 1, 2))]) == 1.0
-    assert missed_as_met(best, [batch((0, 1, 2), (2, 1, 0)), batch((1, 3, 4))]) == 1.0, "two roots, and another pose"
-    assert missed_as_met(best, [batch((0, 1, 2), (1, 2, 3)), batch((0, 1, 2))]) == 0.25
+    assert recurrence_miss_probability(best, []) == 1.0
+    assert recurrence_miss_probability(best, [batch((0, 1, 2))]) == 1.0
+    assert recurrence_miss_probability(best, [batch((0, 1, 2), (2, 1, 0)), batch((1, 3, 4))]) == 1.0, (
+        "two roots, and another pose"
+    )
+    assert recurrence_miss_probability(best, [batch((0, 1, 2), (1, 2, 3)), batch((0, 1, 2))]) == 0.25

@@ -14,8 +14,8 @@ import rootmatch as rm
 from commands import run
 from rootmatch.cli import track_summary
 from rootmatch.cli.motion_options import tracking_options
-from rootmatch.cli.track_summary import WAITING, Queue, in_options
-from rootmatch.problems.pose_fit.pose_checks import rotation_of_quaternion
+from rootmatch.cli.track_summary import WAITING, Queue, rephrase_advice
+from rootmatch.problems.pose_fit.pose_checks import quaternion_to_rotation
 from test_cli_frames import FRAMES, OPTIONS, folder, write
 from test_tracker import frame
 
@@ -27,7 +27,7 @@ def verticals(folder: Path, sign: float) -> list[list[Any]]:
     """The direction y of the model in each of the first frames, or its opposite."""
     lines = run("track", folder / "model.csv", folder / "frames.csv", *OPTIONS, "--json").stdout.splitlines()
     quaternions = [json.loads(line)["pose"]["quaternion"] for line in lines[:4]]
-    turned = [sign * rotation_of_quaternion(one, "xyzw")[:, 1] for one in quaternions]
+    turned = [sign * quaternion_to_rotation(one, "xyzw")[:, 1] for one in quaternions]
     return [[k, *one.tolist(), 0, 1, 0, 1] for k, one in enumerate(turned)]
 
 
@@ -83,7 +83,7 @@ def test_why_frames_are_not_matched_is_said_once(folder: Path, tmp_path: Path) -
 
 def test_an_advice_names_options() -> None:
     told = "`search_budget` ended it; raise it in `TrackingOptions`, or give a larger `noise=`"
-    assert in_options(told) == "--search-budget ended it; raise it, or give a larger `--noise`"
+    assert rephrase_advice(told) == "--search-budget ended it; raise it, or give a larger `--noise`"
 
 
 def test_options_of_motions_are_taken_in_degrees(folder: Path) -> None:

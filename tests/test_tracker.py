@@ -16,15 +16,15 @@ from scipy.spatial.transform import Rotation
 
 import oracles
 import rootmatch as rm
-from rootmatch.explain.image_decision import pose_of_mode
+from rootmatch.explain.image_decision import mode_pose
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
-from rootmatch.model.mode_search import modes_of
-from rootmatch.model.modes import none_near
-from rootmatch.model.near_symmetries import near_symmetries
+from rootmatch.model.mode_search import find_modes
+from rootmatch.model.modes import empty_changes_each
+from rootmatch.model.near_symmetries import near_symmetric_motions
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
-from rootmatch.tracking.averaged_pose import averaged_pose
+from rootmatch.tracking.averaged_pose import average_pose
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_places import log_returned
 from rootmatch.tracking.followed_pose import FollowedPose
@@ -124,9 +124,9 @@ def test_a_frame_without_the_body_counts_if_nothing_at_all_was_found_in_it() -> 
     for k in range(3):
         one.update(frame(k)[0], time=0.02 * k)
     belief = one._bodies[None].belief
-    assert belief.returned(0.06) == 0.0
+    assert belief.presence_after_return(0.06) == 0.0
     assert not one.update(np.empty((0, 2)), time=0.06)
-    assert belief.returned(0.08) == log_returned(0.08 - 0.06)
+    assert belief.presence_after_return(0.08) == log_returned(0.08 - 0.06)
 
 
 def test_a_camera_that_shakes_does_not_lose_the_body() -> None:
@@ -197,11 +197,11 @@ def test_the_evidence_of_frames_adds_up() -> None:
 
 def test_the_twin_is_followed_too_where_a_search_found_one_pose_alone() -> None:
     body, filters, R, _ = twins(0.0)
-    turns = near_symmetries(body, None, 3)
+    turns = near_symmetric_motions(body, None, 3)
     assert len(turns) == 1
     np.testing.assert_allclose(turns[0][0], np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
     np.testing.assert_allclose(turns[0][1], 0.0, atol=1e-9)
-    assert near_symmetries(np.random.default_rng(2).uniform(-0.3, 0.3, (15, 3)), None, 3) == []
+    assert near_symmetric_motions(np.random.default_rng(2).uniform(-0.3, 0.3, (15, 3)), None, 3) == []
     _, belief = following(body, filters[:1])
     belief.add_turned(turns)
     assert len(belief.poses) == 2
@@ -410,7 +410,7 @@ def test_the_filter_is_that_of_kalman() -> None:
         gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise)
         step, expected = gain @ measured, P - gain @ H @ P
     moved = oracles.moved_along_arc(np.concatenate([-step[:3], step[3:6]]))
-    fused = one._given(turn @ before_R, before_t + moved, expected[:6, :6])
+    fused = one._to_own_frame(turn @ before_R, before_t + moved, expected[:6, :6])
     one.update(fused, 0.1)
     np.testing.assert_allclose(one.motion, step[6:], atol=1e-9)
     np.testing.assert_allclose(one.P, expected, atol=1e-9 * np.abs(expected).max())
@@ -459,14 +459,16 @@ def test_a_pose_that_few_points_determine_is_averaged_over_what_they_leave_open(
     )  # fmt: skip
     assignment = np.full(8, -1)
     assignment[shown] = np.arange(3)
-    modes = modes_of(model, Proposals(assignment[None], R[None], position[None]))
-    pose = averaged_pose(model, modes._replace(near=none_near(len(modes.near), 8)), 0)  # of this assignment alone
-    fitted = pose_of_mode(model, modes, 0)
+    modes = find_modes(model, Proposals(assignment[None], R[None], position[None]))
+    pose = average_pose(
+        model, modes._replace(near=empty_changes_each(len(modes.near), 8)), 0
+    )  # of this assignment alone
+    fitted = mode_pose(model, modes, 0)
     # samples of the fit, twice as wide, weighed by the posterior
     wide = 4.0 * modes.covariance[0]
     steps = rng.standard_normal((100_000, 6)) @ np.linalg.cholesky(wide).T
     turns = Rotation.from_rotvec(steps[:, :3]).as_matrix() @ modes.rotation[0]
-    at = model.linearised(turns, modes.position[0] + steps[:, 3:])
+    at = model.linearise_about(turns, modes.position[0] + steps[:, 3:])
     every = np.repeat(assignment[None], len(steps), axis=0)
     visible = model.visibility(at, np.zeros(len(steps)))
     terms = model.prior.terms(turns, modes.position[0] + steps[:, 3:])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.tracking.motion_filter import MotionFilter
-from rootmatch.tracking.search_schedule import INTERVAL, LONGEST_INTERVAL, budget_of
+from rootmatch.tracking.search_schedule import INTERVAL, LONGEST_INTERVAL, frame_budget
 
 CAMERA = rm.Camera(600.0, 600.0, 640.0, 480.0)
 OPTIONS = rm.TrackingOptions(interval=0.1, motion=rm.MotionOptions(velocity=0.3, acceleration=1.0))
@@ -99,4 +99,4 @@ def test_a_filter_goes_with_the_camera() -> None:
     ("gap", "factor"), [(0.0, 1.0), (1e-3, 1.0), (INTERVAL, 1.0), (0.1, 6.0), (10.0, LONGEST_INTERVAL)]
 )
 def test_a_longer_interval_allows_a_longer_search(gap: float, factor: float) -> None:
-    assert budget_of(1000, gap) == round(1000 * factor)
+    assert frame_budget(1000, gap) == round(1000 * factor)

@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from commands import run
 from rootmatch.deadline import Deadline, OutOfTime
-from rootmatch.model.clutter import PIECE, SCALES, clutter_of
+from rootmatch.model.clutter import PIECE, SCALES, estimate_clutter
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.tracking import belief
-from rootmatch.tracking.followed_places import LastFrame, log_absent, overlooked
+from rootmatch.tracking.followed_places import LastFrame, log_absence, overlooked_chance
 from test_deadline import Clock
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -100,7 +100,7 @@ def test_a_body_that_jumps_is_ambiguous_if_another_may_have_been_there_and_the_a
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     tracker = following()
-    monkeypatch.setattr(belief, "overlooked", lambda *_: 1.0)
+    monkeypatch.setattr(belief, "overlooked_chance", lambda *_: 1.0)
     match = tracker.update(frame(12, bumped=True), time=12 / 60.0)
     assert match.status is rm.Status.AMBIGUOUS
     assert "another one that looks like it" in match.advice
@@ -110,17 +110,17 @@ def test_what_the_last_frame_had_no_room_for_was_not_in_view() -> None:
     """Then neither the body nor a copy was there, and either has come since."""
     step = 1.0 / 60.0
     empty = LastFrame(step, 0.0)
-    assert log_absent(1.0, step, math.inf, empty) == pytest.approx(0.0, abs=0.3)
-    assert log_absent(0.5, 1.0, math.inf, empty) == pytest.approx(log_absent(1.0, step, math.inf, empty))
-    assert log_absent(0.5, 1.0, math.inf, LastFrame(step, 1.0)) == pytest.approx(log_absent(0.5, 1.0, math.inf))
+    assert log_absence(1.0, step, math.inf, empty) == pytest.approx(0.0, abs=0.3)
+    assert log_absence(0.5, 1.0, math.inf, empty) == pytest.approx(log_absence(1.0, step, math.inf, empty))
+    assert log_absence(0.5, 1.0, math.inf, LastFrame(step, 1.0)) == pytest.approx(log_absence(0.5, 1.0, math.inf))
 
 
 def test_how_much_is_overlooked_follows_from_the_rate_of_detection() -> None:
     model = DetectionModel(CAMERA, POINTS, frame(0), np.full(13, 0.2), rate=0.9)
     modes: Any = SimpleNamespace(assignments=np.arange(10)[None], visible=np.ones((1, 10)))
     expected = sum(math.comb(10, k) * 0.9**k * 0.1 ** (10 - k) for k in range(8))
-    assert overlooked(model, modes, 0, 7) == pytest.approx(expected)
-    assert overlooked(model, modes, 0, 10) == 1.0
+    assert overlooked_chance(model, modes, 0, 7) == pytest.approx(expected)
+    assert overlooked_chance(model, modes, 0, 10) == 1.0
 
 
 def test_clutter_looks_at_the_deadline() -> None:
@@ -128,8 +128,8 @@ def test_clutter_looks_at_the_deadline() -> None:
     count = 1500
     rng, clock = np.random.default_rng(5), Clock(step=1.0)
     target = rng.uniform(0.0, 900.0, (count, 2))
-    with pytest.raises(OutOfTime), Deadline(5.0, clock=clock).enforced():
-        clutter_of(target, np.full(count, 0.3), np.array([8.1e5]))
+    with pytest.raises(OutOfTime), Deadline(5.0, clock=clock).enforce():
+        estimate_clutter(target, np.full(count, 0.3), np.array([8.1e5]))
     assert clock.now < 10.0 < SCALES * 256 * count / PIECE
 
 

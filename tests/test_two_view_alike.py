@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.model import two_view_alike
-from rootmatch.model.two_view_alike import _log_odds, _ratios
+from rootmatch.model.two_view_alike import _alike_density_ratios, _integrate_share
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 
 CAMERA = rm.Camera(1000.0, 1000.0, 640.0, 480.0)
@@ -90,11 +90,11 @@ def test_the_odds_of_what_is_alike_are_those_of_the_formula() -> None:
     poses = Relative(rng.normal(0.0, 0.1, 6), t, np.zeros((6, 2)), np.full(6, math.log(0.3)), np.full(6, math.log(0.8)))
     rows, columns = np.repeat(np.arange(4), 5), np.tile(np.arange(5), 4)
     widths = np.array([8.0, 16.0, 32.0, 64.0, 64.0, 64.0])
-    ratios = _ratios(model, poses, widths, (rows, columns))
+    ratios = _alike_density_ratios(model, poses, widths, (rows, columns))
     density = np.exp(model.seen(poses, rows, columns, widths[:, None] ** 2).log_density).reshape(6, 4, 5)
     np.testing.assert_allclose(ratios, density.mean(axis=1) / math.exp(0.7), rtol=1e-6, atol=1e-9)
     counted = np.array([[1.0, 1.0, 1.0, 1.0, 1.0], [1.0, 0.0, 0.5, 1.0, 0.0]])
-    found = _log_odds(ratios, counted)
+    found = _integrate_share(ratios, counted)
     for some, odds in zip(counted, found, strict=True):
         for ratio, one in zip(ratios, odds, strict=True):
             exact = quad(lambda a, r=ratio, c=some: float(np.prod((1.0 + a * (r - 1.0)) ** c)), 0.0, 1.0)[0]
@@ -107,6 +107,6 @@ def test_pairs_that_are_forbidden_are_not_alike() -> None:
     weights[:, 2] = -np.inf
     every = np.repeat(np.arange(4), 4), np.tile([0, 1, 3, 4], 4)
     pose = Relative(np.zeros(1), np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 2)), np.full(1, -1.0), np.full(1, 0.3))
-    ratios = _ratios(replace(model, log_weights=weights), pose, np.full(1, 64.0), every)
+    ratios = _alike_density_ratios(replace(model, log_weights=weights), pose, np.full(1, 64.0), every)
     assert ratios[0, 2] == 0.0
     assert ratios.shape == (1, 5)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.model.two_view_displaced import displaced
-from rootmatch.model.two_view_fit import fitted
-from rootmatch.model.two_view_losses import log_chance_of_losses
+from rootmatch.model.two_view_displaced import displaced_labellings
+from rootmatch.model.two_view_fit import fit_relative_poses
+from rootmatch.model.two_view_losses import log_loss_probability
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_samples import likeliest_fits
 
@@ -55,18 +55,18 @@ def model_of(first: np.ndarray, second: np.ndarray) -> TwoViewModel:
 def test_the_right_labelling_is_a_displaced_one(shift: int) -> None:
     first, second, numbers, others = corridor(1.6, 3)
     model, truth, shifted = model_of(first, second), labelling(numbers, others, 0), labelling(numbers, others, shift)
-    fits = fitted(model, shifted[None])
+    fits = fit_relative_poses(model, shifted[None])
     pose = fits.poses.take(likeliest_fits(model, fits, 1))
-    right = [int(((one == truth) & (truth >= 0)).sum()) for one in displaced(model, pose, shifted)]
+    right = [int(((one == truth) & (truth >= 0)).sum()) for one in displaced_labellings(model, pose, shifted)]
     assert max(right) > 0.6 * np.count_nonzero(truth >= 0)
 
 
 def test_too_few_matches_have_no_displaced_ones() -> None:
     first, second, numbers, others = corridor(1.6, 3)
     model, some = model_of(first, second), labelling(numbers, others, 1)
-    fits = fitted(model, some[None])
+    fits = fit_relative_poses(model, some[None])
     some[np.flatnonzero(some >= 0)[3:]] = -1
-    assert displaced(model, fits.poses.take(np.array([0])), some).shape == (0, len(some))
+    assert displaced_labellings(model, fits.poses.take(np.array([0])), some).shape == (0, len(some))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -77,7 +77,7 @@ def test_losses_are_those_of_a_pose_with_the_points_in_front(seed: int) -> None:
     far = np.isin(numbers % LAMPS, [LAMPS - 1])
     assert far.any()
     assert (shifted[far] < 0).all()
-    log = log_chance_of_losses(model_of(first, second), shifted[None])[0]
+    log = log_loss_probability(model_of(first, second), shifted[None])[0]
     assert log < -2.0 * math.log(np.count_nonzero(shifted >= 0) + 1) - 1.0
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.model import two_view_fit
-from rootmatch.model.two_view_descent import grid_of_rotations
+from rootmatch.model.two_view_descent import scan_rotations
 from rootmatch.model.two_view_model import LEAST_SINE, NOTHING, Relative, TwoViewModel
 from rootmatch.model.two_view_odds import LEAST_SINE2
 
@@ -40,7 +40,7 @@ def test_the_grid_has_the_best_baseline_of_each_rotation() -> None:
         model, _ = scene_of(planar, tilt)
         matches = np.array([np.arange(9), [0, 2, 1, -1, -1, 5, 4, 7, 8]])
         total, axes = np.empty((2, 40)), np.empty((2, 40, 3))
-        grid_of_rotations(model.views, planar, matches, 3.0, total, axes)
+        scan_rotations(model.views, planar, matches, 3.0, total, axes)
         for k, turn in np.ndindex(2, 40):
             own = np.flatnonzero(matches[k] >= 0)
             angle = 2.0 * np.pi * turn / 40
@@ -115,7 +115,7 @@ def test_a_descent_ends_where_that_of_scipy_does(planar: bool, tilt: float, near
             matches[[1, 2]] = matches[[2, 1]]  # large deviations
         start = model.moved(true, np.concatenate([rng.normal(0.0, 0.01, (1, model.size - 2)), [[0.2, 0.0]]], axis=1))
         begun = start._replace(turn=start.turn.copy())
-        found, normal = two_view_fit._moved(model, start, matches[None], weights[None], near, steps=60)
+        found, normal = two_view_fit._descend_weighted(model, start, matches[None], weights[None], near, steps=60)
         np.testing.assert_array_equal(start.turn, begun.turn)
 
         def of(step: np.ndarray, pose: Relative, model=model, matches=matches, weights=weights) -> np.ndarray:  # type: ignore[no-untyped-def]

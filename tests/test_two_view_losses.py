@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.model.two_view_losses import log_chance_of_losses
+from rootmatch.model.two_view_losses import log_loss_probability
 from rootmatch.model.two_view_model import TwoViewModel
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -50,7 +50,7 @@ def test_points_that_leave_the_view_are_not_lost(shown: np.ndarray, lost: int) -
     count = len(first)
     unused = np.full(count, 1e-7), np.full(count, 1e-7), np.zeros(count)
     shifted, all_of_them = a_period_away(shown), np.arange(count)
-    logs = log_chance_of_losses(TwoViewModel(first, second, *unused), np.array([all_of_them, shifted]))
+    logs = log_loss_probability(TwoViewModel(first, second, *unused), np.array([all_of_them, shifted]))
     matched = int((shifted >= 0).sum())
     # a hole is lost in one image, and what is seen in its place is new in the other one
     each = math.log((matched + lost + 1) * math.comb(matched + lost, lost))

@@ -14,17 +14,17 @@ from scipy.stats import beta, gamma, invgamma, t
 import rootmatch as rm
 from robot_scenes import INTRINSICS, robot
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.two_view_decision import model_of
-from rootmatch.model.matchings import matchings
+from rootmatch.explain.two_view_decision import make_two_view_model
+from rootmatch.model.matchings import sum_matchings
 from rootmatch.model.priors import NOISE_FREEDOM
-from rootmatch.model.two_view_fit import fitted
+from rootmatch.model.two_view_fit import fit_relative_poses
 from rootmatch.model.two_view_model import SCALES, SPREADS, Relative, TwoViewModel
-from rootmatch.model.two_view_posterior import posterior
+from rootmatch.model.two_view_posterior import sample_two_view_posterior
 from rootmatch.simulation import three_plus_one_scene
 
 
 def model_of_scene(scene) -> TwoViewModel:  # type: ignore[no-untyped-def]
-    model = model_of(MatchingTask.of(scene.problem, scene.source, scene.target, noise=scene.noise))
+    model = make_two_view_model(MatchingTask.of(scene.problem, scene.source, scene.target, noise=scene.noise))
     assert model is not None
     return model
 
@@ -33,7 +33,7 @@ def planar_model(n: int, clutter: int, seed: int) -> tuple[TwoViewModel, np.ndar
     scene = robot(n, clutter, 0.5, seed)
     axis = tuple(scene.vertical)
     problem = rm.PlanarMotion(rm.Camera(*INTRINSICS), axis=axis, axis2=axis)
-    model = model_of(MatchingTask.of(problem, scene.source, scene.target, noise=0.5))
+    model = make_two_view_model(MatchingTask.of(problem, scene.source, scene.target, noise=0.5))
     assert model is not None
     return model, scene.truth
 
@@ -64,7 +64,7 @@ def test_sums_over_assignments_are_those_of_three_matches_and_more() -> None:
     odds = rng.normal(0.0, 2.0, (3, 4, 5))
     odds[:, 1, 2] = odds[:, 3, :2] = -np.inf
     rows, columns = np.divmod(np.arange(20), 5)
-    found = matchings(odds.reshape(3, 20), rows, columns, np.array([2, 0, 3, 1]), -50.0)
+    found = sum_matchings(odds.reshape(3, 20), rows, columns, np.array([2, 0, 3, 1]), -50.0)
     total, marginals = np.zeros(3), np.zeros((3, 4, 5))
     for one in itertools.product(range(-1, 5), repeat=4):
         used = [(i, k) for i, k in enumerate(one) if k >= 0]
@@ -109,7 +109,7 @@ def sampled_evidence(model: TwoViewModel, truth: np.ndarray, count: int) -> tupl
     """Log evidence and marginals by samples about the true assignment alone, every assignment summed by subsets."""
     rng = np.random.default_rng(1)
     n, n_target = model.shape
-    fits = fitted(model, truth[None])
+    fits = fit_relative_poses(model, truth[None])
     k = int(fits.chi2.argmin())
     root = 1.8 * np.linalg.cholesky(fits.covariance[k])
     draws = t(4.0).rvs((count, 4), random_state=rng)
@@ -146,22 +146,22 @@ def sampled_evidence(model: TwoViewModel, truth: np.ndarray, count: int) -> tupl
 def test_evidence_and_marginals_are_those_of_another_sampler(seed: int) -> None:
     model, truth = planar_model(4, 1, seed)
     log_evidence, marginals = sampled_evidence(model, truth, 30_000)
-    found = [posterior(model, truth[None], seed) for seed in range(4)]
+    found = [sample_two_view_posterior(model, truth[None], seed) for seed in range(4)]
     assert logsumexp([one.log_evidence for one in found]) - math.log(4) == pytest.approx(log_evidence, abs=0.35)
     np.testing.assert_allclose(np.mean([one.marginals for one in found], axis=0), marginals, atol=0.06)
 
 
 def test_what_is_told_agrees_with_itself() -> None:
     scene = three_plus_one_scene(12, 5, 0.5, 1001, 5.0)
-    told = posterior(model_of_scene(scene), scene.truth[None])
+    told = sample_two_view_posterior(model_of_scene(scene), scene.truth[None])
     best = told.proposals[0]
     confidence = told.confidence_in(best)
-    assert told.probability_of(best) <= confidence.min() <= confidence.max() <= told.present < 1.0
+    assert told.assignment_probability(best) <= confidence.min() <= confidence.max() <= told.present < 1.0
     assert sum(told.shares) <= 1.0 + 1e-9
     assert told.marginals.sum(axis=1).max() <= 1.0 + 1e-9
     assert told.marginals.sum(axis=0).max() <= 1.0 + 1e-9
     matched = np.flatnonzero(best >= 0)
-    assert told.together(best, matched) == pytest.approx(told.probability_of(best), abs=0.02)
+    assert told.together(best, matched) == pytest.approx(told.assignment_probability(best), abs=0.02)
     assert told.together(best, matched[:3]) >= told.together(best, matched)
 
 
@@ -170,10 +170,10 @@ def test_two_views_are_told_from_chance() -> None:
     true, false = [], []
     for seed in range(1000, 1006):
         scene = three_plus_one_scene(10, 10, 1.0, seed, baseline=1.0)
-        true.append(posterior(model_of_scene(scene), scene.truth[None]).log_evidence)
+        true.append(sample_two_view_posterior(model_of_scene(scene), scene.truth[None]).log_evidence)
         rng = np.random.default_rng(seed)
         unrelated = replace(scene, source=rng.uniform((120, 40), (520, 440), (10, 2)))
-        false.append(posterior(model_of_scene(unrelated), rng.permutation(20)[None, :10]).log_evidence)
+        false.append(sample_two_view_posterior(model_of_scene(unrelated), rng.permutation(20)[None, :10]).log_evidence)
     assert min(true) > 10.0 > 0.0 > max(false)
 
 

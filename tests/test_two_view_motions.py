@@ -13,10 +13,10 @@ from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.explain import two_view_decision
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.two_view_decision import model_of
+from rootmatch.explain.two_view_decision import make_two_view_model
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_motions import Motion, motions_posterior
-from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
+from rootmatch.model.two_view_posterior import TwoViewPosterior, sample_two_view_posterior
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0, size=(1280, 960))
 VERTICAL = (0.0, 1.0, 0.0)
@@ -98,21 +98,21 @@ def test_one_motion_of_two_is_ambiguous() -> None:
 def test_a_motion_that_is_asked_for_is_there_as_probably_as_a_body(monkeypatch: pytest.MonkeyPatch) -> None:
     """With one half, as of images nobody asked about, its points were unmatched too surely."""
     source, target, _, _ = with_vehicle(0, static=12, moved=3)
-    problem, told = rm.ThreePlusOne(CAMERA, axis=VERTICAL, axis2=VERTICAL), two_view_decision.posterior
+    problem, told = rm.ThreePlusOne(CAMERA, axis=VERTICAL, axis2=VERTICAL), two_view_decision.sample_two_view_posterior
     present: list[float] = []
 
     def noted(model: TwoViewModel, *given: Any, **more: Any) -> TwoViewPosterior:
         present.append(model.present)
         return told(model, *given, **more)
 
-    monkeypatch.setattr(two_view_decision, "posterior", noted)
+    monkeypatch.setattr(two_view_decision, "sample_two_view_posterior", noted)
     for motions, prior in ((1, 0.5), (2, 0.8), ("auto", 0.5)):
         rm.match(source, target, problem, noise=SIGMA, motions=motions)
         np.testing.assert_allclose(present, prior)
         present.clear()
     nothing = np.full((1, len(source)), -1)
     task = MatchingTask.of(problem, source, target, noise=SIGMA, options=MatchOptions())
-    model = model_of(task)
+    model = make_two_view_model(task)
     assert model is not None
     of_each = [told(replace(model, present=prior, weighs_parts=False), nothing).unmatched for prior in (0.5, 0.8)]
     # if it is there, a search misses it in one of ten
@@ -143,7 +143,7 @@ def test_what_was_taken_by_one_motion_comes_back() -> None:
     source, target, truth, moved = with_vehicle(1)
     problem = rm.ThreePlusOne(CAMERA, axis=VERTICAL, axis2=VERTICAL)
     task = MatchingTask.of(problem, source, target, noise=SIGMA, options=MatchOptions())
-    model = model_of(task)
+    model = make_two_view_model(task)
     assert model is not None
     seen = np.flatnonzero(truth >= 0)
     lost = {False: seen[~moved[seen]][0], True: seen[moved[seen]][0]}
@@ -154,14 +154,16 @@ def test_what_was_taken_by_one_motion_comes_back() -> None:
             points = np.flatnonzero((moved == own) | (truth < 0))
             points = np.union1d(np.setdiff1d(points, [lost[own]]) if own == whose else points, [lost[not own]])
             detections = np.setdiff1d(np.arange(len(target)), truth[np.setdiff1d(seen, points)])
-            part = model_of(task.subset(points, detections))
+            part = make_two_view_model(task.subset(points, detections))
             assert part is not None
             place = np.searchsorted(detections, truth[points]).clip(max=len(detections) - 1)
             known = (truth[points] >= 0) & (detections[place] == truth[points]) & (moved[points] == own)
-            motions.append(Motion(posterior(part, np.where(known, place, -1)[None]), points, detections))
+            motions.append(
+                Motion(sample_two_view_posterior(part, np.where(known, place, -1)[None]), points, detections)
+            )
         told.append(motions_posterior(model, motions))
     for one in told:
         assert (one.marginals[seen, truth[seen]] > 0.9).all()
-        assert (one.motions_of(truth) == np.where(truth < 0, -1, moved)).all()
+        assert (one.label_motions(truth) == np.where(truth < 0, -1, moved)).all()
         assert one.present > 0.99
     assert told[0].log_evidence == pytest.approx(told[1].log_evidence, abs=0.5)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import rootmatch as rm
-from rootmatch.model.clutter import clutter_of
-from rootmatch.model.two_view_places import log_density
+from rootmatch.model.clutter import estimate_clutter
+from rootmatch.model.two_view_places import log_member_density
 from test_two_view_motions import CAMERA, SIGMA, VERTICAL, with_vehicle
 
 
@@ -19,18 +19,18 @@ def crowd_among_others(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_members_of_a_crowd_are_denser_than_what_lies_anywhere() -> None:
     points, crowd = crowd_among_others(0)
-    crowds = clutter_of(points, np.full(20, SIGMA), np.array([1280.0 * 960.0]))
-    more = log_density(crowds, crowd.astype(float)) - log_density(crowds, 1.0 - crowd)
+    crowds = estimate_clutter(points, np.full(20, SIGMA), np.array([1280.0 * 960.0]))
+    more = log_member_density(crowds, crowd.astype(float)) - log_member_density(crowds, 1.0 - crowd)
     assert more[crowd].min() > 1.0
     assert np.median(more[~crowd]) < 0.0
-    np.testing.assert_allclose(log_density(crowds, np.zeros(20)), -np.log(1280 * 960))
+    np.testing.assert_allclose(log_member_density(crowds, np.zeros(20)), -np.log(1280 * 960))
 
 
 def test_densities_of_all_members_are_those_of_clutter() -> None:
     points, _ = crowd_among_others(1)
-    crowds = clutter_of(points, np.full(20, SIGMA), np.array([1280.0 * 960.0]))
+    crowds = estimate_clutter(points, np.full(20, SIGMA), np.array([1280.0 * 960.0]))
     # but for one more that lies anywhere
-    np.testing.assert_allclose(log_density(crowds, np.full(20, 1e9)), crowds.log_density)
+    np.testing.assert_allclose(log_member_density(crowds, np.full(20, 1e9)), crowds.log_density)
 
 
 def test_a_vehicle_that_nobody_named_is_not_matched_by_accident() -> None:

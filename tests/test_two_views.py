@@ -19,8 +19,8 @@ from rootmatch.problems.residual_kinds import Joint
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.two_views import pose_search
 from rootmatch.samplers.two_views.covering_sets import CoveringSets
-from rootmatch.samplers.two_views.image_pieces import in_pieces
-from rootmatch.samplers.two_views.likelihood import likelihood_ratio, line_of
+from rootmatch.samplers.two_views.image_pieces import run_image_pieces
+from rootmatch.samplers.two_views.likelihood import epipolar_line, likelihood_ratio
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_search import PoseSearch, search_pairs, search_triples
 from rootmatch.simulation import three_plus_one_scene
@@ -127,7 +127,7 @@ def test_likelihood_ratio_is_a_density_over_that_of_clutter() -> None:
     around = np.sqrt(1.0 - z * z)
     density = 1.0 / (2.0 * np.pi * (1.0 - cosine))
     t = (1.0, 0.0, 0.0)
-    _, normal, across, forward, sine = line_of(1.0, 0.0, t, (-0.1, 0.05, math.sqrt(1.0 - 0.0125)))
+    _, normal, across, forward, sine = epipolar_line(1.0, 0.0, t, (-0.1, 0.05, math.sqrt(1.0 - 0.0125)))
     own = 0.005**2
     values = [
         likelihood_ratio(normal, across, forward, sine, x, y, w, own, 0.0, 1.0 / 0.15, 1.0 / density)
@@ -190,8 +190,8 @@ def test_pieces_grow_and_end_at_the_deadline() -> None:
         pieces.append((begin, end))
         now[0] += 0.001 * (end - begin)
 
-    with Deadline(1.0, clock=lambda: now[0]).enforced(), pytest.raises(OutOfTime):
-        in_pieces(work, np.array([(3, 30), (40, 100_000)]), 40)
+    with Deadline(1.0, clock=lambda: now[0]).enforce(), pytest.raises(OutOfTime):
+        run_image_pieces(work, np.array([(3, 30), (40, 100_000)]), 40)
     assert pieces[0] == (3, 4)
     assert all(after[0] in (before[1], 40) for before, after in itertools.pairwise(pieces))
     assert max(end - begin for begin, end in pieces) == 40

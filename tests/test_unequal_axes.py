@@ -12,12 +12,12 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 import rootmatch as rm
-from rootmatch.model.labelling_sums import labelling_sums
+from rootmatch.model.labelling_sums import sum_labellings
 from rootmatch.model.point_set_model import IN_PART, INSIDE, PointSetModel
-from rootmatch.model.point_set_posterior import posterior
-from rootmatch.model.shown_regions import log_of_regions
+from rootmatch.model.point_set_posterior import weigh_point_set_posterior
+from rootmatch.model.shown_regions import log_region_factor
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, fitted_point_sets
+from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, fit_point_sets
 from rootmatch.samplers.point_sets.congruent import congruent_labellings
 
 DEPTH = np.array([0.0003, 0.0003, 0.0024])
@@ -52,7 +52,7 @@ def with_equal_axes(clouds: PointClouds) -> PointClouds:
 def sampled_evidence(clouds: PointClouds) -> float:
     """Logarithm of the mean density of all targets over motions, by importance sampling about the best one."""
     n, size = clouds.source.shape
-    fit = fitted_point_sets(clouds, np.arange(n)[None], False)
+    fit = fit_point_sets(clouds, np.arange(n)[None], False)
     angles, count = (3 if size == 3 else 1), 40_000
     drawn = multivariate_t(np.zeros(len(fit.full[0])), 1.5 * fit.full[0], df=5, seed=0)
     step = drawn.rvs(count)
@@ -88,7 +88,7 @@ def test_evidence_is_that_of_sampled_motions(size: int, scaled: bool, of_source:
     rng, sigma = np.random.default_rng([size, 7]), np.where(np.arange(size) == size - 1, 0.08, 0.01)
     for n in (4, 5, 8):
         clouds = clouds_of(rng, n, size, (of_source * sigma, sigma), scaled)
-        found = float(fitted_point_sets(clouds, np.arange(n)[None], False).evidence[0])
+        found = float(fit_point_sets(clouds, np.arange(n)[None], False).evidence[0])
         assert found == pytest.approx(sampled_evidence(clouds), abs=0.25 if of_source else 0.1)
 
 
@@ -101,7 +101,7 @@ def test_equal_axes_are_one_number() -> None:
     first, second = one.judged(labellings), whole.judged(labellings)
     np.testing.assert_allclose(first.log_odds, second.log_odds, atol=0.01)
     np.testing.assert_allclose(first.fit.covariance[:2], second.fit.covariance[:2], rtol=1e-3, atol=1e-8)
-    sums = [labelling_sums(model, labellings, np.array([1.0, 0.1, 1e-9])) for model in (one, whole)]
+    sums = [sum_labellings(model, labellings, np.array([1.0, 0.1, 1e-9])) for model in (one, whole)]
     assert sums[0] is not None
     assert sums[1] is not None
     np.testing.assert_allclose(sums[0].shares(labellings[:2]), sums[1].shares(labellings[:2]), atol=0.01)
@@ -111,10 +111,10 @@ def test_a_change_gains_what_a_fit_without_it_predicts() -> None:
     """A point's own match is left out of its prediction: exactly, as far as a motion is linear."""
     rng, sigma = np.random.default_rng(6), np.array([0.002, 0.002, 0.02])
     clouds = clouds_of(rng, 8, 3, (0.5 * sigma, sigma))
-    squared, log_root = fitted_point_sets(clouds, np.arange(8)[None], False).predictions(0)
+    squared, log_root = fit_point_sets(clouds, np.arange(8)[None], False).predictions(0)
     for i in range(8):
         without = np.where(np.arange(8) == i, -1, np.arange(8))
-        squared2, log_root2 = fitted_point_sets(clouds, without[None], False).predictions(0)
+        squared2, log_root2 = fit_point_sets(clouds, without[None], False).predictions(0)
         assert squared[i, i] == pytest.approx(squared2[i, i], rel=0.1)
         assert log_root[i, i] == pytest.approx(log_root2[i, i], abs=0.1)
 
@@ -174,7 +174,7 @@ def test_labellings_that_two_motions_share_count_once() -> None:
     used = np.sort(every, axis=1)
     distinct = ~((used[:, 1:] == used[:, :-1]) & (used[:, 1:] >= 0)).any(axis=1)
     odds = logsumexp(model.judged(every[distinct & ((every >= 0).sum(axis=1) >= 3)]).log_odds)
-    found = posterior(model, model.judged(congruent_labellings(model.clouds, False).proper))
+    found = weigh_point_set_posterior(model, model.judged(congruent_labellings(model.clouds, False).proper))
     assert found.present < 1.0 / (1.0 + np.exp(-odds)) + 0.2
 
 
@@ -186,7 +186,7 @@ def test_a_whole_object_within_the_box_of_clutter_is_integrated() -> None:
     model = PointSetModel(PointClouds(source, target, np.zeros(5), np.full(10, 1e-6), False, False))
     labellings = np.array([[0, 1, 2, 3, -1], [0, 1, 2, -1, -1]])
     fit = model.fit(labellings)
-    axes, expected = model._space[3], []
+    axes, expected = model._clutter_space[3], []
     for places, matched in zip(fit.places[0], (4, 3), strict=True):
         total, c = 0.0, model.clutter.alone * (10 - matched)
         part, seen = 0.0, np.ones(5)
@@ -207,7 +207,7 @@ def test_a_whole_object_within_the_box_of_clutter_is_integrated() -> None:
             quad(lambda d, k=k, m=matched: d**m * (1.0 - d) ** k, 0.0, 1.0)[0] for k in (missed, 5 - matched)
         )
         placed = np.logaddexp(np.log(INSIDE) + total, np.log1p(-INSIDE))
-        placed += log_of_regions(source, np.arange(5)[None] < matched)[0]
+        placed += log_region_factor(source, np.arange(5)[None] < matched)[0]
         part += np.log(of_seen / of_all)
         expected.append(np.logaddexp(np.log1p(-IN_PART) + placed, np.log(IN_PART) + part))
     np.testing.assert_allclose(model.log_factors(fit)[-1], expected, atol=0.03)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.image_hypotheses import Candidate, competing
-from rootmatch.model.mode_search import with_sums
+from rootmatch.explain.image_hypotheses import Candidate, weigh_candidates
+from rootmatch.model.mode_search import grow_mode
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -218,7 +218,7 @@ def test_what_competition_makes_the_first_mode_has_the_sum_over_its_changes() ->
     candidates = [Candidate.of(body.finding.task, [one]) for body, one in zip(match.bodies.values(), own, strict=True)]
     whole = candidates[0].modes
     bare = whole._replace(summed=np.zeros(len(whole.summed), np.bool_), local=np.ones(whole.local.shape))
-    again = with_sums(candidates[0].model, bare, 0)
+    again = grow_mode(candidates[0].model, bare, 0)
     np.testing.assert_allclose(again.local[0], whole.local[0], atol=1e-6)
-    (told, _) = competing([Candidate(candidates[0].task, candidates[0].model, bare), candidates[1]])
+    (told, _) = weigh_candidates([Candidate(candidates[0].task, candidates[0].model, bare), candidates[1]])
     np.testing.assert_allclose(told.modes.local[0], whole.local[0], atol=1e-6)

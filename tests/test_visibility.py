@@ -20,10 +20,10 @@ from rootmatch.samplers.guided.visibility import (
     covering_waves,
     detected_views,
     facing_points,
-    missed_at_random,
+    random_miss_probability,
+    sets_within_views,
     sphere,
     views_of_parts,
-    within,
 )
 
 CAMERA = rm.Camera(800.0, 800.0, 640.0, 480.0)
@@ -66,12 +66,12 @@ def test_the_first_sets_are_visible_from_everywhere() -> None:
     wave = np.concatenate(list(itertools.islice(covering_waves(points, normals, 3), 4)))
     assert len(wave) == 8 + 16 + 32 + 64
     assert len(np.unique(wave, axis=0)) == len(wave)
-    covered = within(wave, views).sum(axis=1)
+    covered = sets_within_views(wave, views).sum(axis=1)
     assert np.median(covered) >= 5
     # of as many random sets few are visible from any one direction
     rng = np.random.default_rng(1)
     random = np.array([rng.choice(len(points), 3, replace=False) for _ in wave])
-    assert np.median(within(random, views).sum(axis=1)) < np.median(covered)
+    assert np.median(sets_within_views(random, views).sum(axis=1)) < np.median(covered)
 
 
 def test_all_sets_come_once() -> None:
@@ -143,8 +143,8 @@ def test_missed_at_random_is_how_often_random_sets_all_fail(matched: int, lost: 
     tried = every[rng.integers(len(every), size=(20_000, 3))]
     failing = (tried >= matched).any(axis=2) | (rng.random((20_000, 3)) < lost)
     expected = failing.all(axis=1).mean()
-    assert missed_at_random(matched, 6, 3, 3) == pytest.approx(expected, abs=0.015)
-    assert missed_at_random(6, 6, 3, 2) <= MISSED < missed_at_random(5, 6, 3, 2)
+    assert random_miss_probability(matched, 6, 3, 3) == pytest.approx(expected, abs=0.015)
+    assert random_miss_probability(6, 6, 3, 2) <= MISSED < random_miss_probability(5, 6, 3, 2)
 
 
 @pytest.mark.parametrize("clutter", [0, 5])

@@ -17,7 +17,7 @@ from rootmatch.samplers.guided.model_views import ModelViews, model_views
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
 from rootmatch.samplers.guided.triangle_shapes import ANY, SIDE, image_cells
 from rootmatch.samplers.guided.visibility import LOST, TriedSets, detected_views
-from rootmatch.samplers.guided.visible_triples import rings_of, run_visible_tests
+from rootmatch.samplers.guided.visible_triples import make_rings, run_visible_tests
 from test_visibility import CAMERA, NOISE, ball, view
 
 Floats = NDArray[np.float64]
@@ -131,7 +131,7 @@ def test_what_survives_is_what_survives_the_general_search(masked: bool) -> None
     allowed = rng.random((n, n_target)) < 0.8 if masked else np.empty((0, 0), np.bool_)
     if masked:
         allowed[np.flatnonzero(truth >= 0), truth[truth >= 0]] = True
-    ring = rings_of(np.arange(n_target), grid.positions, [n_target - 1])[0]
+    ring = make_rings(np.arange(n_target), grid.positions, [n_target - 1])[0]
     found, _, counts = run_visible_tests(
         tables, grid, rules, sets, image_cells(grid.rays), ring, 0, len(chosen), allowed, 4000, 2
     )
@@ -157,7 +157,7 @@ def test_rings_have_each_image_triple_once() -> None:
 
     def tried(sizes: list[int]) -> list[tuple[int, ...]]:
         every = []
-        for ring in rings_of(images, grid.positions, sizes):
+        for ring in make_rings(images, grid.positions, sizes):
             found, _, _ = run_visible_tests(
                 tables, grid, rules, sets, image_cells(grid.rays), ring, 0, len(sets.shapes), none, 4000, 2
             )
@@ -166,7 +166,7 @@ def test_rings_have_each_image_triple_once() -> None:
 
     assert (whole := tried([len(images) - 1]))
     assert tried([3, 6, len(images) - 1]) == whole
-    costs = [ring.cost for ring in rings_of(images, grid.positions, [3, 6, len(images) - 1])]
+    costs = [ring.cost for ring in make_rings(images, grid.positions, [3, 6, len(images) - 1])]
     assert sum(costs) == len(images) * (len(images) - 1) * (len(images) - 2)
 
 

@@ -15,8 +15,8 @@ from instances import axis_rotation, project
 from oracles import log_first
 from robot_scenes import DOWN
 from rootmatch.algebra.rotation import rotation_about_y
-from rootmatch.model.evidence import about, settled
-from rootmatch.model.zoom_model import ZoomModel, stored, unstored
+from rootmatch.model.evidence import settle_evidence, weigh_poses
+from rootmatch.model.zoom_model import ZoomModel, decode_zoom, encode_zoom
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 
 CENTRE, SIGMA = (320.0, 240.0), 0.5
@@ -98,11 +98,11 @@ class Sampled:
 
 
 def best(model: ZoomModel, scene: robot_scenes.Scene, assignment: np.ndarray):  # type: ignore[no-untyped-def]
-    rotation = model.at_focal(scene.rotation[None], np.log([scene.focal]))
+    rotation = model.encode_focal(scene.rotation[None], np.log([scene.focal]))
     place = (scene.translation + scene.rotation @ scene.source.mean(axis=0))[None]
-    found, at = about(model, assignment[None], rotation, place)
+    found, at = weigh_poses(model, assignment[None], rotation, place)
     for _ in range(3):
-        found, at = settled(model, assignment[None], found, at)
+        found, at = settle_evidence(model, assignment[None], found, at)
     return found, at
 
 
@@ -125,7 +125,7 @@ def test_a_rotation_holds_a_focal_length() -> None:
         upright: Upright = problem_of(scene).upright
         angle, log_zoom = rng.uniform(-3.1, 3.1, 20), rng.uniform(-2.9, 2.9, 20)
         level = upright.camera.T @ rotation_about_y(np.cos(angle), np.sin(angle)) @ upright.world
-        told, again = unstored(upright, stored(upright, level, log_zoom))
+        told, again = decode_zoom(upright, encode_zoom(upright, level, log_zoom))
         np.testing.assert_allclose(told, log_zoom, atol=1e-12)
         np.testing.assert_allclose(again, level, atol=1e-12)
 
@@ -140,7 +140,7 @@ def test_images_change_with_a_pose_as_their_derivatives_say() -> None:
         ends = []
         for sign in (1.0, -1.0):
             turn = axis_rotation(np.eye(3)[k], sign * 1e-5) if k < 3 else np.eye(3)
-            moved = model.linearised((turn @ at.rotation[0])[None], at.position + sign * step[3:])
+            moved = model.linearise_about((turn @ at.rotation[0])[None], at.position + sign * step[3:])
             ends.append(moved.pixels[0])
         np.testing.assert_allclose(at.jacobian[0] @ step, 0.5 * (ends[0] - ends[1]), atol=1e-6)
 
@@ -150,7 +150,7 @@ def test_the_pose_of_the_model_is_that_of_the_fit() -> None:
     scene = robot_scenes.zoomed(10, 0, SIGMA, 1001)
     model = model_of(scene)
     found, at = best(model, scene, scene.truth)
-    ours = model.pose_of(at.rotation[0], at.position[0], found.covariance[0])
+    ours = model.pose_of_origin(at.rotation[0], at.position[0], found.covariance[0])
     match = rm.match(scene.source, scene.target, problem_of(scene), noise=SIGMA)
     fit = match.pose
     assert fit is not None

@@ -10,7 +10,7 @@ import numpy as np
 from real_sources import boards, candidates, cavity, facade, film, headset, targets
 from real_sources.common import Fields, opencv_errors
 from rootmatch.errors import InputError
-from rootmatch.io import written_whole
+from rootmatch.io import write_atomically
 
 SOURCES: dict[str, Callable[[Path], Fields]] = {
     "vive_hmd_lighthouse": headset.convert,
@@ -51,6 +51,6 @@ def convert(name: str, snapshot: Path, output: Path) -> Path:
         raise InputError(f"snapshot: {snapshot} does not hold what {name} is made of ({error!r})") from None
     output.mkdir(parents=True, exist_ok=True)
     path = output / f"{name}.npz"
-    with written_whole(path) as temporary, temporary.open("wb") as file:
+    with write_atomically(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **fields)  # type: ignore[arg-type]
     return path

@@ -18,11 +18,11 @@ from rootmatch.explain.explain import explain
 from rootmatch.explain.match_options import MatchOptions, SamplerName
 from rootmatch.explain.prior_validation import Prior
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.validation import checked_indices
+from rootmatch.explain.validation import check_indices
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.residual_dispatch import kinds_of
+from rootmatch.problems.residual_dispatch import residual_kinds_of_tables
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
@@ -64,15 +64,15 @@ def residuals(
         raise InputError("residuals: hyper-edges are within one camera; give that one instead of the rig")
     tables = problem.prepare(source, target, noise)
     n, n_target = len(np.asarray(source)), len(np.asarray(target))
-    first = checked_indices(source_index, n, problem.order, "source_index")
-    second = checked_indices(target_index, n_target, problem.order, "target_index")
+    first = check_indices(source_index, n, problem.order, "source_index")
+    second = check_indices(target_index, n_target, problem.order, "target_index")
     if first.shape != second.shape:
         raise InputError(
             f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row"
         )
     chosen = kind if isinstance(kind, Residual) else Residual(kind)
     kernel_kind = chosen.kernel_kind(problem.pair_count, problem.name)
-    Capability.RESIDUAL.require(type(kernel_kind) in kinds_of(tables), problem.name)
+    Capability.RESIDUAL.require(type(kernel_kind) in residual_kinds_of_tables(tables), problem.name)
     return cpu.residuals(tables, kernel_kind, first, second)
 
 

@@ -45,7 +45,7 @@ def median(values: Floats) -> float:
     return float(0.5 * (ascending[half] + ascending[(len(values) - 1) // 2]))
 
 
-def kept_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def cache_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorator that keeps the last results of a function by the values of its arguments, arrays among them.
 
     For what frame after frame, or every search, asks again of the same body. The function gets read-only arrays, unless
@@ -66,7 +66,7 @@ def kept_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, R
             except KeyError:  # not known, or just dropped by another thread
                 pass
             if frozen:
-                found = function(*map(_frozen, arguments), **{k: _frozen(one) for k, one in named.items()})
+                found = function(*map(_freeze, arguments), **{k: _freeze(one) for k, one in named.items()})
             else:
                 found = function(*arguments, **named)
             kept[key] = found
@@ -80,7 +80,7 @@ def kept_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, R
     return decorated
 
 
-def kept_by_identity(most: int) -> Callable[[Callable[[T], R]], Callable[[T], R]]:
+def cache_by_identity(most: int) -> Callable[[Callable[[T], R]], Callable[[T], R]]:
     """Decorator that keeps the last results of a function of one object which never changes, as long as it is the same.
 
     For what a camera tells in every frame: to compare two rigs takes longer than most of what depends on them.
@@ -105,7 +105,7 @@ def kept_by_identity(most: int) -> Callable[[Callable[[T], R]], Callable[[T], R]
     return decorated
 
 
-def _frozen(value: Any) -> Any:
+def _freeze(value: Any) -> Any:
     """A read-only copy of an array, contiguous; anything else itself."""
     if not isinstance(value, np.ndarray):
         return value

@@ -81,7 +81,7 @@ class Deadline:
             self._cuts.append(self.ends)
         return min(count, wanted)
 
-    def cuts(self, left_out: bool) -> None:
+    def record_cut(self, left_out: bool) -> None:
         """Record whether work was left out because of the deadline."""
         if left_out:
             self._cuts.append(self.ends)
@@ -106,13 +106,13 @@ class Deadline:
         """Run the block until the deadline; the first `checkpoint` after it ends the block without an error."""
         return Within(self)
 
-    def enforced(self) -> Enforced:
+    def enforce(self) -> Enforced:
         """Put the deadline in force for the block: a `checkpoint` inside it raises `OutOfTime` once it has passed."""
         return Enforced(self)
 
 
 class Enforced:
-    """A block in which a deadline is in force, see `Deadline.enforced`."""
+    """A block in which a deadline is in force, see `Deadline.enforce`."""
 
     def __init__(self, deadline: Deadline) -> None:
         self.deadline = deadline
@@ -137,7 +137,7 @@ NEVER = Deadline()
 _in_force: ContextVar[Deadline] = ContextVar("_in_force", default=NEVER)
 
 
-def in_force() -> Deadline:
+def active_deadline() -> Deadline:
     """The deadline of the stage that is running; `NEVER` outside of a match."""
     return _in_force.get()
 
@@ -149,7 +149,7 @@ def checkpoint(seconds: float = 0.0) -> None:
     """
     deadline = _in_force.get()
     if deadline.is_set and deadline.left() <= seconds:
-        deadline.cuts(left_out=True)
+        deadline.record_cut(left_out=True)
         raise OutOfTime
 
 

@@ -35,19 +35,19 @@ BRIEF.maxlist = BRIEF.maxtuple = BRIEF.maxdict = BRIEF.maxset = BRIEF.maxfrozens
 BRIEF.maxstring = BRIEF.maxother = BRIEF.maxlong = 10 * MOST_QUOTED
 
 
-def printable(text: str) -> str:
+def escape_unprintable(text: str) -> str:
     """A text with every character that a terminal may obey as its escape, in the notation of Python."""
     if text.isprintable():
         return text
     return "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
 
 
-def quoted(value: object) -> str:
+def quote_value(value: object) -> str:
     """A value as an error may quote it: one short line that no terminal obeys."""
     if isinstance(value, list | dict) and len(value) > MOST_LISTED:
         return f"a {'list' if isinstance(value, list) else 'mapping'} of {len(value)}"
     try:
-        text = printable(" ".join(BRIEF.repr(value).split()))
+        text = escape_unprintable(" ".join(BRIEF.repr(value).split()))
     except (ValueError, RecursionError):
         return "a number of thousands of digits" if isinstance(value, int) else f"a {type(value).__name__}"
     return text if len(text) <= MOST_QUOTED else f"{text[: MOST_QUOTED - 3]}..."

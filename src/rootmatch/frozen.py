@@ -9,7 +9,7 @@ from typing import Any, Generic, Self, TypeVar, overload
 Value = TypeVar("Value")
 
 
-def copied(value: Value, **fields: Any) -> Value:
+def copy_with(value: Value, **fields: Any) -> Value:
     """As `dataclasses.replace`, in a fifth of its time, for a class that checks nothing when a value is made.
 
     Stages hand on findings with dozens of fields, several times in each frame of a tracker. What was worked out once is
@@ -26,7 +26,7 @@ def copied(value: Value, **fields: Any) -> Value:
     return out
 
 
-def amended(value: Value, *lost: str, **fields: Any) -> Value:
+def amend(value: Value, *lost: str, **fields: Any) -> Value:
     """As `copied`, with what was worked out once, but for what is ``lost``: all that depends on the changed fields."""
     out = copy(value)
     after = vars(out)

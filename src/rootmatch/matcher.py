@@ -17,7 +17,7 @@ from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import UnseenPixelError
-from rootmatch.explain.body_findings import nothing_in_any
+from rootmatch.explain.body_findings import find_no_body
 from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
@@ -29,7 +29,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
-from rootmatch.problems.checks import repeated
+from rootmatch.problems.checks import find_repeated
 from rootmatch.problems.noise import check_source_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.result import Match, report
@@ -99,7 +99,7 @@ max_hyperedges, max_evaluations
     ) -> None:
         check_problem(problem)
         problem = problem.for_points(source)
-        self.checked = problem.checked_source(source, normals, view_angle, distinct=bodies is None)
+        self.checked = problem.check_source(source, normals, view_angle, distinct=bodies is None)
         self.source, self.normals, _ = self.checked
         self.problem = problem
         self.noise = noise if isinstance(noise, str | int | float) else copy.deepcopy(noise)
@@ -186,9 +186,9 @@ max_hyperedges, max_evaluations
         options = options or self.options
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
         alone = searching is not True or (prior is not None and self.labels is None and self.problem.takes_prior)
-        reason = self._fault(detections, 1 if alone else self.problem.order)
+        reason = self._detection_fault(detections, 1 if alone else self.problem.order)
         if reason is not None:
-            return self._nothing(detections, reason)
+            return self._empty_finding(detections, reason)
         told: dict[str, Any] = {"more_images": more_images, "log_inexact": log_inexact}
         if rivals is not None:
             others = {label: poses for label, poses in rivals.items() if label is not None}
@@ -214,9 +214,9 @@ max_hyperedges, max_evaluations
         try:
             return explain(task, searching)
         except UnseenPixelError as error:
-            return self._nothing(detections, str(error))
+            return self._empty_finding(detections, str(error))
 
-    def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:
+    def _detection_fault(self, detections: NDArray[np.float64], least: int) -> str | None:
         """Fault of a frame's detections that any detector may cause; None if there is none."""
         if detections.size == 0:
             return f"no detections given, at least {self.problem.order} needed by {self.problem.name}"
@@ -228,10 +228,10 @@ max_hyperedges, max_evaluations
         if self.problem.takes_prior:
             one = len(detections) > 1 and bool((detections == detections[0]).all())
             return f"all {len(detections)} detections are the same" if one else None
-        same = repeated(detections)
+        same = find_repeated(detections)
         return None if same is None else f"detections {same[0]} and {same[1]} are the same; keep one of them"
 
-    def _nothing(self, detections: NDArray[np.float64], reason: str) -> Finding:
+    def _empty_finding(self, detections: NDArray[np.float64], reason: str) -> Finding:
         """The finding of a frame that cannot be matched; of several bodies that of each."""
         detections = detections.reshape(-1, self.problem.target_dimension)
         n, n_target = len(self.source), len(detections)
@@ -240,4 +240,4 @@ max_hyperedges, max_evaluations
         task = MatchingTask(
             self.problem, points, self.options.affinity(self.problem), self.options, noise=noise, bodies=self.labels
         )
-        return nothing_in_any(task, reason)
+        return find_no_body(task, reason)

@@ -36,7 +36,7 @@ class Options:
                 usable, expected = isinstance(value, type(entry.default)), type(entry.default).__name__
             elif kind.startswith(("int", "float")):
                 number = kind.split(" ")[0]
-                usable, expected = _within(value, number, entry), f"{_NUMBERS[number]}{_range(entry)}"
+                usable, expected = _is_within_range(value, number, entry), f"{_NUMBERS[number]}{_range(entry)}"
             elif kind == "bool":
                 usable, expected = isinstance(value, bool), "True or False"
             else:
@@ -48,7 +48,7 @@ class Options:
 _NUMBERS = {"int": "a whole number", "float": "a number"}
 
 
-def _within(value: Any, number: str, entry: Any) -> bool:
+def _is_within_range(value: Any, number: str, entry: Any) -> bool:
     """Whether a value is such a number and lies within the range of its field."""
     if isinstance(value, bool) or not isinstance(value, Integral if number == "int" else Real):
         return False

@@ -16,14 +16,14 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
-from rootmatch.explain.diagnosis import Diagnosis, diagnosed
-from rootmatch.explain.displaced_points import advice_on_points
+from rootmatch.explain.diagnosis import Diagnosis, try_mistakes
+from rootmatch.explain.displaced_points import point_advice
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import other_poses
 from rootmatch.explain.inexact_points import noise_factor
-from rootmatch.explain.judged_motions import confidence_of_motions
-from rootmatch.explain.poses import poses_of
-from rootmatch.explain.predicted_poses import agrees_with_prior, fused_pose, labels_of_any, poses_of_finding
+from rootmatch.explain.judged_motions import motion_confidence
+from rootmatch.explain.poses import fit_match_poses
+from rootmatch.explain.predicted_poses import agrees_with_prior, assignment_labels, finding_poses, fused_pose
 from rootmatch.explain.status_advice import advice, is_undetermined
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
@@ -31,7 +31,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.similarity import Similarity
-from rootmatch.sightings import Sightings, of_first_cameras
+from rootmatch.sightings import Sightings, reduce_to_first_cameras
 
 __all__ = ["Match", "Status", "report"]
 
@@ -89,7 +89,7 @@ class Match:
     @cached_property
     def shown(self) -> Finding:
         """The finding with one detection of each point."""
-        return self.finding if self.sightings is None else of_first_cameras(self.finding)
+        return self.finding if self.sightings is None else reduce_to_first_cameras(self.finding)
 
     @property
     def task(self) -> MatchingTask:
@@ -209,11 +209,11 @@ class Match:
         so many that the rest is right with ``min_probability`` (up to a thousandth of the matches of a large
         assignment). NaN where there was nothing to weigh, and where `probability` is None.
         """
-        known = self.finding.every_confidence if self.sightings is None else self.sightings.confidence
+        known = self.finding.all_confidence if self.sightings is None else self.sightings.confidence
         if known is not None:
             return known
         if self.task.options.packs_motions:
-            return confidence_of_motions(self.task, self.assignment, self.motion_labels)
+            return motion_confidence(self.task, self.assignment, self.motion_labels)
         return np.full(len(self.assignment), np.nan)
 
     @cached_property
@@ -254,14 +254,14 @@ class Match:
 
         Between point sets in space it names the usual mistake that explains them, such as a left-handed set.
         """
-        confidence = None if self.finding.every_confidence is None else self.confidence
+        confidence = None if self.finding.all_confidence is None else self.confidence
         posed = self.status is Status.MATCHED and self.problem.least_for_pose > 0 and self.bodies is None
         told = advice(self.shown, confidence, self.stopped_early, posed and is_undetermined(self.poses))
         asked = isinstance(self.problem, Similarity) and self.status is Status.UNTRUSTED and self.bodies is None
         fits = self.diagnose(ADVISED).fits if asked and self.finding.reason is None else ()
         if fits and (fits[0].probability or 0.0) > 0.5:
             return f"no trustworthy match: {fits[0].mistake}; {fits[0].remedy}"
-        return told if self.bodies else told + advice_on_points(self.finding, self.whole)
+        return told if self.bodies else told + point_advice(self.finding, self.whole)
 
     @cached_property
     def poses(self) -> list[Pose | None]:
@@ -277,12 +277,12 @@ class Match:
         InputError
             If the problem fits no poses, as derived problems, whose equations do not say what a pose is.
         """
-        return poses_of_finding(self.finding)
+        return finding_poses(self.finding)
 
     @cached_property
     def alternative_poses(self) -> list[list[Pose | None]]:
         """Poses of each of `alternatives`. With several motions, points keep the motion that they have here."""
-        return poses_of(self.task, [other for other, _ in self.alternatives], self.motion_labels)
+        return fit_match_poses(self.task, [other for other, _ in self.alternatives], self.motion_labels)
 
     @cached_property
     def other_poses(self) -> list[tuple[Pose, float]]:
@@ -302,7 +302,7 @@ class Match:
             If it is not an assignment, and as `poses`.
         """
         one = check_assignment(assignment, self.task.shape)
-        return poses_of(self.task, [one], labels_of_any(self.task, self.motion_labels))[0]
+        return fit_match_poses(self.task, [one], assignment_labels(self.task, self.motion_labels))[0]
 
     @property
     def pose(self) -> Pose | None:
@@ -316,7 +316,7 @@ class Match:
         `Diagnosis.fits` names the mistakes with which the points match; ``print`` the result. ``max_seconds`` limits
         all trials together.
         """
-        return diagnosed(self, lambda finding: report(finding, seconds=0.0), max_seconds)
+        return try_mistakes(self, lambda finding: report(finding, seconds=0.0), max_seconds)
 
     def report(self, path: str | Path, **options: Any) -> None:
         """Write the match as one self-contained page for the browser, which needs no network.

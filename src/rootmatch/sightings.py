@@ -9,8 +9,8 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.predicted_poses import poses_of_finding
-from rootmatch.hypergraph.deferred_tensor import renumbered
+from rootmatch.explain.predicted_poses import finding_poses
+from rootmatch.hypergraph.deferred_tensor import renumber_tensor
 from rootmatch.problems.pose_fit.pose import Pose
 
 
@@ -38,7 +38,7 @@ class Sightings:
     @cached_property
     def poses(self) -> list[Pose | None]:
         """Poses of the bodies in the rig, each fitted to all sightings; their ``points`` are camera · n + point."""
-        return poses_of_finding(self.finding)
+        return finding_poses(self.finding)
 
     @property
     def pose(self) -> Pose | None:
@@ -48,20 +48,20 @@ class Sightings:
     @cached_property
     def confidence(self) -> Floats:
         """Confidence of each point (n,): that of its surest sighting; if unseen, the least over the cameras."""
-        known = self.finding.every_confidence
+        known = self.finding.all_confidence
         each = np.full(self.assignment.shape, np.nan) if known is None else known.reshape(self.assignment.shape)
         surest = np.where(self.assignment >= 0, each, -1.0).max(axis=0)
         return np.asarray(np.where((self.assignment >= 0).any(axis=0), surest, each.min(axis=0)))
 
 
-def of_first_cameras(finding: Finding) -> Finding:
+def reduce_to_first_cameras(finding: Finding) -> Finding:
     """The finding of a rig with one detection for each point: that of the first camera that sees it."""
     task = finding.task
     n, n_target = task.shape
-    first, camera = _first_of(finding.assignment.reshape(-1, n))
-    others, scores = [], [finding.every_score[0]]
+    first, camera = _first_detections(finding.assignment.reshape(-1, n))
+    others, scores = [], [finding.all_scores[0]]
     for other, score in finding.alternatives:
-        seen = _first_of(other.reshape(-1, n))[0]
+        seen = _first_detections(other.reshape(-1, n))[0]
         if not np.array_equal(seen, first):
             others.append(seen)
             scores.append(score)
@@ -77,12 +77,12 @@ def of_first_cameras(finding: Finding) -> Finding:
         others=others,
         scores=scores,
         soft=soft,
-        tensor=renumbered(finding.tensor, of_rows, (n, n_target), task.weights),
+        tensor=renumber_tensor(finding.tensor, of_rows, (n, n_target), task.weights),
         labels=labels,
     )
 
 
-def _first_of(sightings: Integers) -> tuple[Integers, Integers]:
+def _first_detections(sightings: Integers) -> tuple[Integers, Integers]:
     """The detection of each point in the first camera that has one, −1 for none, and that camera; of (C, n)."""
     seen = sightings >= 0
     camera = seen.argmax(axis=0)

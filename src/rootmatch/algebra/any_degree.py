@@ -23,7 +23,7 @@ ITERATIONS = 60
 """Bound on the steps towards all roots at once; ten are usual. Not tuned."""
 
 
-def compiled(text: str, name: str, names: dict[str, Any]) -> Any:
+def compile_text(text: str, name: str, names: dict[str, Any]) -> Any:
     """The function of that name in a text composed by this package, never one that was read from a file."""
     namespace: dict[str, Any] = {"math": math, "np": np, "__name__": __name__, **names}
     exec(compile(text, f"<composed {name}>", "exec"), namespace)
@@ -31,7 +31,7 @@ def compiled(text: str, name: str, names: dict[str, Any]) -> Any:
 
 
 @cache
-def roots_of(degree: int) -> Any:
+def make_root_kernel(degree: int) -> Any:
     """Kernel ``(c_k, …, c_0) → k numbers``: the real roots, and the real part of each complex one.
 
     The caller decides which are close enough to real, by the value there. Where the leading coefficient is the
@@ -43,7 +43,7 @@ def roots_of(degree: int) -> Any:
         return _quadratic
     if degree == 4:
         return _quartic
-    return kernel(compiled(_roots_text(degree), "roots", {}))
+    return kernel(compile_text(_roots_text(degree), "roots", {}))
 
 
 @scalar
@@ -133,17 +133,17 @@ def _roots_text(degree: int) -> str:
 
 
 @cache
-def last_entry_of(degree: int) -> Any:
+def make_last_entry_kernel(degree: int) -> Any:
     """Kernel ``(p_k, …, p_0, q_k, …, q_0) → |R_2k,2k|`` of both scaled to unit 2-norm; see `bezout`."""
     if degree == 2:
         return unit_last_entry_quadratic
     if degree == 4:
         return unit_last_entry_quartic
-    return scalar(compiled(_last_entry_text(degree), "last_entry", {"NO_INFORMATION": NO_INFORMATION}))
+    return scalar(compile_text(_last_entry_text(degree), "last_entry", {"NO_INFORMATION": NO_INFORMATION}))
 
 
 @cache
-def lesser_last_entry_of(degree: int) -> Any:
+def make_lesser_entry_kernel(degree: int) -> Any:
     """Kernel ``(p_k, …, p_0, q_k, …, q_0) →`` the lesser |R_2k,2k| over the polynomials in x and in 1/x.
 
     |R_2k,2k| = σ_min ‖y‖ / |y_last| with y the null vector (x^{2k−1}, …, 1), so the one-sided value blows up when the
@@ -154,7 +154,7 @@ def lesser_last_entry_of(degree: int) -> Any:
         f"def lesser({', '.join(p + q)}):\n"
         f"    return min(forward({', '.join(p + q)}), forward({', '.join(p[::-1] + q[::-1])}))\n"
     )
-    return scalar(compiled(text, "lesser", {"forward": last_entry_of(degree)}))
+    return scalar(compile_text(text, "lesser", {"forward": make_last_entry_kernel(degree)}))
 
 
 def _names(letter: str, degree: int) -> list[str]:
@@ -207,7 +207,7 @@ def _last_entry_text(degree: int) -> str:
 
 
 @cache
-def singular_value_of(degree: int) -> Any:
+def make_singular_value_kernel(degree: int) -> Any:
     """Kernel ``(p_k, …, p_0, q_k, …, q_0) → σ_min`` of the Sylvester matrix of both scaled to unit 2-norm."""
     p, q = _names("p", degree), _names("q", degree)
     closed = {2: smallest_singular_value_quadratic, 4: smallest_singular_value_quartic}.get(degree)
@@ -233,7 +233,7 @@ def singular_value_of(degree: int) -> Any:
                 ]
         lines.append("    return least(a)")
     names = {"NO_INFORMATION": NO_INFORMATION, "closed": closed, "least": smallest_singular_value}
-    return kernel(compiled("\n".join(lines) + "\n", "value", names))
+    return kernel(compile_text("\n".join(lines) + "\n", "value", names))
 
 
 @kernel

@@ -138,7 +138,7 @@ def unit_last_entry_quartic_about_one(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  
 
 
 @scalar
-def reversed_about_one(a4, a3, a2, a1, a0):  # type: ignore[no-untyped-def]
+def reverse_about_one(a4, a3, a2, a1, a0):  # type: ignore[no-untyped-def]
     """The quartic in 1/x, by powers of 1/x − 1, of a quartic in x given by powers of x − 1."""
     return (
         a0 - a1 + a2 - a3 + a4,
@@ -151,9 +151,9 @@ def reversed_about_one(a4, a3, a2, a1, a0):  # type: ignore[no-untyped-def]
 
 @scalar
 def lesser_unit_last_entry_quartic_about_one(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """The lesser of both entries, see `any_degree.lesser_last_entry_of`, of quartics given in z = x − 1."""
-    f4, f3, f2, f1, f0 = reversed_about_one(p4, p3, p2, p1, p0)
-    g4, g3, g2, g1, g0 = reversed_about_one(q4, q3, q2, q1, q0)
+    """The lesser of both entries, see `any_degree.make_lesser_entry_kernel`, of quartics given in z = x − 1."""
+    f4, f3, f2, f1, f0 = reverse_about_one(p4, p3, p2, p1, p0)
+    g4, g3, g2, g1, g0 = reverse_about_one(q4, q3, q2, q1, q0)
     return min(
         unit_last_entry_quartic_about_one(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0),
         unit_last_entry_quartic_about_one(f4, f3, f2, f1, f0, g4, g3, g2, g1, g0),

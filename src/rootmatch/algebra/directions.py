@@ -10,7 +10,7 @@ from rootmatch.algebra.rotation import cross
 from rootmatch.arrays import Floats
 
 
-def tangent_basis_of(x: Any, y: Any, z: Any) -> Any:
+def tangent_basis_at(x: Any, y: Any, z: Any) -> Any:
     """Two unit vectors orthogonal to a unit vector and to each other, without a branch (Duff et al. 2017).
 
     The three are right-handed in this order: first × second = (x, y, z). Plain Python, for a single vector;

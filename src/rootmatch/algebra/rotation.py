@@ -28,7 +28,7 @@ def cross_matrix(vectors: Floats) -> Floats:
     return out
 
 
-def frames_of_triangles(corners: Floats) -> Floats:
+def triangle_frames(corners: Floats) -> Floats:
     """Right-handed orthonormal frames (…, 3, 3) of triangles (…, 3, 3), as columns; NaN where the corners are in line.
 
     The first column lies along a side, the last across the plane.
@@ -76,7 +76,7 @@ def rotation_vector(rotation: Floats) -> Floats:
     return np.asarray(vectors)
 
 
-def on_arc(vector: Floats, along: Floats) -> Floats:
+def move_along_arc(vector: Floats, along: Floats) -> Floats:
     """Where motions (…, 3) of a body lead that turns by rotation vectors (…, 3) meanwhile, both at constant rates."""
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     once = cross(vector, along)
@@ -85,8 +85,8 @@ def on_arc(vector: Floats, along: Floats) -> Floats:
     return np.asarray(along + 0.5 * half**2 * once + third * twice)
 
 
-def along_arc(vector: Floats, moved: Floats) -> Floats:
-    """The inverse of `on_arc`: the motions (…, 3) that lead a body to where it has moved (…, 3)."""
+def arc_motion(vector: Floats, moved: Floats) -> Floats:
+    """The inverse of `move_along_arc`: the motions (…, 3) that lead a body to where it has moved (…, 3)."""
     half = 0.5 * np.linalg.norm(vector, axis=-1, keepdims=True)
     once = cross(vector, moved)
     bent = np.where(
@@ -95,9 +95,9 @@ def along_arc(vector: Floats, moved: Floats) -> Floats:
     return np.asarray(moved - 0.5 * once + bent * cross(vector, once))
 
 
-def by_left_turn(vector: Floats) -> Floats:
+def left_turn_jacobian(vector: Floats) -> Floats:
     """Derivatives (…, 3, 3) of rotation vectors (…, 3) by a small rotation that follows."""
-    return np.moveaxis(along_arc(vector[..., None, :], np.eye(3)), -1, -2)
+    return np.moveaxis(arc_motion(vector[..., None, :], np.eye(3)), -1, -2)
 
 
 def rotation_about_y(cosine: Floats, sine: Floats) -> Floats:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 
 
-@internal()
+@internal_function()
 def shell_sort(values, first, last):  # type: ignore[no-untyped-def]
     """Bring values[first:last] into ascending order, in place, by Shell's steps (Knuth's gaps 1, 4, 13, …)."""
     gap = 1

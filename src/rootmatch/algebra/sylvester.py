@@ -61,7 +61,7 @@ def rotation(aa, bb, ab, nothing):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def rotated4(a, b, nothing):  # type: ignore[no-untyped-def]
+def jacobi_rotate4(a, b, nothing):  # type: ignore[no-untyped-def]
     """Two rows of 4 made orthogonal by a Jacobi rotation, and whether they were not orthogonal before."""
     c, s, rotates = rotation(dot4(a, a), dot4(b, b), dot4(a, b), nothing)
     return mixed4(c, a, -s, b), mixed4(s, a, c, b), rotates
@@ -74,7 +74,7 @@ def square8(a):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def rotated8(a, b, nothing):  # type: ignore[no-untyped-def]
+def jacobi_rotate8(a, b, nothing):  # type: ignore[no-untyped-def]
     """Two rows of 8 (pairs of 4-tuples) made orthogonal by a Jacobi rotation, and whether they were not before."""
     c, s, rotates = rotation(square8(a), square8(b), dot4(a[0], b[0]) + dot4(a[1], b[1]), nothing)
     return (
@@ -108,10 +108,10 @@ def smallest_singular_value_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # 
     nothing = NOTHING * size * size
     quiet = 0
     for _ in range(7 * SWEEPS):
-        a, b, turn0 = rotated8(a, b, nothing)
-        c, d, turn1 = rotated8(c, d, nothing)
-        e, f, turn2 = rotated8(e, f, nothing)
-        g, h, turn3 = rotated8(g, h, nothing)
+        a, b, turn0 = jacobi_rotate8(a, b, nothing)
+        c, d, turn1 = jacobi_rotate8(c, d, nothing)
+        e, f, turn2 = jacobi_rotate8(e, f, nothing)
+        g, h, turn3 = jacobi_rotate8(g, h, nothing)
         b, c, e, g, h, f, d = d, b, c, e, g, h, f
         quiet = 0 if turn0 or turn1 or turn2 or turn3 else quiet + 1
         if quiet == 7:
@@ -135,8 +135,8 @@ def smallest_singular_value_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[n
     nothing = NOTHING * size * size
     quiet = 0
     for _ in range(3 * SWEEPS):
-        a, b, turn0 = rotated4(a, b, nothing)
-        c, d, turn1 = rotated4(c, d, nothing)
+        a, b, turn0 = jacobi_rotate4(a, b, nothing)
+        c, d, turn1 = jacobi_rotate4(c, d, nothing)
         b, c, d = d, b, c
         quiet = 0 if turn0 or turn1 else quiet + 1
         if quiet == 3:

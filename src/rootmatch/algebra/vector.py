@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rootmatch.algebra.directions import tangent_basis_of
+from rootmatch.algebra.directions import tangent_basis_at
 from rootmatch.jit.decorators import scalar
 
 
@@ -19,13 +19,13 @@ def cross(a, b):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def scaled(f, a):  # type: ignore[no-untyped-def]
+def scale_vector(f, a):  # type: ignore[no-untyped-def]
     """The vector f a."""
     return f * a[0], f * a[1], f * a[2]
 
 
 @scalar
-def added(a, b):  # type: ignore[no-untyped-def]
+def add_vectors(a, b):  # type: ignore[no-untyped-def]
     """The vector a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
@@ -55,7 +55,7 @@ def column4(array, i):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def rotated_about_y(c, s, a):  # type: ignore[no-untyped-def]
+def rotate_vector_about_y(c, s, a):  # type: ignore[no-untyped-def]
     """A vector rotated about the y axis by the angle with cosine c and sine s."""
     return c * a[0] + s * a[2], a[1], c * a[2] - s * a[0]
 
@@ -67,7 +67,7 @@ def slope_about_y(a):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def adjugate_of(symmetric):  # type: ignore[no-untyped-def]
+def symmetric_adjugate(symmetric):  # type: ignore[no-untyped-def]
     """Adjugate of a symmetric matrix [[a b c] [b d e] [c e f]], given as (a, b, c, d, e, f), and its determinant."""
     a, b, c, d, e, f = symmetric
     adjugate = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
@@ -82,4 +82,4 @@ def symmetric_times(symmetric, v):  # type: ignore[no-untyped-def]
     return a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
 
 
-tangent_basis = scalar(tangent_basis_of)
+tangent_basis = scalar(tangent_basis_at)

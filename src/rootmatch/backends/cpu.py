@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.backends.strongest import Block, Enumeration, Strongest, Sweep, strongest_of
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.backends.strongest import Block, Enumeration, Strongest, Sweep, make_strongest
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.threads import in_threads, threads_worth
-from rootmatch.problems.padding import padded, target_columns
+from rootmatch.jit.threads import run_in_threads, worthwhile_threads
+from rootmatch.problems.padding import pad_tables, target_columns
 from rootmatch.problems.residual_dispatch import (
     BLOCK_COLUMNS,
     BLOCK_ROWS,
@@ -53,7 +53,7 @@ WORTH_A_THREAD = 16384
 @driver(nogil=True, error_model="numpy")
 def evaluate(tables, kind, source_index, target_index, first, last, block, residual):  # type: ignore[no-untyped-def]
     """Residuals of the hyper-edges first … last − 1 of index arrays (E, d), into an array (E,), and a scratch block."""
-    tables, source_index, target_index, block = borrowed((tables, source_index, target_index, block))
+    tables, source_index, target_index, block = borrow((tables, source_index, target_index, block))
     for start in range(first, last, BLOCK_COLUMNS):
         end = min(start + BLOCK_COLUMNS, last)
         fill_block(tables, kind, source_index, target_index, start, end, block)
@@ -121,7 +121,7 @@ def sweep(
             chunks, first, last, i, j, before, scratch, out, panel, codes, residuals, counts, evaluated,
         )  # fmt: skip
 
-    in_threads(work, chunks, threads_worth(chunks), PARTS)
+    run_in_threads(work, chunks, worthwhile_threads(chunks), PARTS)
     return codes, residuals, counts, evaluated
 
 
@@ -134,9 +134,9 @@ def _sweep(  # type: ignore[no-untyped-def]
 
     ``before`` (d,) tells whose panel it is: j[:d - 2] and, last, the rank of the minimal set.
     """
-    tables, bases, arrangements, allowed = borrowed((tables, bases, arrangements, allowed))
-    codes, residuals, counts, evaluated = borrowed((codes, residuals, counts, evaluated))
-    i, j, before, scratch, out, panel = borrowed((i, j, before, scratch, out, panel))
+    tables, bases, arrangements, allowed = borrow((tables, bases, arrangements, allowed))
+    codes, residuals, counts, evaluated = borrow((codes, residuals, counts, evaluated))
+    i, j, before, scratch, out, panel = borrow((i, j, before, scratch, out, panel))
     d = bases.shape[1] + 1
     capacity = codes.shape[1]
     total = last_rank - first_rank
@@ -229,7 +229,7 @@ def residuals(
         block = np.empty((BLOCK_ROWS, BLOCK_COLUMNS))
         evaluate(tables, kind, source, target, first * PIECE, min(last * PIECE, len(source)), block, residual)
 
-    in_threads(work, -(-len(source) // PIECE), threads_worth(len(source) // WORTH_A_THREAD))
+    run_in_threads(work, -(-len(source) // PIECE), worthwhile_threads(len(source) // WORTH_A_THREAD))
     return residual
 
 
@@ -239,10 +239,10 @@ def evaluated(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple
         yield block, residuals(tables, kind, *block)
 
 
-def _swept(work: Enumeration) -> Sweep:
+def _make_sweep(work: Enumeration) -> Sweep:
     """Sweeps on threads; what more is found than there is room for is looked for again."""
     n, n_target = work.shape
-    tables = padded(work.tables, n_target)
+    tables = pad_tables(work.tables, n_target)
     capacity = FIRST_CAPACITY
 
     def swept(first: int, last: int, kept: Strongest) -> int:
@@ -279,5 +279,5 @@ def _swept(work: Enumeration) -> Sweep:
     return swept
 
 
-strongest = strongest_of(_swept, BLOCK, FIRST_BLOCK)
+strongest = make_strongest(_make_sweep, BLOCK, FIRST_BLOCK)
 """See `Backend.strongest`."""

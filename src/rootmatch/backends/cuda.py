@@ -17,9 +17,9 @@ import numpy as np
 from numba import cuda
 from numpy.typing import NDArray
 
-from rootmatch.backends.strongest import Block, Enumeration, Strongest, strongest_of
+from rootmatch.backends.strongest import Block, Enumeration, Strongest, make_strongest
 from rootmatch.errors import InputError
-from rootmatch.jit.cuda import SIMULATED, make_known
+from rootmatch.jit.cuda import SIMULATED, register_kernels
 from rootmatch.jit.float32 import is_single
 from rootmatch.problems.residual_dispatch import (
     PANEL_ROWS,
@@ -149,21 +149,21 @@ _panel = cuda.jit(panel_kernel, cache=not SIMULATED)
 _sweep = cuda.jit(sweep_kernel, cache=not SIMULATED)
 
 
-def blocks() -> int:
+def block_count() -> int:
     """Blocks of a launch that fills the card."""
     return 2 if SIMULATED else BLOCKS * int(cuda.get_current_device().MULTIPROCESSOR_COUNT)
 
 
-def on_device(tables: Any) -> Any:
+def tables_to_device(tables: Any) -> Any:
     """Tables with their arrays on the card."""
     return type(tables)(*(cuda.to_device(np.ascontiguousarray(array)) for array in tables))
 
 
 def launch(kernel: Any, *arguments: Any) -> None:
     """Run a kernel; one that cannot be compiled for a card is an input error."""
-    make_known()
+    register_kernels()
     try:
-        kernel[blocks(), THREADS](*arguments)
+        kernel[block_count(), THREADS](*arguments)
     except Exception as error:
         if SIMULATED or type(error).__name__ not in ("TypingError", "LoweringError", "UnsupportedError", "LinkerError"):
             raise
@@ -174,7 +174,9 @@ def launch(kernel: Any, *arguments: Any) -> None:
         ) from error
 
 
-def _listed(tables: Any, kind: Any, source_index: NDArray[Any], target_index: NDArray[Any]) -> NDArray[np.float64]:
+def _evaluate_listed(
+    tables: Any, kind: Any, source_index: NDArray[Any], target_index: NDArray[Any]
+) -> NDArray[np.float64]:
     """Residuals (E,) of hyper-edges given as index arrays (E, d), by tables on the card."""
     values = np.empty(len(source_index))
     for first in range(0, len(values), LISTED):
@@ -190,9 +192,9 @@ def _listed(tables: Any, kind: Any, source_index: NDArray[Any], target_index: ND
 
 def evaluated(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple[Block, NDArray[np.float64]]]:
     """See `Backend.evaluated`."""
-    there = on_device(tables)
+    there = tables_to_device(tables)
     for block in blocks:
-        yield block, _listed(there, kind, *block)
+        yield block, _evaluate_listed(there, kind, *block)
 
 
 class Sweep:
@@ -202,11 +204,11 @@ class Sweep:
         n, n_target = work.shape
         self.number: Any = np.float32 if is_single(work.tables) else np.float64
         self.squares = gives_squares(work.tables, work.kind)
-        self.tables, self.kind = on_device(work.tables), work.kind
+        self.tables, self.kind = tables_to_device(work.tables), work.kind
         self.bases, self.arrangements = cuda.to_device(work.bases), cuda.to_device(work.arrangements)
         self.masked, self.points = work.allowed.size > 0, n
         self.allowed = cuda.to_device(work.allowed if self.masked else np.ones((1, 1), np.bool_))
-        self.lines = cuda.device_array((1, n_target, blocks() * THREADS), self.number)
+        self.lines = cuda.device_array((1, n_target, block_count() * THREADS), self.number)
         self.counts = cuda.device_array(2, np.int64)
         self.has_panel = has_panel(work.tables, work.kind)
         self.slabs_a_stem = n_target - work.order + 2
@@ -250,5 +252,5 @@ class Sweep:
         return looked
 
 
-strongest = strongest_of(Sweep, LAUNCH, FIRST_LAUNCH)
+strongest = make_strongest(Sweep, LAUNCH, FIRST_LAUNCH)
 """See `Backend.strongest`."""

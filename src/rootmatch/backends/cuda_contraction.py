@@ -72,7 +72,7 @@ class DeviceTensor(AffinityTensor):
         assert isinstance(made, DeviceTensor)
         return made
 
-    def _uploaded(self) -> Any:
+    def _upload(self) -> Any:
         there = self.__dict__.get("_there")
         if there is None:
             flat = self.indices.ravel()
@@ -87,8 +87,8 @@ class DeviceTensor(AffinityTensor):
         """See `AffinityTensor.contract`."""
         if self.size == 0:
             return super().contract(x)
-        soft = self._checked_soft(x)
-        indices, weights, starts, members = self._uploaded()
+        soft = self._check_soft(x)
+        indices, weights, starts, members = self._upload()
         v = cuda.device_array(soft.size, np.float64)
         with warnings.catch_warnings():
             # one block a correspondence, however few they are

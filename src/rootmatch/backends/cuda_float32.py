@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numba import cuda
 
-from rootmatch.backends.cuda import FIRST_LAUNCH, LAUNCH, LONGEST, Sweep, launch, on_device
+from rootmatch.backends.cuda import FIRST_LAUNCH, LAUNCH, LONGEST, Sweep, launch, tables_to_device
 from rootmatch.backends.cuda import evaluated as evaluated
-from rootmatch.backends.strongest import Enumeration, Strongest, strongest_of
+from rootmatch.backends.strongest import Enumeration, Strongest, make_strongest
 from rootmatch.jit.cuda import SIMULATED
-from rootmatch.jit.float32 import rounded
+from rootmatch.jit.float32 import round_tables
 from rootmatch.problems.residual_dispatch import edge_residual
 
 WIDENED = 1.02
@@ -55,8 +55,8 @@ class Screen:
 
     def __init__(self, work: Enumeration) -> None:
         self.shape = work.shape
-        self.tables = on_device(work.tables)
-        self.sweep = Sweep(replace(work, tables=rounded(work.tables)))
+        self.tables = tables_to_device(work.tables)
+        self.sweep = Sweep(replace(work, tables=round_tables(work.tables)))
 
     def __call__(self, first: int, last: int, kept: Strongest) -> int:
         """Add the hyper-edges below the gate that pass the screen, as `Sweep`."""
@@ -73,5 +73,5 @@ class Screen:
         return looked
 
 
-strongest = strongest_of(Screen, LAUNCH, FIRST_LAUNCH)
+strongest = make_strongest(Screen, LAUNCH, FIRST_LAUNCH)
 """See `Backend.strongest`."""

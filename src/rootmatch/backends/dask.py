@@ -41,7 +41,7 @@ _one_at_a_time = Lock()
 """Each piece uses all threads that Numba has, whose simplest scheduler cannot be entered twice."""
 
 
-def connected(scheduler: str) -> Any:
+def connect_client(scheduler: str) -> Any:
     """Client of a Dask scheduler that has workers; a context manager.
 
     Raises `InputError` if Dask is not installed, the scheduler does not answer or it has no workers.
@@ -110,7 +110,7 @@ class Cluster:
         self.scheduler = scheduler
         self.prepare = prepare
 
-    def _sent(self, client: Any, *content: Any) -> Any:
+    def _send_content(self, client: Any, *content: Any) -> Any:
         """Content that all pieces share, sent once to each worker."""
         return client.scatter(pickle.dumps((self.prepare, pickle.dumps(content))), broadcast=True, hash=False)
 
@@ -129,10 +129,10 @@ class Cluster:
         evaluated = done = 0
         # compiled here first: workers on this machine then find the very same code on disk
         cpu.strongest(work, first, min(first + 1, last), gate, 1)
-        with connected(self.scheduler) as client:
+        with connect_client(self.scheduler) as client:
             threads = sum(client.nthreads().values())
             size = max(1, min(PIECE // work.per_slab, -(-(last - first) // (PIECES * threads))))
-            sent = self._sent(client, work)
+            sent = self._send_content(client, work)
 
             # the gate sinks as the strongest come in, and later pieces send back less
             def submit(ranks: range) -> Any:
@@ -141,7 +141,7 @@ class Cluster:
 
             starts = takewhile(lambda start: not deadline.passed(), range(first, last, size))
             pieces = (range(start, min(start + size, last)) for start in starts)
-            for ranks, found in in_order(submit, pieces, IN_FLIGHT * threads, "a piece"):
+            for ranks, found in results_in_order(submit, pieces, IN_FLIGHT * threads, "a piece"):
                 kept.add(found.codes, found.residuals)
                 evaluated += found.evaluated
                 done += len(ranks)
@@ -151,16 +151,16 @@ class Cluster:
 
     def evaluated(self, tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple[Block, NDArray[np.float64]]]:
         """See `Backend.evaluated`."""
-        with connected(self.scheduler) as client:
+        with connect_client(self.scheduler) as client:
             threads = sum(client.nthreads().values())
-            sent = self._sent(client, tables, kind)
-            pieces = self._compiled(tables, kind, blocks)
+            sent = self._send_content(client, tables, kind)
+            pieces = self._compile_first(tables, kind, blocks)
             # not pure: Dask would otherwise look the result up by a hash of its input
             submit = partial(client.submit, _residuals, sent, pure=False)
-            yield from in_order(submit, pieces, IN_FLIGHT * threads, "a piece")
+            yield from results_in_order(submit, pieces, IN_FLIGHT * threads, "a piece")
 
     @staticmethod
-    def _compiled(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[Block]:
+    def _compile_first(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[Block]:
         """The blocks, once what evaluates them is compiled here, for workers on this machine to find it on disk."""
         for number, (source, target) in enumerate(blocks):
             if number == 0:
@@ -168,7 +168,7 @@ class Cluster:
             yield source, target
 
 
-def in_order(
+def results_in_order(
     submit: Callable[[Any], Any], pieces: Iterator[Any], ahead: int, failed: str = ""
 ) -> Iterator[tuple[Any, Any]]:
     """Pieces and their results, in order, with so many of them sent ahead; ``failed`` begins the text of an error."""

@@ -30,9 +30,9 @@ def device_backend() -> Backend:
         found = "no NVIDIA card or driver" if reason is None else str(reason).strip().partition("\n")[0]
         raise InputError(f'backend: "cuda" given, but numba-cuda finds no GPU it can use ({found}); use "cpu"')
     from rootmatch.backends import cuda as backend
-    from rootmatch.jit.cuda import make_known
+    from rootmatch.jit.cuda import register_kernels
 
-    make_known()
+    register_kernels()
     return backend
 
 
@@ -41,7 +41,7 @@ def is_device(backend: Any) -> bool:
     return getattr(backend, "__name__", "") in ("rootmatch.backends.cuda", "rootmatch.backends.cuda_float32")
 
 
-def chosen(name: Name, count: float, single: bool = False) -> Backend:
+def choose_backend(name: Name, count: float, single: bool = False) -> Backend:
     """The backend of that name; ``"auto"`` is the card where there is one and ``count`` hyper-edges make it pay.
 
     ``single`` says that there are kernels of single precision: then ``"auto"`` screens by them on cards that are slow
@@ -64,7 +64,7 @@ def chosen(name: Name, count: float, single: bool = False) -> Backend:
     return cuda_float32 if name == "cuda-float32" or cuda_float32.pays() else backend
 
 
-def placed(tensor: AffinityTensor, backend: Any) -> AffinityTensor:
+def place_tensor(tensor: AffinityTensor, backend: Any) -> AffinityTensor:
     """The tensor where the backend can contract it."""
     if not is_device(backend):
         return tensor

@@ -144,7 +144,7 @@ Sweep = Callable[[int, int, Strongest], int]
 """Adds what is below the gate in a range of ranks, and counts evaluations."""
 
 
-def strongest_of(sweep_of: Callable[[Enumeration], Sweep], block: int, first_block: int) -> Callable[..., Found]:
+def make_strongest(sweep_of: Callable[[Enumeration], Sweep], block: int, first_block: int) -> Callable[..., Found]:
     """`Backend.strongest` by sweeps of an enumeration.
 
     ``first_block`` hyper-edges are swept at first and twice as many each time, up to ``block``, between two looks at

@@ -107,7 +107,7 @@ class CameraModel(ABC):
 
     def in_image(self, pixels: Floats) -> Floats:
         """How far the images (…, n, 2) of n points are expected in the image, from 0 to 1; 1 if its size is unknown."""
-        return np.ones(pixels.shape[:-1]) if self.size is None else expected_within(pixels, self.size)
+        return np.ones(pixels.shape[:-1]) if self.size is None else image_membership(pixels, self.size)
 
     def image_areas(self, target: Floats) -> Floats | None:
         """Area (C,) in px² of the image, or of each of several, in which detections (n', 2) lie, if it is known."""
@@ -118,7 +118,7 @@ class CameraModel(ABC):
         return []
 
 
-def expected_within(pixels: Floats, size: tuple[float, float]) -> Floats:
+def image_membership(pixels: Floats, size: tuple[float, float]) -> Floats:
     """How far pixels (…, 2) are expected in an image of a size: 1 well within, 0 well outside, ½ on the rim."""
     within = np.minimum(pixels, np.array(size) - pixels).min(axis=-1)
     return np.asarray(np.clip(0.5 + 0.5 * within / (RIM * size[0]), 0.0, 1.0))

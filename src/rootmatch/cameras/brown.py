@@ -40,13 +40,13 @@ class Brown(Lens):
         object.__setattr__(self, "values", coefficients(self.values, COUNTS, "distortion"))
 
     @cached_property
-    def _all(self) -> tuple[float, ...]:
+    def _padded_values(self) -> tuple[float, ...]:
         return (*self.values, *(0.0,) * (14 - len(self.values)))
 
     @cached_property
     def _tilt(self) -> Floats:
         """Homography (3, 3) of the tilted sensor."""
-        x, y = self._all[12:]
+        x, y = self._padded_values[12:]
         cx, sx, cy, sy = np.cos(x), np.sin(x), np.cos(y), np.sin(y)
         rotation = np.array([[cy, 0.0, -sy], [0.0, 1.0, 0.0], [sy, 0.0, cy]]) @ np.array(
             [[1.0, 0.0, 0.0], [0.0, cx, sx], [0.0, -sx, cx]]
@@ -58,7 +58,7 @@ class Brown(Lens):
     @cached_property
     def fold(self) -> float:
         """Tangent of the angle to the optical axis at which the radial part folds over, or has a pole."""
-        k1, k2, _, _, k3, k4, k5, k6 = self._all[:8]
+        k1, k2, _, _, k3, k4, k5, k6 = self._padded_values[:8]
         above, below = np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])
         # of r N / D in s = r²: (N D + 2 s (N' D − N D')) / D²
         cross: Floats = np.polysub(np.polymul(np.polyder(above), below), np.polymul(above, np.polyder(below)))
@@ -74,7 +74,7 @@ class Brown(Lens):
 
     def image(self, points: Floats) -> Floats:
         """See `Lens.image`."""
-        return self.by_plane(points[..., :2] / points[..., 2:])[0]
+        return self.project_plane(points[..., :2] / points[..., 2:])[0]
 
     def jacobian(self, points: Floats) -> Floats:
         """See `Lens.jacobian`."""
@@ -83,7 +83,7 @@ class Brown(Lens):
         by_point = np.zeros((*points.shape[:-1], 2, 3))
         by_point[..., 0, 0] = by_point[..., 1, 1] = inverse
         by_point[..., 2] = -plane * inverse[..., None]
-        return np.asarray(self.by_plane(plane)[1] @ by_point)
+        return np.asarray(self.project_plane(plane)[1] @ by_point)
 
     def sees(self, points: Floats) -> Bools:
         """See `Lens.sees`."""
@@ -92,14 +92,14 @@ class Brown(Lens):
 
     def rays(self, image: Floats) -> Floats:
         """See `Lens.rays`: Newton's method from the solution of the radial part, never across the fold."""
-        wanted = self._untilted(image.reshape(-1, 2))
+        wanted = self._untilt(image.reshape(-1, 2))
         distance = np.linalg.norm(wanted, axis=1)
         start = increasing_root(self._radial, distance, self.fold, distance)
         start = np.minimum(start, 0.999999 * self.fold)
         plane = wanted * np.where(distance > 0.0, start / np.where(distance > 0.0, distance, 1.0), 1.0)[:, None]
         settled = np.zeros(len(plane), np.bool_)
         with np.errstate(all="ignore"):
-            value, slope = self._distorted(plane)
+            value, slope = self._distort(plane)
             error = wanted - value
             for _ in range(STEPS):
                 left = np.abs(error).max(axis=1, initial=0.0)
@@ -118,7 +118,7 @@ class Brown(Lens):
                 share = np.ones(len(plane))
                 for _ in range(HALVINGS):
                     moved = plane + share[:, None] * step
-                    value, new_slope = self._distorted(moved)
+                    value, new_slope = self._distort(moved)
                     new_error = wanted - value
                     worse = ~(np.linalg.norm(new_error, axis=1) < np.linalg.norm(error, axis=1))
                     worse |= ~(np.linalg.det(new_slope) > 0.0) | ~(np.linalg.norm(moved, axis=1) < self.fold)
@@ -135,19 +135,19 @@ class Brown(Lens):
         rays = np.column_stack([np.where(settled[:, None], plane, np.nan), np.ones(len(plane))])
         return rays.reshape(*image.shape[:-1], 3)
 
-    def by_plane(self, plane: Floats) -> tuple[Floats, Floats]:
+    def project_plane(self, plane: Floats) -> tuple[Floats, Floats]:
         """Image (…, 2) of points of the plane z = 1 (…, 2), and its derivatives (…, 2, 2)."""
-        value, slope = self._distorted(plane)
-        if self._all[12:] == (0.0, 0.0):
+        value, slope = self._distort(plane)
+        if self._padded_values[12:] == (0.0, 0.0):
             return value, slope
         h = value @ self._tilt[:, :2].T + self._tilt[:, 2]
         tilted = h[..., :2] / h[..., 2:]
         by_value = (self._tilt[:2, :2] - tilted[..., None] * self._tilt[2, :2]) / h[..., 2, None, None]
         return tilted, np.asarray(by_value @ slope)
 
-    def _distorted(self, plane: Floats) -> tuple[Floats, Floats]:
+    def _distort(self, plane: Floats) -> tuple[Floats, Floats]:
         """Points of the plane z = 1 (…, 2) distorted, but for the tilt, and the derivatives (…, 2, 2)."""
-        _, _, p1, p2, _, _, _, _, s1, s2, s3, s4 = self._all[:12]
+        _, _, p1, p2, _, _, _, _, s1, s2, s3, s4 = self._padded_values[:12]
         u, v = plane[..., 0], plane[..., 1]
         r2 = u * u + v * v
         radial, fall = self._factor(r2)
@@ -169,7 +169,7 @@ class Brown(Lens):
 
     def _factor(self, s: Floats) -> tuple[Floats, Floats]:
         """The radial factor at squared distances s from the axis, and its derivative by s."""
-        k1, k2, _, _, k3, k4, k5, k6 = self._all[:8]
+        k1, k2, _, _, k3, k4, k5, k6 = self._padded_values[:8]
         above, below = 1.0 + s * (k1 + s * (k2 + s * k3)), 1.0 + s * (k4 + s * (k5 + s * k6))
         radial = above / below
         return radial, (k1 + s * (2.0 * k2 + s * 3.0 * k3) - radial * (k4 + s * (2.0 * k5 + s * 3.0 * k6))) / below
@@ -180,8 +180,8 @@ class Brown(Lens):
         radial, fall = self._factor(s)
         return r * radial, radial + 2.0 * s * fall
 
-    def _untilted(self, image: Floats) -> Floats:
-        if self._all[12:] == (0.0, 0.0):
+    def _untilt(self, image: Floats) -> Floats:
+        if self._padded_values[12:] == (0.0, 0.0):
             return image
         inverse = np.linalg.inv(self._tilt)
         h = image @ inverse[:, :2].T + inverse[:, 2]

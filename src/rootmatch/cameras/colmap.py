@@ -10,7 +10,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats
 from rootmatch.cameras.lens import Lens
-from rootmatch.errors import InputError, RootmatchError, quoted
+from rootmatch.errors import InputError, RootmatchError, quote_value
 
 AGREES = 1e-7
 """Distance in focal lengths at which a ray that was projected again has come back. Not tuned."""
@@ -108,7 +108,7 @@ def colmap_parameters(model: str) -> tuple[list[int], list[int], list[str]]:
     pycolmap = _pycolmap()
     known = {name: value for name, value in pycolmap.CameraModelId.__members__.items() if name != "INVALID"}
     if model not in known:
-        raise InputError(f"camera: COLMAP has no model {quoted(model)}; it has {', '.join(sorted(known))}")
+        raise InputError(f"camera: COLMAP has no model {quote_value(model)}; it has {', '.join(sorted(known))}")
     camera = pycolmap.Camera.create_from_model_id(1, known[model], 1.0, 1, 1)
     names = [name.strip() for name in camera.params_info.split(",")]
     return list(camera.focal_length_idxs()), list(camera.principal_point_idxs()), names

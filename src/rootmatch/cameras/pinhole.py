@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, Integers, as_floats, kept_by_values
+from rootmatch.arrays import Bools, Floats, Integers, as_floats, cache_by_values
 from rootmatch.cameras.base import CameraModel, tangent_axes
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
-from rootmatch.errors import InputError, InputWarning, UnseenPixelError, quoted
+from rootmatch.errors import InputError, InputWarning, UnseenPixelError, quote_value
 
 LEAST_FOCAL, MOST = 1e-6, 1e18
 """Minimum focal length, and maximum of any of the four numbers, in pixels: far beyond any camera's."""
@@ -74,7 +74,9 @@ class Camera(CameraModel):
             try:
                 value = float(getattr(self, name))
             except (TypeError, ValueError):
-                raise InputError(f"camera: {name} is {quoted(getattr(self, name))}; give a number of pixels") from None
+                raise InputError(
+                    f"camera: {name} is {quote_value(getattr(self, name))}; give a number of pixels"
+                ) from None
             except OverflowError:
                 raise InputError(f"camera: {name} has hundreds of digits; give a number of pixels") from None
             if not np.isfinite(value):
@@ -96,10 +98,10 @@ class Camera(CameraModel):
             told = f"camera: fx {self.fx:g} and fy {self.fy:g} differ by far; the order is fx, fy, cx, cy"
             warnings.warn(told, InputWarning, stacklevel=3)
         if self.size is not None:
-            object.__setattr__(self, "size", _checked_size(self.size))
+            object.__setattr__(self, "size", _check_size(self.size))
         if self.lens is not None and not isinstance(self.lens, Lens):
             raise InputError(
-                f"camera: lens is {quoted(self.lens)}; use Camera.from_opencv(K, dist) or "
+                f"camera: lens is {quote_value(self.lens)}; use Camera.from_opencv(K, dist) or "
                 "Camera.from_opencv_fisheye(K, D)"
             )
 
@@ -227,7 +229,7 @@ class Camera(CameraModel):
 
     def project(self, points: ArrayLike) -> Floats:
         """Pixels (…, 2) of points (…, 3) in the camera frame; does not check that the camera `sees` them."""
-        xyz = rows_of(points, 3, "camera", "points")
+        xyz = check_rows(points, 3, "camera", "points")
         if self.lens is not None:
             return np.asarray(self.lens.image(xyz) * (self.fx, self.fy) + (self.cx, self.cy))
         return np.stack(
@@ -269,7 +271,7 @@ class Camera(CameraModel):
 
     def _rays(self, pixels: ArrayLike) -> Floats:
         """Rays (…, 3) of pixels (…, 2): to the plane z = 1, or of any length where there is a lens."""
-        points = rows_of(pixels, 2, "camera", "pixels")
+        points = check_rows(pixels, 2, "camera", "pixels")
         if self.lens is None:
             rays = np.empty((*points.shape[:-1], 3))
             rays[..., 0] = (points[..., 0] - self.cx) / self.fx
@@ -280,7 +282,7 @@ class Camera(CameraModel):
         beyond = np.isnan(rays).any(axis=-1)
         if beyond.any():
             beyond, flat = beyond.ravel(), points.reshape(-1, 2)
-            told = outside_of_circle(self, flat, beyond, np.arange(len(flat)), "pixel{}")
+            told = describe_outside_circle(self, flat, beyond, np.arange(len(flat)), "pixel{}")
             raise UnseenPixelError(
                 f"camera: {told}, where nothing is seen; remove such points, or calibrate up to the edge of the image"
             )
@@ -291,13 +293,13 @@ class Camera(CameraModel):
         return _lens_rays(lens, (np.asarray(pixels, dtype=float) - (self.cx, self.cy)) / (self.fx, self.fy)).copy()
 
 
-@kept_by_values(64)
+@cache_by_values(64)
 def _lens_rays(lens: Lens, image: Floats) -> Floats:
     """The inverse of a lens takes a millisecond, and several stages ask for the rays of one frame."""
     return lens.rays(image)
 
 
-def rows_of(values: ArrayLike, size: int, to: str, name: str) -> Floats:
+def check_rows(values: ArrayLike, size: int, to: str, name: str) -> Floats:
     """Rows (…, size) of numbers; what they are given to, and their name, go into the error."""
     rows = as_floats(values, to, f"{name} (…, {size})")
     if rows.shape[-1:] != (size,):
@@ -305,7 +307,7 @@ def rows_of(values: ArrayLike, size: int, to: str, name: str) -> Floats:
     return rows
 
 
-def outside_of_circle(camera: Camera, pixels: Floats, unseen: Bools, index: Integers, name: str) -> str:
+def describe_outside_circle(camera: Camera, pixels: Floats, unseen: Bools, index: Integers, name: str) -> str:
     """Which pixels (m, 2) lie outside of the image circle of a lens, in words.
 
     ``unseen``, ``index``: (m,), which do, and what each is counted as; ``name``: with ``{}`` for an s of the plural.
@@ -321,12 +323,12 @@ def outside_of_circle(camera: Camera, pixels: Floats, unseen: Bools, index: Inte
     )
 
 
-def _checked_size(size: Any) -> tuple[float, float]:
+def _check_size(size: Any) -> tuple[float, float]:
     """Width and height in pixels."""
     try:
         width, height = (float(one) for one in size)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"camera: size is {quoted(size)}; give width and height in pixels") from None
+        raise InputError(f"camera: size is {quote_value(size)}; give width and height in pixels") from None
     if not (0.0 < width < math.inf and 0.0 < height < math.inf):
-        raise InputError(f"camera: size is {quoted(size)}; give a positive width and height in pixels")
+        raise InputError(f"camera: size is {quote_value(size)}; give a positive width and height in pixels")
     return width, height

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, as_floats, as_points, kept_by_values
-from rootmatch.cameras.base import CameraModel, expected_within, tangent_axes
+from rootmatch.arrays import Bools, Floats, as_floats, as_points, cache_by_values
+from rootmatch.cameras.base import CameraModel, image_membership, tangent_axes
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
 
@@ -129,7 +129,7 @@ class Rig(CameraModel):
                     )
                 target = np.column_stack([pixels, index])
             elif (0,) in shapes or max(map(len, shapes)) > 1:
-                target = self._of_cameras(target)
+                target = self._join_cameras(target)
         rows = as_floats(target, "target", f"rows of x, y and the index of the camera; {FORMS}")
         if rows.ndim in (2, 3) and rows.shape[-1] == 2:
             raise InputError(f"target: shape {rows.shape} given; {FORMS}")
@@ -143,7 +143,7 @@ class Rig(CameraModel):
                 )
         return rows
 
-    def _of_cameras(self, target: Sequence[ArrayLike]) -> Floats:
+    def _join_cameras(self, target: Sequence[ArrayLike]) -> Floats:
         """Rows of x, y and index (n', 3) of a list of arrays (m, 2), one for each camera."""
         if len(target) != len(self.views):
             raise InputError(
@@ -198,7 +198,7 @@ class Rig(CameraModel):
 
     def expects(self, k: int, pixels: Floats) -> Floats:
         """How far pixels (…, 2) of camera k are expected in its image: 1 well within, 0 well outside, ½ on the rim."""
-        return np.ones(pixels.shape[:-1]) if self.sizes is None else expected_within(pixels, self.sizes[k])
+        return np.ones(pixels.shape[:-1]) if self.sizes is None else image_membership(pixels, self.sizes[k])
 
     def project(self, points: ArrayLike) -> Floats:
         """A rig has as many images of a point as cameras."""
@@ -213,7 +213,7 @@ class Rig(CameraModel):
         return self.project(points)
 
 
-@kept_by_values(4)
+@cache_by_values(4)
 def _offsets(count: int, pixels: Floats) -> Floats:
     """`Rig.offsets`, found once for all bodies of a frame."""
     offsets, edge = np.zeros((count, 2)), 0.0

@@ -45,7 +45,7 @@ class RigImage(CameraModel):
         """Refused, as `bearings` is."""
         return self.bearings(pixels), self.bearings(pixels)
 
-    def of_camera(self, positions: Floats, k: int) -> Floats:
+    def to_camera_frame(self, positions: Floats, k: int) -> Floats:
         """Sightings (…, C n, 3) of the rig's frame that belong to camera k, in its frame, (…, n, 3)."""
         own = positions[..., k * self.count : (k + 1) * self.count, :]
         return np.asarray(own @ self.rig.rotations[k].T + self.rig.translations[k] / self.unit)
@@ -54,21 +54,22 @@ class RigImage(CameraModel):
         """Pixels (…, C n, 2) of sightings (…, C n, 3)."""
         positions = np.asarray(points, dtype=float)
         parts = [
-            camera.project(self.of_camera(positions, k)) + self.offsets[k] for k, camera in enumerate(self.rig.cameras)
+            camera.project(self.to_camera_frame(positions, k)) + self.offsets[k]
+            for k, camera in enumerate(self.rig.cameras)
         ]
         return np.concatenate(parts, axis=-2)
 
     def sees(self, points: ArrayLike) -> Bools:
         """Whether each sighting (…, C n, 3) is seen by its camera."""
         positions = np.asarray(points, dtype=float)
-        parts = [camera.sees(self.of_camera(positions, k)) for k, camera in enumerate(self.rig.cameras)]
+        parts = [camera.sees(self.to_camera_frame(positions, k)) for k, camera in enumerate(self.rig.cameras)]
         return np.concatenate(parts, axis=-1)
 
     def jacobian(self, points: ArrayLike) -> Floats:
         """Derivatives (…, C n, 2, 3) of their pixels by the sightings (…, C n, 3)."""
         positions = np.asarray(points, dtype=float)
         parts = [
-            camera.jacobian(self.of_camera(positions, k)) @ self.rig.rotations[k]
+            camera.jacobian(self.to_camera_frame(positions, k)) @ self.rig.rotations[k]
             for k, camera in enumerate(self.rig.cameras)
         ]
         return np.concatenate(parts, axis=-3)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.algebra.directions import tangent_basis_of
+from rootmatch.algebra.directions import tangent_basis_at
 from rootmatch.arrays import Bools, Floats
 from rootmatch.cameras.base import CameraModel, tangent_axes
 
@@ -29,7 +29,7 @@ class Stereographic(CameraModel):
     def about(cls, rays: Floats) -> Stereographic:
         """The chart of unit rays (m, 3) about the direction whose opposite is farthest from all of them."""
         x, y, z = widest_axis(rays).tolist()
-        return cls(np.array([*tangent_basis_of(x, y, z), (x, y, z)]))
+        return cls(np.array([*tangent_basis_at(x, y, z), (x, y, z)]))
 
     @property
     def dimension(self) -> int:

@@ -51,7 +51,7 @@ def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
     return direction / length
 
 
-def given_direction(vector: ArrayLike, name: str, problem: str, needed: str = IN_BOTH_FRAMES) -> tuple[float, ...]:
+def check_direction(vector: ArrayLike, name: str, problem: str, needed: str = IN_BOTH_FRAMES) -> tuple[float, ...]:
     """A direction that has no default, as a tuple of floats: not normalised, and a problem that holds it is hashable.
 
     ``needed`` says in the message what the problem needs if nothing is given.
@@ -65,12 +65,12 @@ def given_direction(vector: ArrayLike, name: str, problem: str, needed: str = IN
 def rotation_to_vertical(direction: ArrayLike, name: str = "direction") -> NDArray[np.float64]:
     """The smallest rotation (3, 3) that takes ``direction`` onto (0, 1, 0); by 180° about x for (0, −1, 0)."""
     if isinstance(direction, tuple):
-        return _rotation_of(direction, name)
+        return _cached_rotation(direction, name)
     return rotation_onto_y(unit_direction(direction, name))
 
 
 @lru_cache(maxsize=16)
-def _rotation_of(direction: tuple[float, ...], name: str) -> NDArray[np.float64]:
+def _cached_rotation(direction: tuple[float, ...], name: str) -> NDArray[np.float64]:
     """The rotation of a direction that is asked for again and again, as a problem's; not to be written to."""
     rotation = rotation_onto_y(unit_direction(direction, name))
     rotation.setflags(write=False)

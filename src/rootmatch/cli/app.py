@@ -13,22 +13,30 @@ from typer.core import TyperGroup
 
 from rootmatch._version import __version__
 from rootmatch.cli.benchmark import benchmark
-from rootmatch.cli.error_messages import warnings_in_one_line
+from rootmatch.cli.error_messages import print_brief_warnings
 from rootmatch.cli.exit_codes import BAD_INPUT, INTERRUPTED, READER_GONE, TERMINATED
 from rootmatch.cli.match import match
 from rootmatch.cli.reproduce import reproduce
 from rootmatch.cli.simulate import simulate
-from rootmatch.cli.surroundings import NOTHING_LEFT, leaves, left, let_go_of_output, pipes_copied, prepare, terminated
+from rootmatch.cli.surroundings import (
+    NOTHING_LEFT,
+    copy_pipes,
+    discard_output,
+    is_terminated,
+    note_remainder,
+    prepare_streams,
+    remainder_text,
+)
 from rootmatch.cli.track import track
 from rootmatch.cli.warmup import warmup
-from rootmatch.errors import RootmatchError, printable
+from rootmatch.errors import RootmatchError, escape_unprintable
 
 _OVERLONG = re.compile(r"\S{300,}")
 """A word too long for a line of error: longer than the path of a file usually is."""
 
 COMMANDS: dict[str, Callable[..., None]] = {
-    "match": pipes_copied("model", "image")(match),
-    "track": pipes_copied("model")(track),
+    "match": copy_pipes("model", "image")(match),
+    "track": copy_pipes("model")(track),
     "simulate": simulate,
     "reproduce": reproduce,
     "benchmark": benchmark,
@@ -42,7 +50,7 @@ class ReaderGoneError(Exception):
 
 
 @contextmanager
-def _gone_by_name() -> Iterator[None]:
+def _rename_broken_pipe() -> Iterator[None]:
     try:
         yield
     except BrokenPipeError as error:
@@ -54,12 +62,12 @@ class OneLineErrors(TyperGroup):
 
     def make_context(self, *args: Any, **extra: Any) -> Any:
         """Parse the command line, and print the help."""
-        with _gone_by_name():
+        with _rename_broken_pipe():
             return super().make_context(*args, **extra)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
-        with _gone_by_name(), warnings_in_one_line():
+        with _rename_broken_pipe(), print_brief_warnings():
             try:
                 return super().invoke(ctx)
             finally:
@@ -68,41 +76,41 @@ class OneLineErrors(TyperGroup):
     def main(self, *args: Any, **extra: Any) -> Any:
         """Run a command and exit with its code."""
         extra["standalone_mode"] = False
-        leaves(NOTHING_LEFT)
+        note_remainder(NOTHING_LEFT)
         try:
             code = super().main(*args, **extra)
         except (KeyboardInterrupt, typer.Abort) as error:
             if isinstance(error.__cause__, EOFError):  # to the parser Ctrl-D at a prompt, and there is none here
                 raise error.__cause__ from None
-            sys.exit(stopped())
+            sys.exit(report_stop())
         except RootmatchError as error:
             sys.exit(_fail(str(error), BAD_INPUT))
         except ReaderGoneError:
-            let_go_of_output()
+            discard_output()
             sys.exit(READER_GONE)
         except OSError as error:
-            let_go_of_output()
+            discard_output()
             where = error.filename or "standard output"
             sys.exit(_fail(f"{where}: {error.strerror or error}; free or choose another place", BAD_INPUT))
         except Exception as error:
-            if _interrupted(error):
-                sys.exit(stopped())
+            if _is_interrupt(error):
+                sys.exit(report_stop())
             # Usage errors come from the parser; anything else is a bug and keeps its traceback.
             if not hasattr(error, "format_message"):
                 raise
             # Without a message the parser has already printed the help.
-            sys.exit(_fail(_usage(error), BAD_INPUT) if error.format_message() else BAD_INPUT)
-        sys.exit(stopped() if code == INTERRUPTED else code or 0)
+            sys.exit(_fail(_usage_text(error), BAD_INPUT) if error.format_message() else BAD_INPUT)
+        sys.exit(report_stop() if code == INTERRUPTED else code or 0)
 
 
-def stopped() -> int:
+def report_stop() -> int:
     """Say that a signal ended the work, and return its exit code."""
-    if terminated():
-        return _fail(f"terminated; {left()}", TERMINATED)
-    return _fail(f"interrupted; {left()}", INTERRUPTED)
+    if is_terminated():
+        return _fail(f"terminated; {remainder_text()}", TERMINATED)
+    return _fail(f"interrupted; {remainder_text()}", INTERRUPTED)
 
 
-def _interrupted(error: BaseException | None) -> bool:
+def _is_interrupt(error: BaseException | None) -> bool:
     """Whether Ctrl-C caused an error: if it strikes while a compiled function returns, it surfaces as SystemError."""
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
@@ -111,7 +119,7 @@ def _interrupted(error: BaseException | None) -> bool:
     return False
 
 
-def _usage(error: Any) -> str:
+def _usage_text(error: Any) -> str:
     """Text of a usage error, with the command whose help says more."""
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "rootmatch"
@@ -125,11 +133,11 @@ def _usage(error: Any) -> str:
 def _fail(text: str, code: int) -> int:
     """Print an error in one line, whatever its line breaks, and return the exit code."""
     with suppress(OSError):
-        print(f"rootmatch: {_OVERLONG.sub(_shortened, printable(' '.join(text.split())))}", file=sys.stderr)
+        print(f"rootmatch: {_OVERLONG.sub(_shorten, escape_unprintable(' '.join(text.split())))}", file=sys.stderr)
     return code
 
 
-def _shortened(word: re.Match[str]) -> str:
+def _shorten(word: re.Match[str]) -> str:
     return f"{word[0][:80]}...{word[0][-80:]}"
 
 
@@ -163,5 +171,5 @@ def _options(
 
 def main() -> None:
     """Entry point of the command ``rootmatch``."""
-    prepare()
+    prepare_streams()
     app(prog_name="rootmatch")

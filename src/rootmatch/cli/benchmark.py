@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rootmatch.cli.surroundings import leaves, printed
+from rootmatch.cli.surroundings import note_remainder, render_text
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def benchmark(
 
         if output is None:
             raise InputError("benchmark blind: give --output, the folder of rows and tables")
-        leaves("the rows so far are kept, and the same command continues")
+        note_remainder("the rows so far are kept, and the same command continues")
         with progress_bar("scenes", not quiet) as show:
             found = run_blind(
                 output,
@@ -90,18 +90,18 @@ def benchmark(
         typer.echo(dumps(found) if json else "\n".join(" | ".join(line) for line in found))
         return
     if what is What.REAL:
-        from rootmatch.research.real.leaderboard import page
+        from rootmatch.research.real.leaderboard import leaderboard_page
         from rootmatch.research.real.methods import METHODS
         from rootmatch.research.real.run import run_real
 
         if data is None or output is None:
             raise InputError("benchmark real: give --data, the folder of the data sets, and --output")
-        leaves("the rows so far are kept, and the same command continues")
+        note_remainder("the rows so far are kept, and the same command continues")
         with progress_bar("scenes", not quiet) as show:
             table = run_real(
                 data, output, method or list(METHODS), only=protocol, timeout=timeout or 60.0, progress=show
             )
-        typer.echo(dumps(table, allow_nan=False) if json else page(table), nl=json)
+        typer.echo(dumps(table, allow_nan=False) if json else leaderboard_page(table), nl=json)
         return
     from rootmatch.research.speed import Plan, run
 
@@ -112,7 +112,7 @@ def benchmark(
 
         typer.echo(dumps(asdict(results), allow_nan=False))
     else:
-        typer.echo(printed(partial(_print, results)), nl=False)
+        typer.echo(render_text(partial(_print, results)), nl=False)
 
 
 def _print(results: Results, console: Console) -> None:

@@ -13,7 +13,7 @@ from rootmatch.errors import InputError, InputWarning
 
 
 @contextmanager
-def option_names_in_errors(subjects: Mapping[str, str]) -> Iterator[None]:
+def rename_to_options(subjects: Mapping[str, str]) -> Iterator[None]:
     """Rewrite the `InputError` of a block.
 
     ``subjects``: the user's name, a file or an option, of the argument that an error begins with (``"source: …"``).
@@ -21,13 +21,13 @@ def option_names_in_errors(subjects: Mapping[str, str]) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(as_options(str(error), subjects)) from None
+        raise InputError(translate_to_options(str(error), subjects)) from None
 
 
-def as_options(text: str, subjects: Mapping[str, str]) -> str:
+def translate_to_options(text: str, subjects: Mapping[str, str]) -> str:
     """The error text with its subject renamed and every ``name=`` or ``name="value"`` as the option ``--name``."""
-    text = re.sub(r'\b([a-z][a-z_0-9]*)="([^"]*)"', lambda found: f"--{_dashed(found[1])} {found[2]}", text)
-    text = re.sub(r"\b([a-z][a-z_0-9]*)=(…|(?=\W|$))", lambda found: f"--{_dashed(found[1])}", text)
+    text = re.sub(r'\b([a-z][a-z_0-9]*)="([^"]*)"', lambda found: f"--{_to_dashes(found[1])} {found[2]}", text)
+    text = re.sub(r"\b([a-z][a-z_0-9]*)=(…|(?=\W|$))", lambda found: f"--{_to_dashes(found[1])}", text)
     for separator in (":", " is "):
         subject, found, rest = text.partition(separator)
         if found and subject in subjects:
@@ -35,12 +35,12 @@ def as_options(text: str, subjects: Mapping[str, str]) -> str:
     return text
 
 
-def _dashed(name: str) -> str:
+def _to_dashes(name: str) -> str:
     return name.replace("_", "-")
 
 
 @contextmanager
-def warnings_in_one_line() -> Iterator[None]:
+def print_brief_warnings() -> Iterator[None]:
     """Print each `InputWarning` of a block as the command line's own warnings, and others as Python does."""
     with warnings.catch_warnings():
         by_default = warnings.showwarning

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from rootmatch.io.exports import trajectory_row
-from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite, pose_record, upper_triangle
+from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite_or_none, pose_record, upper_triangle
 from rootmatch.report.text import match_weights
 
 if TYPE_CHECKING:
@@ -23,16 +23,16 @@ TRAJECTORY = ("#", "time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 MATCH_COLUMNS = ("frame", "source", "target", "weight", "motion")
 
 
-def counted(statuses: Counter[str]) -> str:
+def count_statuses(statuses: Counter[str]) -> str:
     """How many results have each status, in words."""
     return ", ".join(f"{statuses[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
 
 
-def advice_of(match: Match) -> str:
+def brief_advice(match: Match) -> str:
     """The advice about a frame by what its match knows, without the trials and fits of `rootmatch.Match.advice`."""
     from rootmatch.explain.status_advice import advice
 
-    confidence = None if match.finding.every_confidence is None else match.confidence
+    confidence = None if match.finding.all_confidence is None else match.confidence
     return advice(match.shown, confidence, match.stopped_early)
 
 
@@ -47,7 +47,7 @@ def pose_rows(frame: int, match: Match) -> list[list[Any]]:
     each: list[tuple[Any, Match]] = [("", match)] if match.bodies is None else list(match.bodies.items())
     rows = []
     for label, one in each:
-        probability = finite(one.finding.probability)
+        probability = finite_or_none(one.finding.probability)
         told = [frame, label, one.status.name.lower(), probability, int((one.assignment >= 0).sum())]
         rows.append([*told, *_cells(_pose(one), match.problem.predicted_rows)])
     return rows
@@ -78,10 +78,10 @@ def _body_record(match: Match, state: TrackingState) -> dict[str, Any]:
     return {
         "status": match.status.name.lower(),
         "state": state.name.lower(),
-        "advice": advice_of(match),
+        "advice": brief_advice(match),
         "prior_holds": match.prior_holds,
         "stopped_early": match.stopped_early,
-        "probability": finite(match.finding.probability),
+        "probability": finite_or_none(match.finding.probability),
         "pairs": match.pairs.tolist(),
         "pose": None if pose is None else pose_record(pose),
     }

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from rootmatch.cli.noise import Noise
 from rootmatch.cli.problem_options import flag
-from rootmatch.cli.surroundings import leaves
+from rootmatch.cli.surroundings import note_remainder
 from rootmatch.errors import InputError, RootmatchError
 
 if TYPE_CHECKING:
@@ -56,13 +56,13 @@ class FrameOutputs:
 
     def check(self, inputs: list[Path]) -> None:
         """Refuse before any work what could not be written."""
-        from rootmatch.io import check_output, is_standard_output, sent_through
+        from rootmatch.io import check_output, is_standard_output, is_written_through
         from rootmatch.io.appended_table import SETTINGS_SUFFIX
 
         taken = list(inputs)
         for option, path in self.paths.items():
             check_output(path, option, taken)
-            of_any_name = sent_through(path) or (self.trajectory and path == self.poses)
+            of_any_name = is_written_through(path) or (self.trajectory and path == self.poses)
             if path.suffix.lower() != ".csv" and not of_any_name:
                 raise InputError(
                     f"{option} {path}: many frames are written as CSV; give a name that ends in .csv "
@@ -71,7 +71,7 @@ class FrameOutputs:
             if self.as_json and is_standard_output(path):
                 raise InputError(f"--json: {option} goes to standard output too; give it a file")
             taken.append(path)
-            if not sent_through(path):
+            if not is_written_through(path):
                 check_output(path.with_name(path.name + SETTINGS_SUFFIX), option, taken)
         if self.resume and not self.paths:
             raise InputError("--resume: there is no file to continue; give --output or --poses")
@@ -97,14 +97,14 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
 
     Frames that an earlier run has written are left out where ``outputs`` resumes.
     """
-    from rootmatch.cli.frame_outputs import MATCH_COLUMNS, counted, pose_columns
+    from rootmatch.cli.frame_outputs import MATCH_COLUMNS, count_statuses, pose_columns
     from rootmatch.io import is_standard_output
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.research.sweep import check_jobs
 
     check_jobs(jobs)
     if outputs.paths:
-        leaves("what was written is kept, and --resume continues")
+        note_remainder("what was written is kept, and --resume continues")
 
     headers = {"--output": MATCH_COLUMNS, "--poses": pose_columns(job.problem)}
     count: Counter[str] = Counter()
@@ -115,8 +115,8 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
             for flag, path in outputs.paths.items()
         }
         done = set.intersection(*(file.done for file in open_files.values())) if open_files else set[int]()
-        frames = (frame for frame in _read(job, image) if frame.number not in done)
-        for number, status, rows, record in _results(job, frames, jobs, scheduler):
+        frames = (frame for frame in _read_frames(job, image) if frame.number not in done)
+        for number, status, rows, record in _match_chunks(job, frames, jobs, scheduler):
             for flag, file in open_files.items():
                 if number not in file.done:
                     file.write(rows[flag])
@@ -128,19 +128,19 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
     warn_of_unused(job.known)
     before = f", {len(done)} done before" if done else ""
     rows_printed = any(map(is_standard_output, outputs.paths.values()))
-    summary = f"{count.total()} frames: {counted(count)}{before}"
+    summary = f"{count.total()} frames: {count_statuses(count)}{before}"
     print(summary, file=sys.stderr if outputs.as_json or rows_printed else sys.stdout)
     return unmatched
 
 
-def diagnosed(job: Job, image: Path, number: int) -> str:
+def diagnose_frame(job: Job, image: Path, number: int) -> str:
     """What would explain the points of a frame that is not matched, see `rootmatch.Match.diagnose`."""
-    frame = next(frame for frame in _read(job, image) if frame.number == number)
+    frame = next(frame for frame in _read_frames(job, image) if frame.number == number)
     found = _matcher(job).match(frame.points, noise=job.noise_of(frame), prior=frame.known)
     return f"frame {number}, the first that is not matched:\n{found.diagnose()}"
 
 
-def _read(job: Job, image: Path) -> Iterator[Frame]:
+def _read_frames(job: Job, image: Path) -> Iterator[Frame]:
     """The frames of a file, each with what is known of it."""
     from rootmatch.io.frame_files import read_frames
     from rootmatch.io.known_files import prior_of_frame
@@ -152,38 +152,38 @@ def _read(job: Job, image: Path) -> Iterator[Frame]:
 
 def warn_of_unused(known: KnownPoses | None) -> None:
     """Name what a file of known poses told of no frame that there was, and how it told the others."""
-    if known is not None and known.unused is not None:
-        print(f"rootmatch: warning: {known.unused}", file=sys.stderr)
-    if known is not None and known.interpolated is not None:
-        print(f"rootmatch: {known.interpolated}", file=sys.stderr)
+    if known is not None and known.mismatch_note is not None:
+        print(f"rootmatch: warning: {known.mismatch_note}", file=sys.stderr)
+    if known is not None and known.interpolation_note is not None:
+        print(f"rootmatch: {known.interpolation_note}", file=sys.stderr)
 
 
 Result = tuple[int, str, dict[str, list[list[Any]]], dict[str, Any]]
 
 
-def _results(job: Job, frames: Iterator[Frame], jobs: int, scheduler: str | None) -> Iterator[Result]:
+def _match_chunks(job: Job, frames: Iterator[Frame], jobs: int, scheduler: str | None) -> Iterator[Result]:
     packed = pickle.dumps(job)
     chunks = iter(lambda: tuple(islice(frames, CHUNK)), ())
     if scheduler is not None:
-        from rootmatch.backends.dask import connected, in_order
+        from rootmatch.backends.dask import connect_client, results_in_order
 
-        with connected(scheduler) as client:
+        with connect_client(scheduler) as client:
             ahead = AHEAD * sum(client.nthreads().values())
-            sent = in_order(lambda chunk: client.submit(_matched, packed, chunk, pure=False), chunks, ahead)
+            sent = results_in_order(lambda chunk: client.submit(_match_chunk, packed, chunk, pure=False), chunks, ahead)
             yield from (result for _, results in sent for result in results)
     elif jobs == 1:
         for frame in frames:
-            yield from _matched(packed, (frame,))
+            yield from _match_chunk(packed, (frame,))
     else:
         import joblib
 
-        from rootmatch.backends.dask import in_order
+        from rootmatch.backends.dask import results_in_order
         from rootmatch.backends.worker_lifetime import pool
 
         processes = joblib.effective_n_jobs(jobs)
         try:
             with pool(processes) as workers:
-                sent = in_order(partial(workers.submit, _matched, packed), chunks, AHEAD * processes)
+                sent = results_in_order(partial(workers.submit, _match_chunk, packed), chunks, AHEAD * processes)
                 yield from (result for _, results in sent for result in results)
         except BrokenProcessPool:
             raise RootmatchError(
@@ -213,16 +213,16 @@ def _setting_text(value: Any) -> str:
     return text if len(text) <= 300 else f"sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
-def _matched(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
+def _match_chunk(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
     """Results of some frames, in a process of its own or in this one."""
     from rootmatch.cli.frame_outputs import match_rows, pose_rows
-    from rootmatch.jit.threads import one_thread
+    from rootmatch.jit.threads import use_one_thread
     from rootmatch.report.json_record import match_record
 
     worker = _worker(packed)
     job, matcher = worker.job, worker.matcher
     results = []
-    with one_thread():
+    with use_one_thread():
         if not worker.loaded and job.options.get("max_seconds") is not None:
             _load(job, frames[0])
             worker.loaded = True

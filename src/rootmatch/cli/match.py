@@ -8,14 +8,14 @@ from typing import Any
 import typer
 
 from rootmatch.cli import match_options as option
-from rootmatch.cli.error_messages import option_names_in_errors
+from rootmatch.cli.error_messages import rename_to_options
 from rootmatch.cli.exit_codes import NOT_TRUSTED
-from rootmatch.cli.frames import FrameOutputs, Job, diagnosed, match_frames
+from rootmatch.cli.frames import FrameOutputs, Job, diagnose_frame, match_frames
 from rootmatch.cli.match_outputs import Outputs, print_match
 from rootmatch.cli.noise import Noise, noise_option
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.progress import progress_bar
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 
 OF_ONE_IMAGE = ("candidates", "plot", "photo", "truth", "pose_format", "prior", "report")
 """Options that do not apply to many images."""
@@ -96,7 +96,7 @@ def match(
         raise InputError(f"{'--resume' if jobs is None else '--jobs'}: {image} is one image; many have a column frame")
     outputs = Outputs(output=output, poses=poses, pose_format=pose_format, plot=plot, report=report, photo=photo)
     frame_outputs = FrameOutputs(output, poses, as_json, resume)
-    cameras = [io.camera_file(text) for text in (camera, camera2) if text is not None]
+    cameras = [io.path_of_camera_text(text) for text in (camera, camera2) if text is not None]
     inputs = [path for path in (model, image, *cameras, truth, candidates, photo, prior, known) if path is not None]
     if of_many:
         frame_outputs.check(inputs)
@@ -122,11 +122,11 @@ def match(
     if of_many:
         settings["noise"] = given_noise.of(None)
         subjects = {name: flag(name) for name in (*options, *settings)} | {"source": str(model), "bodies": str(model)}
-        with option_names_in_errors(subjects):
+        with rename_to_options(subjects):
             job = Job(source, posed, options | settings, given_noise, told)
             unmatched = match_frames(job, image, frame_outputs, 1 if jobs is None else jobs, scheduler)
             if diagnose and unmatched is not None:
-                print(diagnosed(job, image, unmatched), file=sys.stderr)
+                print(diagnose_frame(job, image, unmatched), file=sys.stderr)
             if unmatched is not None:
                 raise typer.Exit(NOT_TRUSTED)
         return
@@ -145,7 +145,7 @@ def match(
     options |= {name: value for name, value in of_image.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise", "motions", "seed")}
     with (
-        option_names_in_errors({"source": str(model), "target": str(image), **subjects, "bodies": str(model)}),
+        rename_to_options({"source": str(model), "target": str(image), **subjects, "bodies": str(model)}),
         progress_bar("hyper-edges", progress) as show,
     ):
         from rootmatch.api import match as find
@@ -174,4 +174,4 @@ def _motions(text: str) -> Any:
     try:
         return int(text)
     except ValueError:
-        raise InputError(f"--motions: {quoted(text)} given; give a whole number of at least 1, or auto") from None
+        raise InputError(f"--motions: {quote_value(text)} given; give a whole number of at least 1, or auto") from None

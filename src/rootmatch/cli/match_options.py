@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 INPUT, OUTPUT, METHOD = "Points and cameras", "Output", "Method"
 
 
-def options_of(panel: str) -> Callable[..., Any]:
+def option_factory(panel: str) -> Callable[..., Any]:
     """`typer.Option` for a panel of the help: flags if any, the help, a metavar and the default in words."""
 
     def option(*flags_and_help: str, metavar: str | None = None, default: str | bool = True) -> Any:
@@ -30,7 +30,7 @@ def options_of(panel: str) -> Callable[..., Any]:
     return option
 
 
-points, method, output = map(options_of, (INPUT, METHOD, OUTPUT))
+points, method, output = map(option_factory, (INPUT, METHOD, OUTPUT))
 
 
 OF_MATCHER = (
@@ -46,7 +46,7 @@ def given_options(source: PointSet, noise: StatedNoise, given: Mapping[str, Any]
     options = {
         "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
         "bodies": source.bodies,
-        "source_noise": noise.of_source,
+        "source_noise": noise.source_argument,
         "preset": preset and preset.value,
         **{name: given.get(name) for name in OF_MATCHER},
     }

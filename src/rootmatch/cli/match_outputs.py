@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from rootmatch.cli.problem_options import flag
-from rootmatch.cli.surroundings import printed
+from rootmatch.cli.surroundings import render_text
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class Outputs:
         from rootmatch.report import text
 
         with ExitStack() as moves:
-            places = {name: moves.enter_context(io.written_whole(path)) for name, path in self.paths.items()}
+            places = {name: moves.enter_context(io.write_atomically(path)) for name, path in self.paths.items()}
             if "output" in places:
                 io.write_matches(
                     path=places["output"],
@@ -117,7 +117,7 @@ class Outputs:
                     photo=self.photo,
                     source_names=source.names,
                     target_names=target.names,
-                    title=f"{text.summary(found)} ({found.status.name.lower()})",
+                    title=f"{text.summarise_match(found)} ({found.status.name.lower()})",
                 )
                 pictures.save_figure(figure, places["plot"])
             if "report" in places:
@@ -165,6 +165,8 @@ def print_match(
         print(f"rootmatch: {found.advice}", file=sys.stderr)
     else:
         names = {"source_names": source.names, "target_names": target.names}
-        file.write(printed(lambda console: text.print_match(found, console, **names, truth=true, estimated=estimated)))
+        file.write(
+            render_text(lambda console: text.print_match(found, console, **names, truth=true, estimated=estimated))
+        )
     if diagnosis is not None:
         print(diagnosis, file=sys.stderr)

@@ -13,7 +13,7 @@ from rootmatch.errors import InputError
 if TYPE_CHECKING:
     from rootmatch.tracking.tracker import TrackingOptions
 
-motion = option.options_of("Motion")
+motion = option.option_factory("Motion")
 
 Velocity = Annotated[
     float | None,

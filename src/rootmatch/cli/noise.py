@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,7 +36,7 @@ class Noise:
     """What ``--source-noise`` says."""
 
     @property
-    def of_source(self) -> Any:
+    def source_argument(self) -> Any:
         """The argument ``source_noise`` of `rootmatch.match`; None if nothing says it."""
         if self.source_sigma is None:
             return self.given_source
@@ -61,7 +61,7 @@ class Noise:
         source, target = given if isinstance(given, tuple) else (given or DEFAULT,) * 2
         if target_sigma is not None:
             target = target_sigma
-        return (source, target) if self.problem.noisy_source and self.of_source is None else target
+        return (source, target) if self.problem.noisy_source and self.source_argument is None else target
 
 
 def noise_option(text: str | None) -> Any:
@@ -73,5 +73,5 @@ def noise_option(text: str | None) -> Any:
         return (source, target[0]) if target else source
     except ValueError:
         raise InputError(
-            f"--noise: {quoted(text)} given; give a number of pixels, SOURCE,TARGET where both are noisy, or auto"
+            f"--noise: {quote_value(text)} given; give a number of pixels, SOURCE,TARGET where both are noisy, or auto"
         ) from None

@@ -8,7 +8,7 @@ from dataclasses import MISSING, fields
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from rootmatch.cli.error_messages import option_names_in_errors
+from rootmatch.cli.error_messages import rename_to_options
 from rootmatch.errors import InputError
 from rootmatch.problems import PROBLEMS, problem_class
 
@@ -55,7 +55,7 @@ def build_problem(name: str, given: Mapping[str, Any]) -> Problem:
             settings[option] = tuple(setting.tolist()) if hasattr(setting, "tolist") else setting  # hashable
         elif field.default is MISSING:
             raise InputError(f"{flag(option)}: missing; --problem {name} needs it")
-    with option_names_in_errors({option: flag(option) for option in known}):
+    with rename_to_options({option: flag(option) for option in known}):
         built: Problem = problem(**settings)
     return built
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rootmatch.cli.surroundings import leaves
+from rootmatch.cli.surroundings import note_remainder
 
 
 class Which(StrEnum):
@@ -57,7 +57,7 @@ def reproduce(
     from rootmatch.research.paper.reproduce import reproduce as run
     from rootmatch.research.paper.settings import PROBLEMS, Effort
 
-    leaves("finished work is kept, and the same command continues")
+    note_remainder("finished work is kept, and the same command continues")
     progress = partial(progress_bar, wanted=not quiet)
     how: dict[str, Any] = {"seed": seed, "jobs": jobs, "scheduler": scheduler, "progress": progress}
     if which is Which.HYPERGRAPH:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rootmatch.cli.error_messages import option_names_in_errors
+from rootmatch.cli.error_messages import rename_to_options
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
@@ -58,13 +58,13 @@ def simulate(
 
     Prints the command that matches them. Exit code 0: written; 2: bad input, nothing is written.
     """
-    from rootmatch.io import camera_file, check_output, check_output_folder, parse_camera
+    from rootmatch.io import check_output, check_output_folder, parse_camera, path_of_camera_text
 
     check_output_folder(output, force)
     options: dict[str, Any] = {"outliers": outliers, "noise": noise, "seed": seed, "hidden": hidden}
     if camera is not None:
         options["camera"] = parse_camera(camera, "--camera").camera
-        file = camera_file(camera)
+        file = path_of_camera_text(camera)
         if file is not None and output.is_dir():
             for name in FILES:
                 check_output(output / name, "--output", [file])
@@ -75,7 +75,7 @@ def simulate(
             if name != allowed:
                 raise InputError(f"--{name}: a scene of {problem} has no such option; leave it out")
             options[name] = value
-    with option_names_in_errors({"n": "--points", **{name: f"--{name}" for name in (*options, *own)}}):
+    with rename_to_options({"n": "--points", **{name: f"--{name}" for name in (*options, *own)}}):
         from rootmatch.simulation import SCENES
 
         scene = SCENES[problem.value](points, **options)
@@ -94,7 +94,7 @@ def _write(scene: Scene, output: Path, force: bool) -> None:
     from rootmatch import io
 
     settings = {name: getattr(scene.problem, name, None) for name in ("camera2", *io.DIRECTIONS)}
-    with io.folder_written_whole(output, force) as folder:
+    with io.write_folder_atomically(output, force) as folder:
         io.write_points(folder / "model.csv", io.PointSet(scene.source))
         io.write_points(folder / "image.csv", io.PointSet(scene.target))
         visible = [(i, j, k) for i, (j, k) in enumerate(zip(scene.truth, scene.motions, strict=True)) if j >= 0]

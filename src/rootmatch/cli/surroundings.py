@@ -22,7 +22,7 @@ _received: list[int] = []
 _left = [NOTHING_LEFT]
 
 
-def prepare() -> None:
+def prepare_streams() -> None:
     """Take SIGTERM for an interruption, so that what is half-written is removed, and print what an encoding lacks."""
     if hasattr(signal, "SIGTERM"):
         signal.signal(signal.SIGTERM, _interrupt)
@@ -40,26 +40,26 @@ def _interrupt(number: int, frame: Any) -> None:
     raise KeyboardInterrupt
 
 
-def leaves(text: str) -> None:
+def note_remainder(text: str) -> None:
     """Note what a signal leaves of the command that has begun, for the line that says so; until then it is nothing."""
     _left[0] = text
 
 
-def left() -> str:
+def remainder_text() -> str:
     """What a signal leaves."""
     return _left[0]
 
 
-def pipes_copied(*names: str) -> Callable[[Command], Command]:
+def copy_pipes(*names: str) -> Callable[[Command], Command]:
     """Let a command read its arguments of these names, paths, more than once, though they may be pipes."""
 
     def copied(command: Command) -> Command:
         @wraps(command)
         def called(*args: Any, **options: Any) -> None:
-            from rootmatch.io.inputs import rereadable
+            from rootmatch.io.inputs import make_rereadable
 
             with ExitStack() as copies:
-                again = {name: copies.enter_context(rereadable(options[name])) for name in names}
+                again = {name: copies.enter_context(make_rereadable(options[name])) for name in names}
                 command(*args, **options | again)
 
         return called
@@ -67,7 +67,7 @@ def pipes_copied(*names: str) -> Callable[[Command], Command]:
     return copied
 
 
-def printed(draw: Callable[[Console], None]) -> str:
+def render_text(draw: Callable[[Console], None]) -> str:
     """What is drawn on a console of rich, which by itself ends a program whose reader has gone with 1."""
     from rich.console import Console
 
@@ -77,12 +77,12 @@ def printed(draw: Callable[[Console], None]) -> str:
     return captured.get()
 
 
-def terminated() -> bool:
+def is_terminated() -> bool:
     """Whether SIGTERM has come."""
     return bool(_received)
 
 
-def let_go_of_output() -> None:
+def discard_output() -> None:
     """Send standard output nowhere, so that what it still holds is not tried again at the end."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -13,12 +13,12 @@ import typer
 
 from rootmatch.cli import match_options as option
 from rootmatch.cli import motion_options as motion
-from rootmatch.cli.error_messages import option_names_in_errors
+from rootmatch.cli.error_messages import rename_to_options
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs, warn_of_unused
 from rootmatch.cli.noise import Noise, noise_option
 from rootmatch.cli.problem_options import build_problem, flag
-from rootmatch.cli.surroundings import leaves
+from rootmatch.cli.surroundings import note_remainder
 from rootmatch.errors import InputError
 
 RATE = 60.0
@@ -165,7 +165,7 @@ def track(
         raise InputError("--diagnose: `rootmatch match` has it, with the same files: of the first frame not matched")
     if rate is not None and not 0.0 < rate < float("inf"):
         raise InputError(f"--rate: {rate:g} given; give frames a second, above 0")
-    given_files = model, frames, prior, known, None if camera is None else io.camera_file(camera)
+    given_files = model, frames, prior, known, None if camera is None else io.path_of_camera_text(camera)
     inputs = [path for path in given_files if path is not None and path != STANDARD_INPUT]
     outputs = _outputs(output, poses, pose_format, as_json=as_json)
     outputs.check(inputs)
@@ -194,10 +194,10 @@ def track(
         raise InputError(f"--pose-format: tum is a trajectory of one body, and {model} has a column body; give csv")
     summary, queue = TrackSummary(rate or RATE), Queue()
     with (
-        option_names_in_errors({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
+        rename_to_options({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
         warnings.catch_warnings(),
     ):
-        leaves("what was written is kept")
+        note_remainder("what was written is kept")
         warnings.filterwarnings("ignore", message="time: the frames are")  # the summary says it, of more frames
         tracker = Tracker(source.points, posed, noise=noises.of(None), tracking=tracking, **options)
         load_tracker(posed, source.points, **{name: one for name, one in options.items() if name != "max_seconds"})

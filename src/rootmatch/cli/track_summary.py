@@ -15,8 +15,8 @@ from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING
 
-from rootmatch.cli.error_messages import as_options
-from rootmatch.cli.frame_outputs import advice_of, counted
+from rootmatch.cli.error_messages import translate_to_options
+from rootmatch.cli.frame_outputs import brief_advice, count_statuses
 
 if TYPE_CHECKING:
     from rootmatch.result import Match
@@ -54,7 +54,7 @@ class TrackSummary:
             self._times.append(time)
         for one in [match] if match.bodies is None else match.bodies.values():
             if not one:
-                advice = advice_of(one)
+                advice = brief_advice(one)
                 kind = _NUMBERS.sub("#", advice)
                 self._reasons[kind] += 1
                 self._examples.setdefault(kind, advice)
@@ -72,9 +72,9 @@ class TrackSummary:
         if self._reasons:
             kind, count = self._reasons.most_common(1)[0]
             of = f"{count} of the {self._reasons.total()} that are not matched"
-            yield f"{of}: {in_options(self._examples[kind])}"
+            yield f"{of}: {rephrase_advice(self._examples[kind])}"
         yield from self._slow_frames()
-        yield f"{counted(self.statuses)}{f', {self.skipped} left out' if self.skipped else ''}"
+        yield f"{count_statuses(self.statuses)}{f', {self.skipped} left out' if self.skipped else ''}"
 
     def _slow_frames(self) -> Iterator[str]:
         """A warning if frames are seconds apart: their numbers, or times, are probably milliseconds."""
@@ -91,9 +91,9 @@ class TrackSummary:
             yield f"warning: the frames are {step:.3g} s apart{at}; {what}"
 
 
-def in_options(advice: str) -> str:
+def rephrase_advice(advice: str) -> str:
     """An advice in terms of the command line."""
-    return as_options(_NAMES.sub(r"\1=", advice.replace(" in `TrackingOptions`", "")), {})
+    return translate_to_options(_NAMES.sub(r"\1=", advice.replace(" in `TrackingOptions`", "")), {})
 
 
 class Queue:

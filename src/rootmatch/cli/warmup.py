@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rootmatch.cli.surroundings import leaves
+from rootmatch.cli.surroundings import note_remainder
 
 
 def warmup(
@@ -26,6 +26,6 @@ def warmup(
     from rootmatch.cli.progress import progress_bar
     from rootmatch.precompile import warm_up
 
-    leaves("what is compiled is kept")
+    note_remainder("what is compiled is kept")
     with progress_bar("kernels", not quiet) as progress:
         warm_up("all" if everything else "first", progress)

@@ -40,7 +40,7 @@ class Judge:
         places = list(order)
         return np.asarray(self.evaluator.coefficients(case.source[None, places], case.target[None, places])[0])
 
-    def relative(self, coefficients: Floats, x: float) -> float:
+    def relative_size_at(self, coefficients: Floats, x: float) -> float:
         """Value at x over the sum of the terms' sizes."""
         powers = x ** np.arange(len(coefficients) - 1, -1, -1)
         return float(abs(coefficients @ powers) / max(np.abs(coefficients) @ np.abs(powers), 1e-300))
@@ -52,7 +52,9 @@ class Judge:
 
     def vanishes(self, order: Order) -> bool:
         """Whether the set in that order has the true root, in nearly all cases (one may be degenerate)."""
-        values = [self.relative(self.polynomial(c, order), x) for c, x in zip(self.cases, self.truth, strict=True)]
+        values = [
+            self.relative_size_at(self.polynomial(c, order), x) for c, x in zip(self.cases, self.truth, strict=True)
+        ]
         return bool(np.mean(np.nan_to_num(values, nan=1.0) < TOLERANCE) >= 0.8)
 
     def shared_count(self) -> int:
@@ -76,7 +78,7 @@ class Judge:
                 return kept
         return self.m - 1
 
-    def wrong_sets_disagree(self, rng: np.random.Generator, surplus: int | None) -> None:
+    def check_wrong_sets(self, rng: np.random.Generator, surplus: int | None) -> None:
         """Refuse a polynomial whose resultant vanishes for any points.
 
         ``surplus``: constraints of a minimal set beyond those that determine its unknowns, where they are known.
@@ -87,7 +89,7 @@ class Judge:
             target[-1] = self.evaluator.target.sample(rng, 1)[0]
             wrong = Instance(case.source, target, None)
             p, q = self.polynomial(wrong, self.first), self.polynomial(wrong, self.swept)
-            values.append(min((self.relative(q, x) for x in np.roots(p)), default=1.0))
+            values.append(min((self.relative_size_at(q, x) for x in np.roots(p)), default=1.0))
         if np.median(values) < TOLERANCE and surplus:
             raise RootmatchError(
                 f"minimal: {self.m} correspondences over-determine the unknowns (constraints left over: {surplus}), "
@@ -128,7 +130,7 @@ class Judge:
         roots = np.roots(self.polynomial(case, base))
         other = self.polynomial(case, order)
         real = [float(r.real) for r in roots if abs(r.imag) < 1e-6 * (1.0 + abs(r))]
-        return min(real, key=lambda x: self.relative(other, x), default=float("nan"))
+        return min(real, key=lambda x: self.relative_size_at(other, x), default=float("nan"))
 
     def constraints(self, shared: int, most: int | None) -> tuple[Order, ...]:
         """Orders of minimal sets whose polynomials are independent constraints of a hyper-edge, the first one given.

@@ -10,7 +10,7 @@ import numpy as np
 from rootmatch._version import __version__
 from rootmatch.errors import InputError, RootmatchError
 from rootmatch.problems.derived import store
-from rootmatch.problems.derived.measurements import Bearings, Measurement, Points, Uncalibrated, measurement
+from rootmatch.problems.derived.measurements import Bearings, Measurement, Points, Uncalibrated, check_measurement
 from rootmatch.problems.derived.problem import DerivedProblem
 
 __all__ = ["Bearings", "DerivedProblem", "Measurement", "Points", "Uncalibrated", "derive"]
@@ -121,8 +121,8 @@ def derive(
         shared=shared,
         eliminate=tuple(eliminate),
         local=tuple(local),
-        source=measurement(source, "source"),
-        target=measurement(target, "target"),
+        source=check_measurement(source, "source"),
+        target=check_measurement(target, "target"),
         positive=positive,
     )
     if not statement.source.noise_dimensions + statement.target.noise_dimensions:
@@ -138,7 +138,7 @@ def derive(
     found = store.load(stem) if cached else None
     if found is not None and found.plan.get("key") == key:
         try:
-            _check_again(found, statement, sample, limits)
+            _recheck(found, statement, sample, limits)
             return DerivedProblem(name, found, statement.source, statement.target)
         except (RootmatchError, KeyError, TypeError, ValueError, IndexError):
             pass  # a file that does not hold is made anew
@@ -194,7 +194,7 @@ def _symbols(statement: Any) -> tuple[Any, list[Any], list[Any]]:
     return leaves, built, conditions
 
 
-def _check_again(found: store.Generated, statement: Any, sample: Any, limits: Any) -> None:
+def _recheck(found: store.Generated, statement: Any, sample: Any, limits: Any) -> None:
     from rootmatch.derivation.check import Judge
     from rootmatch.derivation.instances import instances
     from rootmatch.problems.derived.evaluator import Evaluator
@@ -210,11 +210,11 @@ def _derive(
     statement: Any, symbols: Any, key: str, limits: tuple[float, float] | None, constraints: int | None, sample: Any
 ) -> store.Generated:
     from rootmatch.derivation.check import Judge
-    from rootmatch.derivation.elimination import Definitions, eliminate, system
+    from rootmatch.derivation.elimination import Definitions, eliminate, make_polynomials
     from rootmatch.derivation.generate import draft
     from rootmatch.derivation.instances import Solver, instances
     from rootmatch.derivation.relations import relation_texts
-    from rootmatch.derivation.spurious import without_spurious
+    from rootmatch.derivation.spurious import remove_spurious
     from rootmatch.problems.derived.evaluator import Evaluator
     from rootmatch.problems.derived.text import root_order
 
@@ -225,14 +225,14 @@ def _derive(
     everything = {*unknowns, x}
     abstracted = [leaves.abstract(e, everything) for e in built]
     definitions = Definitions(leaves)
-    polynomials = eliminate(system(abstracted, [*unknowns, x]), unknowns, [x], definitions)
-    coefficients, value, removed = without_spurious(polynomials, x, definitions, rng)
+    polynomials = eliminate(make_polynomials(abstracted, [*unknowns, x]), unknowns, [x], definitions)
+    coefficients, value, removed = remove_spurious(polynomials, x, definitions, rng)
     positive = [leaves.abstract(e, {x}) for e in conditions]
     made = draft(
         leaves=leaves, definitions=definitions.entries, coefficients=coefficients, value=value, x=x, positive=positive
     )
     try:
-        trial = store.vetted(made.text(""), "derived")
+        trial = store.compile_vetted(made.text(""), "derived")
     except RootmatchError:
         raise InputError(
             f"equations: they hold something other than arithmetic and {', '.join(store.FUNCTIONS)}; rewrite them"
@@ -241,8 +241,8 @@ def _derive(
     solver = Solver(statement)
     judge = Judge(evaluator, instances(statement, sample, limits, rng, CASES, solver=solver))
     shared = judge.shared_count()
-    surplus, stated = _stated(solver, judge.cases)
-    judge.wrong_sets_disagree(rng, surplus)
+    surplus, stated = _count_constraints(solver, judge.cases)
+    judge.check_wrong_sets(rng, surplus)
     orders = judge.constraints(shared, constraints)
     relations: dict[Any, int] = {}
     arguments: dict[Any, Any] = {}
@@ -261,10 +261,10 @@ def _derive(
         "relations": relations,
         "relation_arguments": arguments,
     }
-    return store.vetted(made.text(_header(statement, built, removed, made.plan)), "derived")
+    return store.compile_vetted(made.text(_header(statement, built, removed, made.plan)), "derived")
 
 
-def _stated(solver: Any, cases: Sequence[Any]) -> tuple[int | None, int | None]:
+def _count_constraints(solver: Any, cases: Sequence[Any]) -> tuple[int | None, int | None]:
     """Constraints that a minimal set's and a hyper-edge's equations put on the points, None where not known."""
     rng = np.random.default_rng(2)
     counts = [count for case in cases[:CASES_COUNTED] for count in solver.constraints(case, rng)]

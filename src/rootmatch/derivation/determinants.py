@@ -9,12 +9,12 @@ import sympy as sp
 from rootmatch.derivation.leaves import Expr, Leaves
 
 
-def last_first(matrix: list[list[Any]], leaves: Leaves) -> list[list[Any]]:
+def order_last_first(matrix: list[list[Any]], leaves: Leaves) -> list[list[Any]]:
     """The matrix, transposed and in another order so that what holds the last correspondence stands above."""
 
     def holds(entry: Any) -> bool:
         symbols = entry.as_expr().free_symbols
-        found = {point for symbol in symbols for point in leaves.points_of(leaves.resolved(symbol))}
+        found = {point for symbol in symbols for point in leaves.points_of(leaves.resolve_names(symbol))}
         return any(slot == leaves.minimal - 1 for _, slot in found)
 
     transposed = [list(column) for column in zip(*matrix, strict=True)]
@@ -57,7 +57,7 @@ def resultant(p: Any, q: Any, symbol: Expr) -> Any:
     if p.degree(symbol) < q.degree(symbol):
         p, q = q, p
     m, n = p.degree(symbol), q.degree(symbol)
-    a, b = _by_powers(p, symbol, m), _by_powers(q, symbol, m)
+    a, b = _split_by_powers(p, symbol, m), _split_by_powers(q, symbol, m)
     zero = p * 0
     rows = []
     # the first n rows: Cayley's; the rest: shifts of q
@@ -68,7 +68,11 @@ def resultant(p: Any, q: Any, symbol: Expr) -> Any:
             for k in range(min(r, c) + 1):
                 first, second = m - k, m - (r + c + 1 - k)
                 if 0 <= second <= m:
-                    total = total + a[first] * _shifted(b, n, m, second) - _shifted(b, n, m, first) * a[second]
+                    total = (
+                        total
+                        + a[first] * _shifted_coefficient(b, n, m, second)
+                        - _shifted_coefficient(b, n, m, first) * a[second]
+                    )
             row.append(total)
         rows.append(row)
     for r in range(m - n):
@@ -76,13 +80,13 @@ def resultant(p: Any, q: Any, symbol: Expr) -> Any:
     return determinant(rows, lambda minor: minor)
 
 
-def _shifted(b: list[Any], n: int, m: int, power: int) -> Any:
+def _shifted_coefficient(b: list[Any], n: int, m: int, power: int) -> Any:
     """Coefficient of x^power in x^(m−n) q."""
     place = power - (m - n)
     return b[place] if 0 <= place <= n else b[0] * 0
 
 
-def _by_powers(polynomial: Any, symbol: Expr, degree: int) -> list[Any]:
+def _split_by_powers(polynomial: Any, symbol: Expr, degree: int) -> list[Any]:
     """Coefficients (lowest first, up to the degree) of the powers of one unknown, each a polynomial in the same."""
     place = polynomial.gens.index(symbol)
     parts: list[dict[tuple[int, ...], Expr]] = [{} for _ in range(degree + 1)]

@@ -14,7 +14,7 @@ from typing import Any
 
 import sympy as sp
 
-from rootmatch.derivation.determinants import determinant, last_first, resultant
+from rootmatch.derivation.determinants import determinant, order_last_first, resultant
 from rootmatch.derivation.leaves import Expr, Leaves
 from rootmatch.errors import InputError
 
@@ -41,7 +41,7 @@ class Definitions:
             content, rest = -content, -rest
         if not rest.is_Add:
             return expression
-        if rest.free_symbols <= self.leaves.uses.keys() and self.leaves.tabulated(rest):
+        if rest.free_symbols <= self.leaves.uses.keys() and self.leaves.can_be_tabulated(rest):
             return content * self.leaves.leaf(rest)
         if rest not in self._names:
             symbol = sp.Symbol(f"d{len(self._names)}", real=True)
@@ -60,7 +60,7 @@ class Definitions:
         return sp.Poly.from_dict(terms, *generators)
 
 
-def system(equations: Sequence[Expr], generators: Sequence[Expr]) -> list[Any]:
+def make_polynomials(equations: Sequence[Expr], generators: Sequence[Expr]) -> list[Any]:
     """Equations as polynomials in the unknowns, denominators cleared, zeros dropped."""
     out = []
     for equation in equations:
@@ -75,7 +75,7 @@ def system(equations: Sequence[Expr], generators: Sequence[Expr]) -> list[Any]:
         if any(coefficient.free_symbols & set(generators) for coefficient in polynomial.coeffs()):
             raise InputError(f"equations: {equation} is no polynomial in {', '.join(map(str, generators))}")
         if not polynomial.is_zero:
-            out.append(_without_monomial(polynomial))
+            out.append(_divide_by_monomial(polynomial))
     return out
 
 
@@ -92,16 +92,20 @@ def eliminate(
     definitions : Definitions
         Receives the names that are given on the way.
     """
-    unknowns = [symbol for symbol in unknowns if any(_has(p, symbol) for p in polynomials)]
+    unknowns = [symbol for symbol in unknowns if any(_contains_symbol(p, symbol) for p in polynomials)]
     while unknowns:
         polynomials = [p for p in polynomials if not p.is_zero]
-        polynomials = _powers(polynomials, unknowns)
-        step = _substitution(polynomials, unknowns) or _block(polynomials, unknowns, kept, definitions)
+        polynomials = _replace_even_powers(polynomials, unknowns)
+        step = _substitute_linear(polynomials, unknowns) or _eliminate_block(polynomials, unknowns, kept, definitions)
         if step is None:
-            step = _resultants(polynomials, unknowns, definitions)
+            step = _eliminate_by_resultants(polynomials, unknowns, definitions)
         polynomials, gone = step
-        polynomials = [_without_monomial(p) for p in polynomials if not p.is_zero]
-        unknowns = [symbol for symbol in unknowns if symbol not in gone and any(_has(p, symbol) for p in polynomials)]
+        polynomials = [_divide_by_monomial(p) for p in polynomials if not p.is_zero]
+        unknowns = [
+            symbol
+            for symbol in unknowns
+            if symbol not in gone and any(_contains_symbol(p, symbol) for p in polynomials)
+        ]
         if max((len(_expanded_terms(p)) for p in polynomials), default=0) > TERMS:
             raise InputError(f"elimination: over {TERMS} terms; state fewer unknowns, or eliminate the easy ones first")
     kept_set = set(kept)
@@ -114,7 +118,7 @@ def eliminate(
     return [sp.Poly(p.as_expr(), *kept) for p in rest]
 
 
-def _has(polynomial: Any, symbol: Expr) -> bool:
+def _contains_symbol(polynomial: Any, symbol: Expr) -> bool:
     return symbol in polynomial.gens and polynomial.degree(symbol) > 0
 
 
@@ -122,7 +126,7 @@ def _expanded_terms(polynomial: Any) -> list[Expr]:
     return [term for coefficient in polynomial.coeffs() for term in sp.Add.make_args(coefficient)]
 
 
-def _without_monomial(polynomial: Any) -> Any:
+def _divide_by_monomial(polynomial: Any) -> Any:
     """Divided by the greatest monomial in the unknowns: a solution with an unknown at 0 is not wanted."""
     if polynomial.is_zero:
         return polynomial
@@ -134,7 +138,7 @@ def _without_monomial(polynomial: Any) -> Any:
     return sp.Poly.from_dict(terms, *polynomial.gens)
 
 
-def _powers(polynomials: list[Any], unknowns: list[Expr]) -> list[Any]:
+def _replace_even_powers(polynomials: list[Any], unknowns: list[Expr]) -> list[Any]:
     """An unknown that occurs in even powers only is replaced by its square, and so on."""
     for symbol in unknowns:
         exponents = [powers[p.gens.index(symbol)] for p in polynomials for powers in p.monoms()]
@@ -152,7 +156,7 @@ def _powers(polynomials: list[Any], unknowns: list[Expr]) -> list[Any]:
     return polynomials
 
 
-def _substitution(polynomials: list[Any], unknowns: list[Expr]) -> tuple[list[Any], list[Expr]] | None:
+def _substitute_linear(polynomials: list[Any], unknowns: list[Expr]) -> tuple[list[Any], list[Expr]] | None:
     """An unknown that one equation gives without dividing by anything is put into the others."""
     for p in polynomials:
         for symbol in unknowns:
@@ -161,12 +165,12 @@ def _substitution(polynomials: list[Any], unknowns: list[Expr]) -> tuple[list[An
             slope = p.diff(symbol)
             if slope.is_ground and slope.as_expr().is_number:
                 value = sp.Poly(symbol, *p.gens) - p.mul_ground(1 / slope.as_expr())
-                rest = [_put(q, symbol, value) for q in polynomials if q is not p]
+                rest = [_insert_polynomial(q, symbol, value) for q in polynomials if q is not p]
                 return rest, [symbol]
     return None
 
 
-def _put(polynomial: Any, symbol: Expr, value: Any) -> Any:
+def _insert_polynomial(polynomial: Any, symbol: Expr, value: Any) -> Any:
     """The polynomial with a polynomial put for one unknown, by Horner's rule."""
     place = polynomial.gens.index(symbol)
     parts: dict[int, dict[tuple[int, ...], Expr]] = {}
@@ -179,18 +183,18 @@ def _put(polynomial: Any, symbol: Expr, value: Any) -> Any:
     return total
 
 
-def _block(
+def _eliminate_block(
     polynomials: list[Any], unknowns: list[Expr], kept: Sequence[Expr], definitions: Definitions
 ) -> tuple[list[Any], list[Expr]] | None:
     """Unknowns in which some equations are linear together: what is left is a determinant."""
     for size in range(len(unknowns), 0, -1):
         for block in combinations(unknowns, size):
-            rows = [p for p in polynomials if any(_has(p, symbol) for symbol in block)]
-            if not all(_linear(p, block) for p in rows):
+            rows = [p for p in polynomials if any(_contains_symbol(p, symbol) for symbol in block)]
+            if not all(_is_linear(p, block) for p in rows):
                 continue
-            homogeneous = all(_constant(p, block).is_zero for p in rows)
+            homogeneous = all(_constant_part(p, block).is_zero for p in rows)
             needed = size + (0 if homogeneous else 1)
-            others = [p for p in polynomials if not any(_has(p, symbol) for symbol in block)]
+            others = [p for p in polynomials if not any(_contains_symbol(p, symbol) for symbol in block)]
             remaining = [symbol for symbol in unknowns if symbol not in block]
             wanted = max(1, len(remaining) + len(kept) - len(others))
             choices = list(combinations(rows, needed))[:wanted] if len(rows) >= needed else []
@@ -203,12 +207,12 @@ def _block(
     return None
 
 
-def _linear(polynomial: Any, block: Sequence[Expr]) -> bool:
+def _is_linear(polynomial: Any, block: Sequence[Expr]) -> bool:
     places = [polynomial.gens.index(symbol) for symbol in block]
     return all(sum(powers[place] for place in places) <= 1 for powers in polynomial.monoms())
 
 
-def _constant(polynomial: Any, block: Sequence[Expr]) -> Any:
+def _constant_part(polynomial: Any, block: Sequence[Expr]) -> Any:
     places = [polynomial.gens.index(symbol) for symbol in block]
     terms = {m: c for m, c in polynomial.terms() if not any(m[place] for place in places)}
     return sp.Poly.from_dict(terms or {(0,) * len(polynomial.gens): sp.Integer(0)}, *polynomial.gens)
@@ -222,12 +226,14 @@ def _determinant(rows: Sequence[Any], block: Sequence[Expr], homogeneous: bool, 
     """
     matrix = [
         [definitions.shorten(p.diff(symbol)) for symbol in block]
-        + ([] if homogeneous else [definitions.shorten(_constant(p, block))])
+        + ([] if homogeneous else [definitions.shorten(_constant_part(p, block))])
         for p in rows
     ]
-    matrix = last_first(matrix, definitions.leaves)
+    matrix = order_last_first(matrix, definitions.leaves)
     polynomial = determinant(matrix, definitions.shorten)
-    generators = [symbol for symbol in polynomial.gens if any(_has(entry, symbol) for row in matrix for entry in row)]
+    generators = [
+        symbol for symbol in polynomial.gens if any(_contains_symbol(entry, symbol) for row in matrix for entry in row)
+    ]
     if len(generators) == 1:
         x = generators[0]
         values = [[horner(sp.Poly(entry.as_expr(), x).all_coeffs(), x) for entry in row] for row in matrix]
@@ -243,11 +249,13 @@ def horner(coefficients: Sequence[Expr], x: Expr) -> Expr:
     return total
 
 
-def _resultants(polynomials: list[Any], unknowns: list[Expr], definitions: Definitions) -> tuple[list[Any], list[Expr]]:
+def _eliminate_by_resultants(
+    polynomials: list[Any], unknowns: list[Expr], definitions: Definitions
+) -> tuple[list[Any], list[Expr]]:
     """One unknown out by resultants of the equations that hold it with the simplest of them."""
     best: tuple[int, Expr, Any] | None = None
     for symbol in unknowns:
-        holding = [p for p in polynomials if _has(p, symbol)]
+        holding = [p for p in polynomials if _contains_symbol(p, symbol)]
         if len(holding) < 2:
             continue
         pivot = min(holding, key=lambda p: (p.degree(symbol), len(p.terms())))
@@ -260,9 +268,9 @@ def _resultants(polynomials: list[Any], unknowns: list[Expr], definitions: Defin
             "leave such equations out"
         )
     _, symbol, pivot = best
-    rest = [p for p in polynomials if not _has(p, symbol)]
+    rest = [p for p in polynomials if not _contains_symbol(p, symbol)]
     shortened = definitions.shorten(pivot, 4)
     for p in polynomials:
-        if p is not pivot and _has(p, symbol):
+        if p is not pivot and _contains_symbol(p, symbol):
             rest.append(resultant(shortened, definitions.shorten(p, 4), symbol))
     return rest, [symbol]

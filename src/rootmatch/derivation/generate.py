@@ -9,7 +9,7 @@ from typing import Any
 
 import sympy as sp
 
-from rootmatch.derivation.hoisting import Hoisted, graded, hoist, opened, ordered
+from rootmatch.derivation.hoisting import Hoisted, grading_key, hoist, open_definitions, sort_leaves
 from rootmatch.derivation.leaves import Expr, Leaves
 from rootmatch.derivation.straight_line import Program, function_text
 from rootmatch.errors import InputError
@@ -43,11 +43,13 @@ def draft(
 
     ``positive`` are expressions in leaves and x that are positive at a true root.
     """
-    split, entries = _cheapest(leaves, definitions, list(coefficients), value, _sweeping(leaves, definitions, positive))
+    split, entries = _choose_split(
+        leaves, definitions, list(coefficients), value, _swept_conditions(leaves, definitions, positive)
+    )
     program = Program(entries)
     inputs: set[Expr] = set().union(*(program.inputs(c) for c in coefficients))
-    arguments = ordered(leaves, inputs)
-    noisy = [k for k, symbol in enumerate(arguments) if _noisy(leaves, symbol)]
+    arguments = sort_leaves(leaves, inputs)
+    noisy = [k for k, symbol in enumerate(arguments) if _is_noisy(leaves, symbol)]
     gradient = program.gradient(value, [arguments[k] for k in noisy])
     told = "Coefficients of a minimal set, highest degree first."
     texts = [
@@ -56,7 +58,7 @@ def draft(
             "partials", [x, *arguments], gradient, program, "Derivatives of the value at x in the noisy arguments."
         ),
     ]
-    conditions = ordered(leaves, set().union(*(program.inputs(c) for c in positive)))
+    conditions = sort_leaves(leaves, set().union(*(program.inputs(c) for c in positive)))
     if positive:
         texts.append(
             function_text("positive", [x, *conditions], positive, program, "What is positive at a true root x.")
@@ -79,19 +81,19 @@ def draft(
     return Draft(plan, texts)
 
 
-def _sweeping(leaves: Leaves, definitions: dict[Expr, Expr], conditions: Sequence[Expr]) -> list[Expr]:
+def _swept_conditions(leaves: Leaves, definitions: dict[Expr, Expr], conditions: Sequence[Expr]) -> list[Expr]:
     """Conditions in which the last correspondence takes part."""
     program = Program(definitions)
     last = leaves.minimal - 1
     return [c for c in conditions if any(last in leaves.uses[s].slots for s in program.inputs(c) & leaves.uses.keys())]
 
 
-def _noisy(leaves: Leaves, symbol: Expr) -> bool:
+def _is_noisy(leaves: Leaves, symbol: Expr) -> bool:
     what = leaves.source if leaves.uses[symbol].kind[0] == "s" else leaves.target
     return what.noise_dimensions > 0
 
 
-def _cheapest(
+def _choose_split(
     leaves: Leaves, definitions: dict[Expr, Expr], coefficients: list[Expr], value: Expr, positive: list[Expr]
 ) -> tuple[Hoisted, dict[Expr, Expr]]:
     """Split by quantities of two target points or by the coordinates of the last one, whichever costs less."""
@@ -101,7 +103,7 @@ def _cheapest(
     if closed is not None:
         choices.append((closed.cost(dimensions), 0, closed, definitions))
     if any(use.kind == "tt" for use in leaves.uses.values()):
-        entries = opened(leaves, definitions)
+        entries = open_definitions(leaves, definitions)
         raw = hoist(leaves, entries, coefficients, value, positive)
         if raw is not None:
             choices.append((raw.cost(dimensions), 1, raw, entries))
@@ -120,19 +122,19 @@ def _row(leaves: Leaves, split: Hoisted, x: Expr) -> tuple[dict[str, Any], list[
     terms = [
         (m, powers, value)
         for m, one in enumerate(split.value)
-        for powers, value in sorted(one.items(), key=lambda item: graded(item[0]))
+        for powers, value in sorted(one.items(), key=lambda item: grading_key(item[0]))
     ]
     signs = [
         (r, m, powers, value)
         for r, parts in enumerate(split.signs)
         for m, one in enumerate(parts)
-        for powers, value in sorted(one.items(), key=lambda item: graded(item[0]))
+        for powers, value in sorted(one.items(), key=lambda item: grading_key(item[0]))
     ]
     found = {powers for _, powers, _ in terms} | {powers for _, _, powers, _ in signs}
-    row_monomials = sorted(found, key=graded)
-    sign_inputs = ordered(leaves, set().union(*(program.inputs(value) for *_, value in signs)))
+    row_monomials = sorted(found, key=grading_key)
+    sign_inputs = sort_leaves(leaves, set().union(*(program.inputs(value) for *_, value in signs)))
     inputs: set[Expr] = set().union(*(program.inputs(value) for _, _, value in terms))
-    stem = ordered(leaves, inputs)
+    stem = sort_leaves(leaves, inputs)
     parts = [value for _, _, value in terms]
     middle = _middle(leaves, program, parts)
     direct, couplings, inner = [], [], []
@@ -141,14 +143,14 @@ def _row(leaves: Leaves, split: Hoisted, x: Expr) -> tuple[dict[str, Any], list[
         if slope != 0:
             direct.append((n, slope))
         couplings += [(k, n, sp.diff(value, part)) for k, part in enumerate(middle) if part in value.free_symbols]
-    noisy = [k for k, symbol in enumerate(stem) if _noisy(leaves, symbol)]
+    noisy = [k for k, symbol in enumerate(stem) if _is_noisy(leaves, symbol)]
     for k, part in enumerate(middle):
         gradient = program.gradient(part, [x, *(stem[place] for place in noisy)])
         inner += [
             (k, place, derivative) for place, derivative in zip([-1, *noisy], gradient, strict=True) if derivative != 0
         ]
     inputs = set().union(*(program.inputs(value) for one in split.coefficients for value in one.values()))
-    hoisted = [symbol for symbol in ordered(leaves, inputs) if symbol not in split.last]
+    hoisted = [symbol for symbol in sort_leaves(leaves, inputs) if symbol not in split.last]
     coefficients = [
         (power, split.monomials.index(powers))
         for power, one in enumerate(reversed(split.coefficients))
@@ -200,7 +202,7 @@ def _middle(leaves: Leaves, program: Program, parts: Sequence[Expr]) -> list[Exp
     return [
         symbol
         for symbol in occurring
-        if any(_noisy(leaves, leaf) for leaf in program.inputs(symbol) if leaf in leaves.uses)
+        if any(_is_noisy(leaves, leaf) for leaf in program.inputs(symbol) if leaf in leaves.uses)
         or (symbol in program.entries and any(leaf not in leaves.uses for leaf in program.inputs(symbol)))
     ]
 

@@ -48,7 +48,7 @@ class Hoisted:
         )
 
 
-def opened(leaves: Leaves, definitions: dict[Expr, Expr]) -> dict[Expr, Expr]:
+def open_definitions(leaves: Leaves, definitions: dict[Expr, Expr]) -> dict[Expr, Expr]:
     """Definitions in which quantities of two target points are put in the coordinates of each."""
     entries: dict[Expr, Expr] = {}
     for symbol, use in list(leaves.uses.items()):
@@ -58,7 +58,7 @@ def opened(leaves: Leaves, definitions: dict[Expr, Expr]) -> dict[Expr, Expr]:
     return entries | definitions
 
 
-def graded(powers: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
+def grading_key(powers: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
     """By which monomials are sorted: their degree, then their last powers."""
     return sum(powers), powers[::-1]
 
@@ -73,7 +73,7 @@ def hoist(
     program = Program(definitions)
     inputs: set[Expr] = set().union(*(program.inputs(c) for c in (*coefficients, value, *positive)))
     slot = leaves.minimal - 1
-    swept = [symbol for symbol in ordered(leaves, inputs) if slot in leaves.uses[symbol].slots]
+    swept = [symbol for symbol in sort_leaves(leaves, inputs) if slot in leaves.uses[symbol].slots]
     last = [symbol for symbol in swept if leaves.uses[symbol].kind[0] == "t"]
     try:
         by_last = _Splitter(program, last)
@@ -83,7 +83,7 @@ def hoist(
     except _NotPolynomialError:
         return None
     found = {powers for one in (*splits, whole, *conditions) for powers in one}
-    monomials = sorted(found, key=graded)
+    monomials = sorted(found, key=grading_key)
     row = [symbol for symbol in swept if symbol not in last]
     inner = [[one.get(powers, sp.Integer(0)) for powers in monomials] for one in (whole, *conditions)]
     try:
@@ -165,7 +165,7 @@ def _product(one: Split, other: Split) -> Split:
     return total
 
 
-def ordered(leaves: Leaves, symbols: set[Expr]) -> list[Expr]:
+def sort_leaves(leaves: Leaves, symbols: set[Expr]) -> list[Expr]:
     """Leaf symbols in the order that generated functions take them."""
 
     def key(symbol: Expr) -> tuple[str, tuple[int, ...], int]:

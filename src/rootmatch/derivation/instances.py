@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from rootmatch.arrays import Floats
 from rootmatch.derivation.leaves import COMMON, Expr
-from rootmatch.derivation.statement import Statement, places_of
+from rootmatch.derivation.statement import Statement, unknown_places
 from rootmatch.errors import InputError, RootmatchError
 
 Sampler = Callable[[np.random.Generator], Any]
@@ -37,7 +37,7 @@ class Instance(NamedTuple):
     shared: float | None
 
 
-def sampled(sample: Sampler, statement: Statement, rng: np.random.Generator) -> Instance:
+def sample_instance(sample: Sampler, statement: Statement, rng: np.random.Generator) -> Instance:
     """An instance from the user's sampler."""
     given = tuple(sample(rng))
     if len(given) not in (2, 3):
@@ -73,7 +73,7 @@ class Solver:
             for slot, column in enumerate(points[side]):
                 slot_of |= {symbol: slot if k < own else COMMON for k, symbol in enumerate(column)}
         base = statement.build(points["s"][:m], points["t"][:m])
-        self.places = places_of(base, [*statement.unknowns, statement.shared], slot_of, statement.places_of_copies)
+        self.places = unknown_places(base, [*statement.unknowns, statement.shared], slot_of, statement.places_of_copies)
         equations: dict[Expr, None] = {}
         self.of_first = 0
         """Number of equations of the first minimal set."""
@@ -119,7 +119,7 @@ class Solver:
             v, values, jacobian = _solution(residuals, guess)
             x = float(v[self.shared])
             inside = interval is None or interval[0] < x < interval[1]
-            if np.abs(values).max() < EXACT and inside and abs(x) < 30.0 and self._isolated(v[:size], jacobian):
+            if np.abs(values).max() < EXACT and inside and abs(x) < 30.0 and self._is_isolated(v[:size], jacobian):
                 return Instance(source, start + v[size:].reshape(start.shape) * unit, x)
         raise RootmatchError(
             "check: no exact instance was found numerically; give sample=, a function of a random generator that "
@@ -177,7 +177,7 @@ class Solver:
         unit: Floats = slopes / np.maximum(np.linalg.norm(slopes, axis=1, keepdims=True), 1e-300)
         return unit
 
-    def _isolated(self, unknowns: Floats, jacobian: Floats) -> bool:
+    def _is_isolated(self, unknowns: Floats, jacobian: Floats) -> bool:
         """Whether the points determine the unknowns, and none of these is so near 0 that an equation degenerates."""
         if not np.all(np.isfinite(jacobian)):
             return False
@@ -228,6 +228,6 @@ def instances(
 ) -> list[Instance]:
     """Exact hyper-edges, ``count`` of them."""
     if sample is not None:
-        return [sampled(sample, statement, rng) for _ in range(count)]
+        return [sample_instance(sample, statement, rng) for _ in range(count)]
     solver = solver or Solver(statement)
     return [solver.solve(rng, interval) for _ in range(count)]

@@ -92,13 +92,13 @@ class Leaves:
         # what is the same for all points is read at the first
         return found or {(side, 0) for side, _ in coordinates}
 
-    def resolved(self, expression: Expr) -> Expr:
+    def resolve_names(self, expression: Expr) -> Expr:
         """The expression without named symbols."""
         while expression.free_symbols & self.named.keys():
             expression = expression.xreplace(self.named)
         return expression
 
-    def tabulated(self, expression: Expr) -> bool:
+    def can_be_tabulated(self, expression: Expr) -> bool:
         """Whether it depends on one or two points of one set, so that a table can hold it."""
         points = self.points_of(expression)
         sides = {side for side, _ in points} | {self._where[s][0] for s in self.measured(expression)}
@@ -122,16 +122,16 @@ class Leaves:
         expanded = [sp.expand(known) for known in functions]
         orders = [slots] if len(slots) == 1 else [slots, slots[::-1]]
         for order in orders:
-            function = self._in_placeholders(rest, kind, order)
+            function = self._substitute_placeholders(rest, kind, order)
             wanted = sp.expand(function)
             for index, known in enumerate(expanded):
                 ratio = _ratio(wanted, known)
                 if ratio is not None:
-                    return number * ratio * self._symbol(Use(kind, index, self._ascending(kind, index, order)))
-        functions.append(self._in_placeholders(rest, kind, slots))
+                    return number * ratio * self._symbol(Use(kind, index, self._ascending_slots(kind, index, order)))
+        functions.append(self._substitute_placeholders(rest, kind, slots))
         return number * self._symbol(Use(kind, len(functions) - 1, slots))
 
-    def _ascending(self, kind: Class, index: int, slots: tuple[int, ...]) -> tuple[int, ...]:
+    def _ascending_slots(self, kind: Class, index: int, slots: tuple[int, ...]) -> tuple[int, ...]:
         """Slots in ascending order where the quantity is symmetric in its points."""
         if len(slots) < 2 or slots[0] < slots[1]:
             return slots
@@ -142,7 +142,7 @@ class Leaves:
         symmetric = sp.expand(function - function.xreplace(swap)) == 0
         return slots[::-1] if symmetric else slots
 
-    def _in_placeholders(self, expression: Expr, kind: Class, slots: tuple[int, ...]) -> Expr:
+    def _substitute_placeholders(self, expression: Expr, kind: Class, slots: tuple[int, ...]) -> Expr:
         symbols = self.placeholders(kind)
         what = symbols[: len(symbols) // len(kind)], symbols[len(symbols) // len(kind) :]
         swap = {}
@@ -169,28 +169,28 @@ class Leaves:
         if not self.measured(expression):
             return expression
         free = not (expression.free_symbols & unknowns)
-        if free and self.tabulated(expression):
+        if free and self.can_be_tabulated(expression):
             return self.leaf(expression)
         if expression.is_Add or expression.is_Mul:
             rest: list[Expr] = []
             groups: dict[tuple[tuple[str, int], ...], list[Expr]] = {}
             for part in expression.args:
-                if self.measured(part) and not (part.free_symbols & unknowns) and self.tabulated(part):
+                if self.measured(part) and not (part.free_symbols & unknowns) and self.can_be_tabulated(part):
                     groups.setdefault(tuple(sorted(self.points_of(part))), []).append(part)
                 else:
                     rest.append(self.abstract(part, unknowns))
-            joined = self._joined(list(groups.values()), expression.func)
+            joined = self._merge_groups(list(groups.values()), expression.func)
             return expression.func(*rest, *(self.leaf(expression.func(*group)) for group in joined))
         if expression.is_Pow and not (expression.exp.free_symbols):
             return sp.Pow(self.abstract(expression.base, unknowns), expression.exp)
         raise InputError(f"equations: {expression} mixes points in a way that is not polynomial; rewrite it")
 
-    def _joined(self, groups: list[list[Expr]], join: Any) -> list[list[Expr]]:
+    def _merge_groups(self, groups: list[list[Expr]], join: Any) -> list[list[Expr]]:
         """Groups of parts merged while what they form together can still be tabulated."""
         merged: list[list[Expr]] = []
         for group in sorted(groups, key=lambda parts: -len(self.points_of(join(*parts)))):
             for other in merged:
-                if self.tabulated(join(*other, *group)):
+                if self.can_be_tabulated(join(*other, *group)):
                     other.extend(group)
                     break
             else:

@@ -12,10 +12,10 @@ from typing import Any
 import sympy as sp
 
 from rootmatch.derivation.check import Judge, Order
-from rootmatch.derivation.elimination import Definitions, eliminate, system
-from rootmatch.derivation.hoisting import ordered
+from rootmatch.derivation.elimination import Definitions, eliminate, make_polynomials
+from rootmatch.derivation.hoisting import sort_leaves
 from rootmatch.derivation.leaves import Leaves
-from rootmatch.derivation.statement import Statement, places_of
+from rootmatch.derivation.statement import Statement, unknown_places
 from rootmatch.derivation.straight_line import Program, function_text
 from rootmatch.errors import InputError
 from rootmatch.problems.derived.text import Use, root_order
@@ -49,7 +49,7 @@ def _relation(statement: Statement, leaves: Leaves, base: Order) -> tuple[str, U
     x = statement.shared
     slot_of = leaves.slots()
     first = statement.build(X, u)
-    places = places_of(first, [*statement.unknowns, x], slot_of, statement.places_of_copies)
+    places = unknown_places(first, [*statement.unknowns, x], slot_of, statement.places_of_copies)
     other = statement.build([X[k] for k in base], [u[k] for k in base])
     y = sp.Symbol(f"{x.name}__other")
     # an unknown of correspondence k in the first order is that of the same correspondence in the other
@@ -67,14 +67,16 @@ def _relation(statement: Statement, leaves: Leaves, base: Order) -> tuple[str, U
             unique.append(e)
     definitions = Definitions(leaves)
     abstracted = [leaves.abstract(e, everything) for e in unique]
-    polynomials = eliminate(system(abstracted, [*statement.unknowns, x, y]), statement.unknowns, [x, y], definitions)
+    polynomials = eliminate(
+        make_polynomials(abstracted, [*statement.unknowns, x, y]), statement.unknowns, [x, y], definitions
+    )
     polynomials = [p for p in polynomials if p.degree(y) > 0]
     if not polynomials:
         raise InputError("elimination: no equation is left that relates the two variables")
     program = Program(definitions.entries)
     outputs = [output for p in polynomials for output in (p.as_expr(), p.diff(y).as_expr())]
     inputs: set[Any] = set().union(*(program.inputs(output) for output in outputs))
-    uses = ordered(leaves, inputs)
+    uses = sort_leaves(leaves, inputs)
     name = "relation_" + "".join(map(str, base))
     text = function_text(
         name, [x, y, *uses], outputs, program, "What vanishes where x and y are of one solution, and its slope in y."

@@ -20,7 +20,7 @@ from rootmatch.derivation.elimination import Definitions, horner
 from rootmatch.derivation.leaves import Expr, Leaves
 from rootmatch.derivation.straight_line import Program, function_text
 from rootmatch.errors import InputError
-from rootmatch.problems.derived.store import vetted
+from rootmatch.problems.derived.store import compile_vetted
 
 DRAWS = 8
 """Random measurements by which factors are found."""
@@ -30,21 +30,21 @@ FACTOR_TERMS = 400
 """Terms up to which a symbolic factorisation is tried; it takes a second then."""
 
 
-def coefficients_at_random(
+def random_coefficients(
     leaves: Leaves, definitions: dict[Expr, Expr], coefficients: Sequence[Expr], rng: np.random.Generator
 ) -> Floats:
     """Coefficients (DRAWS, k + 1) at random measurements, each row of unit norm."""
     program = Program(definitions)
     inputs = sorted(set().union(*(program.inputs(c) for c in coefficients)), key=str)
     text = function_text("polynomial", inputs, list(coefficients), program, "")
-    function = vetted("plan = {}\n" + text).functions["polynomial"]
+    function = compile_vetted("plan = {}\n" + text).functions["polynomial"]
     values: dict[Expr, Floats] = {}
     for side, what in (("s", leaves.source), ("t", leaves.target)):
         for slot in range(leaves.minimal):
             measured = what.measure(what.sample(rng, DRAWS))
             # what is the same for all points of one draw (an axis) must be so here too
             values |= dict(zip(leaves.points[side][slot], measured.T, strict=True))
-    numbers = [_evaluated(leaves.raw[symbol], values) for symbol in inputs]
+    numbers = [_evaluate_expression(leaves.raw[symbol], values) for symbol in inputs]
     with np.errstate(all="ignore"):
         rows = np.array(np.broadcast_arrays(*function(*numbers), np.empty(DRAWS))[:-1], dtype=float).T
     norms = np.linalg.norm(rows, axis=1, keepdims=True)
@@ -54,7 +54,7 @@ def coefficients_at_random(
     return unit
 
 
-def _evaluated(expression: Expr, values: dict[Expr, Floats]) -> Floats:
+def _evaluate_expression(expression: Expr, values: dict[Expr, Floats]) -> Floats:
     symbols = sorted(expression.free_symbols, key=str)
     return np.asarray(sp.lambdify(symbols, expression, "numpy")(*(values[s] for s in symbols)))
 
@@ -79,7 +79,7 @@ def constant_factor(roots: Sequence[complex]) -> list[Fraction] | None:
     return None
 
 
-def divided(coefficients: Sequence[Expr], factor: Sequence[Fraction], name: Any) -> list[Expr]:
+def divide_polynomial(coefficients: Sequence[Expr], factor: Sequence[Fraction], name: Any) -> list[Expr]:
     """Quotient of Σ c_k x^k (highest first) by a factor with leading coefficient 1; the remainder is known to vanish.
 
     The upper half comes from the top and the lower half from the bottom, which keeps the sums short.
@@ -104,7 +104,7 @@ def divided(coefficients: Sequence[Expr], factor: Sequence[Fraction], name: Any)
     return top[: degree + 1 - half] + bottom[:half][::-1]
 
 
-def without_spurious(
+def remove_spurious(
     polynomials: Sequence[Any], x: Expr, definitions: Definitions, rng: np.random.Generator
 ) -> tuple[list[Expr], Expr, list[str]]:
     """Coefficients and value of the polynomial of least degree, cleaned, and what was taken off.
@@ -126,7 +126,7 @@ def without_spurious(
     value = definitions.values.get(polynomial.as_expr())
     coefficients = list(polynomial.all_coeffs())
     while True:
-        rows = coefficients_at_random(leaves, definitions.entries, coefficients, rng)
+        rows = random_coefficients(leaves, definitions.entries, coefficients, rng)
         kept = np.abs(rows).max(axis=0) > ZERO
         first = int(np.argmax(kept))
         coefficients = [c if keep else sp.Integer(0) for c, keep in zip(coefficients, kept, strict=True)][first:]
@@ -136,8 +136,8 @@ def without_spurious(
             break
         expression = sp.expand(horner([sp.Rational(number.numerator, number.denominator) for number in factor], x))
         removed.append(str(expression))
-        coefficients = divided(coefficients, factor, definitions.name)
-        value = value / expression if value is not None and _positive(factor) else None
+        coefficients = divide_polynomial(coefficients, factor, definitions.name)
+        value = value / expression if value is not None and _with_positive_sign(factor) else None
     if len(coefficients) < 2:
         raise InputError(
             "elimination: the shared variable drops out of the result; it is not determined by a minimal set"
@@ -145,7 +145,7 @@ def without_spurious(
     return coefficients, horner(coefficients, x) if value is None else value, removed
 
 
-def _positive(factor: Sequence[Fraction]) -> bool:
+def _with_positive_sign(factor: Sequence[Fraction]) -> bool:
     return len(factor) == 3 and factor[1] ** 2 < 4 * factor[2]
 
 

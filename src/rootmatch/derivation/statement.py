@@ -10,7 +10,7 @@ from typing import Any
 import sympy as sp
 
 from rootmatch.derivation.leaves import COMMON, Expr
-from rootmatch.errors import InputError, printable, quoted
+from rootmatch.errors import InputError, escape_unprintable, quote_value
 from rootmatch.problems.derived.measurements import Measurement
 
 Equations = Callable[..., Any]
@@ -69,10 +69,10 @@ class Statement:
             made = function(X, u)
         except Exception as error:
             raise InputError(
-                f"{name}: the function failed with {type(error).__name__} ({printable(str(error))[:200]}); points are "
+                f"{name}: the function failed with {type(error).__name__} ({escape_unprintable(str(error))[:200]}); points are "
                 "SymPy column vectors: add numbers to single entries; * is the matrix product"
             ) from error
-        return _flat(name, made)
+        return _flatten(name, made)
 
     def check(self, measured: set[Expr], built: Sequence[Expr], conditions: Sequence[Expr]) -> None:
         """Refuse a statement that makes no sense."""
@@ -108,22 +108,22 @@ class Statement:
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
-def _flat(name: str, made: Any) -> list[Expr]:
+def _flatten(name: str, made: Any) -> list[Expr]:
     if isinstance(made, sp.Equality):
         made = made.lhs - made.rhs
     if isinstance(made, list | tuple | sp.MatrixBase):
-        return [expression for item in made for expression in _flat(name, item)]
+        return [expression for item in made for expression in _flatten(name, item)]
     if isinstance(made, bool | sp.logic.boolalg.Boolean):
-        raise InputError(f"{name}: {quoted(made)} returned, a comparison; return the difference of both sides")
+        raise InputError(f"{name}: {quote_value(made)} returned, a comparison; return the difference of both sides")
     expression = made if isinstance(made, str) else sp.sympify(made, strict=False) if made is not None else None
     if not isinstance(expression, sp.Expr):
-        raise InputError(f"{name}: {quoted(made)} returned; return SymPy expressions")
+        raise InputError(f"{name}: {quote_value(made)} returned; return SymPy expressions")
     if expression.has(sp.nan, sp.oo, -sp.oo, sp.zoo):
         raise InputError(f"{name}: an expression holds NaN or infinity; check its numbers and what it divides by")
     return [expression]
 
 
-def places_of(
+def unknown_places(
     built: Sequence[Expr], unknowns: Sequence[Expr], slot_of: dict[Expr, int], local: dict[Expr, int]
 ) -> dict[Expr, tuple[int, ...]]:
     """Correspondences that each unknown belongs to: those of all equations that hold it; () for all of them.

@@ -113,7 +113,7 @@ _PRINTER = _Printer({"fully_qualified_modules": False})
 
 def function_text(name: str, arguments: Sequence[Expr], outputs: Sequence[Expr], program: Program, summary: str) -> str:
     """Source of a function ``name(arguments) -> tuple of outputs`` with common subexpressions shared."""
-    needed = _needed(outputs, program)
+    needed = _needed_entries(outputs, program)
     expressions = [*needed.values(), *outputs]
     # SymPy's "basic" optimisations without `factor_terms`, which takes a quarter of a derivation and saves nothing
     replacements, reduced = sp.cse(
@@ -121,13 +121,13 @@ def function_text(name: str, arguments: Sequence[Expr], outputs: Sequence[Expr],
     )
     assigned = dict(replacements) | dict(zip(needed, reduced[: len(needed)], strict=True))
     lines = [f"def {name}({', '.join(map(str, arguments))}):", f'    """{summary}"""']
-    lines += [f"    {symbol} = {_PRINTER.doprint(value)}" for symbol, value in _sorted(assigned)]
+    lines += [f"    {symbol} = {_PRINTER.doprint(value)}" for symbol, value in _sort_assignments(assigned)]
     results = ", ".join(_PRINTER.doprint(value) for value in reduced[len(needed) :])
     lines.append(f"    return ({results},)")
-    return "\n".join(part for line in lines for part in _wrapped(line)) + "\n"
+    return "\n".join(part for line in lines for part in _wrap_line(line)) + "\n"
 
 
-def _wrapped(line: str) -> list[str]:
+def _wrap_line(line: str) -> list[str]:
     """A long line in pieces; inside brackets only, which a generated expression is given if it has none."""
     if len(line) <= WIDTH:
         return [line]
@@ -139,7 +139,7 @@ def _wrapped(line: str) -> list[str]:
     )
 
 
-def _needed(outputs: Iterable[Expr], program: Program) -> dict[Expr, Expr]:
+def _needed_entries(outputs: Iterable[Expr], program: Program) -> dict[Expr, Expr]:
     waiting = {symbol for output in outputs for symbol in output.free_symbols}
     found: dict[Expr, Expr] = {}
     for symbol in reversed(list(program.entries)):
@@ -149,7 +149,7 @@ def _needed(outputs: Iterable[Expr], program: Program) -> dict[Expr, Expr]:
     return dict(reversed(list(found.items())))
 
 
-def _sorted(assigned: Mapping[Expr, Expr]) -> list[tuple[Expr, Expr]]:
+def _sort_assignments(assigned: Mapping[Expr, Expr]) -> list[tuple[Expr, Expr]]:
     """Assignments in an order in which each needs only earlier ones (depth first, without recursion)."""
     done: dict[Expr, Expr] = {}
     for start in assigned:

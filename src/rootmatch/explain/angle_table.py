@@ -97,7 +97,7 @@ class _Table(NamedTuple):
     """(P,) the one after the last."""
 
 
-def looked_up(given: Directions, rng: np.random.Generator, *, most: int) -> Agreeing | None:
+def search_angle_table(given: Directions, rng: np.random.Generator, *, most: int) -> Agreeing | None:
     """At most so many pairs that agree, those first whose rotation explains most; None where a table tells too little.
 
     That is where any direction is that of some point (`BY_CHANCE`), or a detection that of one in two directions, or
@@ -129,8 +129,8 @@ def looked_up(given: Directions, rng: np.random.Generator, *, most: int) -> Agre
     while last < len(sizes):
         wanted = max(FIRST, 2 * int(sums[last - 1])) if last else FIRST
         begin, last = last, min(max(int(np.searchsorted(sums, wanted, side="right")), last + 1), len(sizes))
-        more = _looked_up_for(given, table, match, slice(begin, last))
-        best, explained, matched = _explaining_most(given, more, tree, cones, most=most, rng=rng)
+        more = _search_pairs(given, table, match, slice(begin, last))
+        best, explained, matched = _rank_by_explained(given, more, tree, cones, most=most, rng=rng)
         first, second, rotation = (np.concatenate(two) for two in zip(found, more.take(best), strict=True))
         score = np.concatenate([score, explained])
         order = np.argsort(-score, kind="stable")[:most]
@@ -140,7 +140,7 @@ def looked_up(given: Directions, rng: np.random.Generator, *, most: int) -> Agre
     return found
 
 
-def _looked_up_for(given: Directions, table: _Table, match: Integers, some: slice) -> Agreeing:
+def _search_pairs(given: Directions, table: _Table, match: Integers, some: slice) -> Agreeing:
     """Pairs of matches of some pairs of detections, either of which may be either point."""
     end, sizes = table.end[some], (table.end - table.begin)[some]
     i = table.points[np.arange(int(sizes.sum())) + np.repeat(end - np.cumsum(sizes), sizes)]
@@ -148,19 +148,19 @@ def _looked_up_for(given: Directions, table: _Table, match: Integers, some: slic
     first = np.concatenate([match[i[:, k], j[:, 0]] for k in (0, 1)])
     second = np.concatenate([match[i[:, k], j[:, 1]] for k in (1, 0)])
     possible = (first >= 0) & (second >= 0)
-    return Agreeing.of(given, *agreeing(given, first[possible], second[possible]))
+    return Agreeing.of(given, *select_agreeing(given, first[possible], second[possible]))
 
 
-def agreeing(given: Directions, first: Integers, second: Integers) -> tuple[Integers, Integers]:
+def select_agreeing(given: Directions, first: Integers, second: Integers) -> tuple[Integers, Integers]:
     """Those of some pairs (K,), (K,) of matches whose angle is that of their points, and not too small."""
-    seen = between(given.towards[first], given.towards[second])
-    there = between(given.of_points[given.i[first]], given.of_points[given.i[second]])
+    seen = angle_between(given.towards[first], given.towards[second])
+    there = angle_between(given.of_points[given.i[first]], given.of_points[given.i[second]])
     gate = GATE * np.sqrt(given.variance[first] + given.variance[second])
     agrees = (np.abs(seen - there) <= gate) & (there > gate) & (there < math.pi - gate)
     return first[agrees], second[agrees]
 
 
-def between(one: Floats, other: Floats) -> Floats:
+def angle_between(one: Floats, other: Floats) -> Floats:
     """Angles (…) between unit directions (…, 3)."""
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(one, other), axis=-1), (one * other).sum(axis=-1)))
 
@@ -170,7 +170,7 @@ def _cones(given: Directions, n_target: int) -> _Cones:
     np.add.at(axis, given.j, given.towards)
     axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-300)
     np.maximum.at(sigma, given.j, np.sqrt(given.variance))
-    np.maximum.at(width, given.j, between(given.towards, axis[given.j]))
+    np.maximum.at(width, given.j, angle_between(given.towards, axis[given.j]))
     return _Cones(axis, width, np.where(np.bincount(given.j, minlength=n_target) > 0, sigma, np.inf))
 
 
@@ -180,13 +180,13 @@ def _table(given: Directions, cones: _Cones, tree: Any, used: Integers, rng: np.
     pairs = rng.permutation(shown[np.column_stack(np.triu_indices(len(shown), 1))])
     if not len(pairs):
         return None
-    seen = between(cones.axis[pairs[:, 0]], cones.axis[pairs[:, 1]])
+    seen = angle_between(cones.axis[pairs[:, 0]], cones.axis[pairs[:, 1]])
     reach = GATE * np.linalg.norm(cones.sigma[pairs], axis=1) + cones.width[pairs].sum(axis=1)
     chord = 2.0 * math.sin(0.5 * min(float((seen + reach).max()), math.pi))
     if tree.count_neighbors(tree, chord) > 2 * MOST_PAIRS + len(used):
         return None
     points = used[tree.query_pairs(chord, output_type="ndarray")]
-    angles = between(given.of_points[points[:, 0]], given.of_points[points[:, 1]])
+    angles = angle_between(given.of_points[points[:, 0]], given.of_points[points[:, 1]])
     order = np.argsort(angles)
     begin, end = (np.searchsorted(angles[order], seen + way * reach) for way in (-1.0, 1.0))
     if (end - begin).sum() > MOST_LOOKED:
@@ -194,7 +194,7 @@ def _table(given: Directions, cones: _Cones, tree: Any, used: Integers, rng: np.
     return _Table(points[order], pairs, begin, end)
 
 
-def _explaining_most(
+def _rank_by_explained(
     given: Directions, found: Agreeing, tree: Any, cones: _Cones, *, most: int, rng: np.random.Generator
 ) -> tuple[Integers, Floats, int]:
     """At most so many of the pairs, those first under whose rotation most of the other detections are points.
@@ -215,14 +215,14 @@ def _explaining_most(
             looked = shown[(offset[some, None] + np.arange(done, last)) % len(shown)]
             own = np.column_stack([given.j[found.first[some]], given.j[found.second[some]]])
             tally[some] += _hits(tree, cones, own, looked, found.rotation[some])
-        kept = kept[np.argsort(-_sure(tally[kept])[:, 0], kind="stable")]
+        kept = kept[np.argsort(-_beyond_chance(tally[kept])[:, 0], kind="stable")]
         done, kept = last, kept[: max(len(kept) // PARTS, BEST * most)]
     kept = kept[:most]
-    sure = _sure(tally[kept])
+    sure = _beyond_chance(tally[kept])
     return kept, sure[:, 0], 2 + max(int(sure[0, 1]), 0) if len(kept) else 0
 
 
-def _sure(tally: Floats) -> Floats:
+def _beyond_chance(tally: Floats) -> Floats:
     """What is beyond chance (K, 2), by means and variances (K, 2, 2) that chance has subtracted and left."""
     return np.asarray(tally[:, 0] - CHANCE * np.sqrt(tally[:, 1]))
 
@@ -236,7 +236,7 @@ def _hits(tree: Any, cones: _Cones, own: Integers, looked: Integers, rotation: F
     """
     a, b = cones.axis[own[:, 0]], cones.axis[own[:, 1]]
     middle = (a + b) / np.linalg.norm(a + b, axis=1, keepdims=True)
-    lever = 0.5 + between(cones.axis[looked], middle[:, None]) / between(a, b)[:, None]
+    lever = 0.5 + angle_between(cones.axis[looked], middle[:, None]) / angle_between(a, b)[:, None]
     of_pair = GATE * np.linalg.norm(cones.sigma[own], axis=1) + cones.width[own].sum(axis=1)
     gate = of_pair[:, None] * lever + GATE * cones.sigma[looked] + cones.width[looked]
     away, _ = tree.query(cones.axis[looked] @ rotation, distance_upper_bound=float(gate.max()))

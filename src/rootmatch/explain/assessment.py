@@ -21,7 +21,7 @@ from rootmatch.explain.multi_motion import log10_false_alarms_of_groups
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin
-from rootmatch.hypergraph.support import drop_unsupported, scores_of
+from rootmatch.hypergraph.support import drop_unsupported, score_assignments
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Alternatives, Solution
@@ -36,23 +36,23 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Fi
     If there is no time for that, it is untrusted.
     """
     try:
-        return _assessed(task, solution, sampled)
+        return _assess(task, solution, sampled)
     except OutOfTime:
         return _finding(task, solution, sampled, Facts(confirmed=False, lead=solution.margin))
 
 
-def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
+def _assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
     """See `assess`; the score of groups of one motion each is the evidence of their packing."""
     if task.options.packs_motions:
         alarms, lead = log10_false_alarms_of_groups(solution, task.shape), solution.statistics.get("lead", 0.0)
         facts = Facts(support=solution.score, false_alarms=alarms, lead=lead)
     else:
         if not task.options.is_paper:
-            kept = supported(solution.assignment, solution.alternatives, sampled.tensor, task.deadline)
+            kept = drop_weak_points(solution.assignment, solution.alternatives, sampled.tensor, task.deadline)
             solution = replace(solution, assignment=kept[0], score=kept[1], alternatives=kept[2])
-        scores = agreement(sampled.tensor, [solution.assignment, *(other for other, _ in solution.alternatives)])
+        scores = agreement_scores(sampled.tensor, [solution.assignment, *(other for other, _ in solution.alternatives)])
         lead = margin(solution.score, solution.alternatives, solution.assignment)
-        alarms = false_alarms(task, scores[0], scores, sampled)
+        alarms = expected_false_alarms(task, scores[0], scores, sampled)
         facts = Facts(support=scores[0], false_alarms=alarms, lead=lead, missed=sampled.missed)
     labels = solution.groups
     if labels is None:
@@ -75,7 +75,7 @@ def _finding(task: MatchingTask, solution: Solution, sampled: SampledTensor, fac
     )
 
 
-def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: SampledTensor) -> float:
+def expected_false_alarms(task: MatchingTask, score: float, known: list[float], sampled: SampledTensor) -> float:
     """Decimal logarithm of the expected number of false alarms with such a score.
 
     ``known`` are the scores of the assignments that were found. The mean weight of a random hyper-edge is that of those
@@ -95,23 +95,23 @@ def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: 
     )
 
 
-def agreement(tensor: AffinityTensor, assignments: Sequence[Integers]) -> list[float]:
+def agreement_scores(tensor: AffinityTensor, assignments: Sequence[Integers]) -> list[float]:
     """Scores of assignments by hyper-edges alone, because prior weights do not say whether the points agree."""
     alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
-    return [float(value) for value in scores_of(alone, np.array(assignments))]
+    return [float(value) for value in score_assignments(alone, np.array(assignments))]
 
 
-def supported(
+def drop_weak_points(
     assignment: Integers, alternatives: Alternatives, tensor: AffinityTensor, deadline: Deadline
 ) -> tuple[Integers, float, Alternatives]:
     """Assignments without unsupported points, distinct, best first; as many as the deadline allows."""
     candidates = np.array([assignment, *(other for other, _ in alternatives)])
     pace = Pace(deadline.part(SUPPORTED))
     # the first one in any case
-    parts = [_supported(candidates[:1], tensor)] if deadline.is_set else []
+    parts = [_drop_weak_points(candidates[:1], tensor)] if deadline.is_set else []
     done = len(parts)
     while done < len(candidates) and (few := pace.block(len(candidates) - done)):
-        parts.append(_supported(candidates[done : done + few], tensor))
+        parts.append(_drop_weak_points(candidates[done : done + few], tensor))
         done += few
     kept = np.concatenate([part[0] for part in parts])
     scores = np.concatenate([part[1] for part in parts])
@@ -123,7 +123,7 @@ def supported(
     return best, score, different
 
 
-def _supported(candidates: Integers, tensor: AffinityTensor) -> tuple[Integers, Floats]:
+def _drop_weak_points(candidates: Integers, tensor: AffinityTensor) -> tuple[Integers, Floats]:
     """Assignments (K, n) without unsupported points, and their scores (K,)."""
     kept, scores = drop_unsupported(tensor, candidates, TRUST.support)
     matched = (kept >= 0).sum(axis=1)

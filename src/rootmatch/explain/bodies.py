@@ -19,11 +19,11 @@ import numpy as np
 from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime
 from rootmatch.errors import UnseenPixelError
-from rootmatch.explain.body_findings import among_all, joined
+from rootmatch.explain.body_findings import join_findings, restore_columns
 from rootmatch.explain.decide import MIN_PROBABILITY, Status
-from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.samplers.guided.sampler import pays
 
 Solve = Callable[[MatchingTask], Finding]
@@ -70,7 +70,7 @@ class SearchedBody:
     def search_among(self, task: MatchingTask, free: Bools, solve: Solve, budget: int) -> None:
         """Search among the free detections (n',) of the task of all bodies."""
         self.budget, self.among = budget, int(free.sum())
-        self.found, self.cut = searched_among(task, self.number, np.flatnonzero(free), budget, solve)
+        self.found, self.cut = search_body_among(task, self.number, np.flatnonzero(free), budget, solve)
         self.evaluated += self.found.evaluated
 
 
@@ -93,7 +93,7 @@ class _Body(SearchedBody):
         found = self.found.log_odds
         return found if found is not None and math.isfinite(found) else -math.inf
 
-    def worth_a_search(self, free: Bools, budget: int) -> bool:
+    def is_worth_searching(self, free: Bools, budget: int) -> bool:
         """Whether another search among the free detections, with this budget, may find more than the last one."""
         if self.settled:
             return False
@@ -113,10 +113,10 @@ def match_bodies(task: MatchingTask, solve: Solve) -> Finding:
     """The match of a task whose source points are of several bodies; ``solve`` matches one of them."""
     assert task.bodies is not None
     parts = [task.body(k) for k in range(len(task.bodies.names))]
-    bodies = [_Body(number=k, task=own, found=nothing_found(own, LATE)) for k, own in enumerate(parts)]
+    bodies = [_Body(number=k, task=own, found=make_empty_finding(own, LATE)) for k, own in enumerate(parts)]
     with suppress(OutOfTime):
         _match_each(task, bodies, solve)
-    return joined(task, [body.found for body in bodies], sum(body.evaluated for body in bodies))
+    return join_findings(task, [body.found for body in bodies], sum(body.evaluated for body in bodies))
 
 
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
@@ -129,17 +129,17 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve) -> None:
             body.settled = True
             free[body.detections] = False
 
-    search_in_turn(task, bodies, lambda body, budget: body.worth_a_search(free, budget), search)
-    _make_exclusive(task, bodies, free, solve, budgets_of(task)[-1])
+    search_rounds(task, bodies, lambda body, budget: body.is_worth_searching(free, budget), search)
+    _make_exclusive(task, bodies, free, solve, search_budgets(task)[-1])
 
 
-def budgets_of(task: MatchingTask) -> list[int]:
+def search_budgets(task: MatchingTask) -> list[int]:
     """Evaluations of the searches for a body, round after round."""
     first = FIRST_BUDGET if task.points.normals is not None else FIRST_BUDGET_WITHOUT_NORMALS
     return [int(first * BUDGET_GROWTH**k) for k in range(ROUNDS)]
 
 
-def in_turn(task: MatchingTask, bodies: Sequence[Body]) -> Sequence[Body]:
+def search_order(task: MatchingTask, bodies: Sequence[Body]) -> Sequence[Body]:
     """Bodies in the order in which they are looked for: with limited time, another one first after a frame cut short.
 
     Its seed is another one, too: see `rootmatch.tracking.search_schedule.RepeatedSearch`.
@@ -148,15 +148,15 @@ def in_turn(task: MatchingTask, bodies: Sequence[Body]) -> Sequence[Body]:
     return [*bodies[first:], *bodies[:first]]
 
 
-def search_in_turn(
+def search_rounds(
     task: MatchingTask, bodies: Sequence[Body], worth: Callable[[Body, int], bool], search: Callable[[Body, int], None]
 ) -> None:
     """Search for each body with growing budgets, wherever that is ``worth`` it, until nothing more can be expected."""
-    budgets = budgets_of(task)
+    budgets = search_budgets(task)
     for turn in count():
         budget = budgets[min(turn, ROUNDS - 1)]
         searched = False
-        for body in in_turn(task, bodies):
+        for body in search_order(task, bodies):
             if worth(body, budget):
                 if task.deadline.passed():
                     return
@@ -166,7 +166,7 @@ def search_in_turn(
             break
 
 
-def searched_among(
+def search_body_among(
     task: MatchingTask, number: int, columns: Integers, budget: int, solve: Solve
 ) -> tuple[Finding, bool]:
     """The match of one body among some detections, its indices those of all, and whether the budget ended the search.
@@ -175,31 +175,31 @@ def searched_among(
     """
     part = task.body(number)
     if task.deadline.passed():
-        return nothing_found(part, LATE), False
-    part = copied(part, deadline=task.deadline.part(BODY if task.budget is None else BODY_OF_FRAME))
+        return make_empty_finding(part, LATE), False
+    part = copy_with(part, deadline=task.deadline.part(BODY if task.budget is None else BODY_OF_FRAME))
     if len(columns) < task.problem.order:
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
-        return nothing_found(part, fault), False
+        return make_empty_finding(part, fault), False
     sub = part.subset(np.arange(part.shape[0]), columns)
     if task.problem.takes_motion_prior:
-        sub = copied(sub, prior_pose=part.prior_pose, rivals=part.rivals)
+        sub = copy_with(sub, prior_pose=part.prior_pose, rivals=part.rivals)
     try:
         of_rig = sub.rig is not None
         bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
         bounded = bounded and (of_rig or pays(sub.sampling_task))
         if bounded:
-            sub = copied(sub, budget=budget)
+            sub = copy_with(sub, budget=budget)
         found = solve(sub)
     except UnseenPixelError as error:
         if not task.is_predicted:
             raise
-        return nothing_found(part, str(error)), False  # the bodies whose pose is predicted need no rays
+        return make_empty_finding(part, str(error)), False  # the bodies whose pose is predicted need no rays
     # a rig has a budget for each camera
     ended = not found.converged if of_rig else found.evaluated >= budget
-    return among_all(found, part, columns), bounded and ended
+    return restore_columns(found, part, columns), bounded and ended
 
 
-def _shared(body: _Body) -> Finding:
+def _share_detections(body: _Body) -> Finding:
     """A body's match made ambiguous by another body on its detections, which are as probably of either."""
     found, confidence = body.found, body.found.confidence
     if confidence is not None:
@@ -218,9 +218,9 @@ def _make_exclusive(task: MatchingTask, bodies: list[_Body], free: Bools, solve:
         body = waiting.pop(0)
         if not free[body.detections].all():
             contested = doubtful[body.detections].any()
-            body.found, _ = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
+            body.found, _ = search_body_among(task, body.number, np.flatnonzero(free), budget, solve)
             if contested and body.found.status is Status.MATCHED:
-                body.found = _shared(body)
+                body.found = _share_detections(body)
         free[body.detections] = False
         if body.found.status is Status.AMBIGUOUS:
             doubtful[body.detections] = True

@@ -8,19 +8,19 @@ import numpy as np
 
 from rootmatch.arrays import Integers
 from rootmatch.explain.decide import Facts
-from rootmatch.explain.finding import Finding, empty_tensor, nothing_found
+from rootmatch.explain.finding import Finding, empty_tensor, make_empty_finding
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
-from rootmatch.hypergraph.deferred_tensor import DeferredTensor, joined_tensor, renumbered
+from rootmatch.frozen import copy_with
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor, concatenate_tensors, renumber_tensor
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.model.modes import as_objects
+from rootmatch.model.modes import object_array
 
 
-def joined(task: MatchingTask, found: Sequence[Finding], evaluated: int) -> Finding:
+def join_findings(task: MatchingTask, found: Sequence[Finding], evaluated: int) -> Finding:
     """The finding of all bodies by that of each, in order: the sum of their scores, the lead of the least sure one."""
     assert task.bodies is not None
     assignment, labels = np.full(task.rows, -1, np.int64), np.full(task.rows, -1, np.int64)
-    bodies = [(task.sightings_of(task.bodies.points_of(k)), one) for k, one in enumerate(found)]
+    bodies = [(task.sighting_rows(task.bodies.points_of(k)), one) for k, one in enumerate(found)]
     for k, (rows, one) in enumerate(bodies):
         assignment[rows] = one.assignment
         labels[rows] = np.where(one.assignment >= 0, k, -1)
@@ -29,7 +29,7 @@ def joined(task: MatchingTask, found: Sequence[Finding], evaluated: int) -> Find
         assignment=assignment,
         others=[],
         facts=Facts(),
-        tensor=DeferredTensor.of(lambda: of_all_bodies(task, bodies), task.row_shape, task.row_weights),
+        tensor=DeferredTensor.of(lambda: join_hyperedges(task, bodies), task.row_shape, task.row_weights),
         labels=labels,
         converged=all(one.converged for one in found),
         evaluated=evaluated,
@@ -37,24 +37,24 @@ def joined(task: MatchingTask, found: Sequence[Finding], evaluated: int) -> Find
     )
 
 
-def nothing_in_any(task: MatchingTask, reason: str) -> Finding:
+def find_no_body(task: MatchingTask, reason: str) -> Finding:
     """The finding of a task that leaves nothing to match, and that of each of its bodies."""
-    nothing = nothing_found(task, reason)
+    nothing = make_empty_finding(task, reason)
     if task.bodies is None:
         return nothing
-    parts = {label: nothing_found(task.body(k), reason) for k, label in enumerate(task.bodies.names)}
-    return copied(nothing, parts=parts)
+    parts = {label: make_empty_finding(task.body(k), reason) for k, label in enumerate(task.bodies.names)}
+    return copy_with(nothing, parts=parts)
 
 
-def of_all_bodies(task: MatchingTask, bodies: list[tuple[Integers, Finding]]) -> AffinityTensor:
+def join_hyperedges(task: MatchingTask, bodies: list[tuple[Integers, Finding]]) -> AffinityTensor:
     """The hyper-edges of all bodies, or of several motions, by the rows and the finding of each."""
     shape, targets = task.row_shape, np.arange(task.shape[1])
     some = [(rows, found.tensor) for rows, found in bodies if found.tensor.size]
-    parts = [empty_tensor(task), *(renumbered(tensor, (rows, targets), shape) for rows, tensor in some)]
-    return joined_tensor(parts, shape, task.row_weights)
+    parts = [empty_tensor(task), *(renumber_tensor(tensor, (rows, targets), shape) for rows, tensor in some)]
+    return concatenate_tensors(parts, shape, task.row_weights)
 
 
-def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
+def restore_columns(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
     """A finding among some detections as one among all of them."""
     n, n_target = task.row_shape
     soft = None
@@ -69,21 +69,23 @@ def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
     if told is not None:
         modes = told.modes._replace(
             assignments=of_all(told.modes.assignments),
-            near=as_objects([(of_all(changed), *rest) for changed, *rest in told.modes.near]),
+            near=object_array([(of_all(changed), *rest) for changed, *rest in told.modes.near]),
         )
-        told = copied(told, modes=modes)
-    return copied(
+        told = copy_with(told, modes=modes)
+    return copy_with(
         found,
-        task=copied(task, noise=found.task.noise),
+        task=copy_with(task, noise=found.task.noise),
         posterior=told,
         assignment=of_all(found.assignment),
         others=[of_all(other) for other in found.others],
-        other_probabilities=found.every_other_probability,
+        other_probabilities=found.alternative_probabilities,
         named=[of_all(one) for one in found.named],
         mirrored=[of_all(one) for one in found.mirrored],
         labellings=None,
         soft=soft,
         tensor=DeferredTensor.of(
-            lambda: renumbered(found.tensor, (np.arange(n), columns), task.row_shape), task.row_shape, task.row_weights
+            lambda: renumber_tensor(found.tensor, (np.arange(n), columns), task.row_shape),
+            task.row_shape,
+            task.row_weights,
         ),
     )

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.arrays import Floats, Integers, cache_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
-from rootmatch.problems.checks import repeated
+from rootmatch.problems.checks import find_repeated
 from rootmatch.problems.points import distances
 
 Label = int | str
@@ -70,7 +70,7 @@ def check_bodies(labels: Any, source: Floats, least: int) -> BodyLabels:
         if points < least:
             raise InputError(f"bodies: body {name!r} has too few points, {points}; give it at least {least}")
         own = np.flatnonzero(index == k)
-        same = repeated(source[own])
+        same = find_repeated(source[own])
         if same is not None:
             i, j = own[list(same)]
             raise InputError(f"source: points {i} and {j} of body {name!r} are the same; remove repeated points")
@@ -94,7 +94,7 @@ def twin_points(first: Floats, second: Floats) -> Integers | None:
     return None if found is None else found.copy()
 
 
-@kept_by_values(64)
+@cache_by_values(64)
 def _twin_points(first: Floats, second: Floats) -> Integers | None:
     """`twin_points` of bodies of as many points."""
     one, two = distances(first), distances(second)

@@ -13,12 +13,12 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.explain.image_hypotheses import Candidate
-from rootmatch.hypergraph.assignment import largest_total
-from rootmatch.model.evidence import about
-from rootmatch.model.matchings import matchings_in_parts
+from rootmatch.hypergraph.assignment import maximise_total
+from rootmatch.model.evidence import weigh_poses
+from rootmatch.model.matchings import sum_matchings_by_part
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.prediction import GATE
-from rootmatch.model.proposals import fitted
+from rootmatch.model.proposals import fit_assignments
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 
 
@@ -50,27 +50,27 @@ class SharedOut(NamedTuple):
     """The same of all of them."""
 
 
-def claims_in_image(body: Candidate, own: Integers) -> Claims:
+def image_claims(body: Candidate, own: Integers) -> Claims:
     """The claims of a motion among all detections, by its own matches (n,)."""
     model = body.model
-    _, found, at = fitted(model, own[None])
+    _, found, at = fit_assignments(model, own[None])
     if not len(found.log_odds):
         return Claims(own, np.zeros(len(own)), int((own >= 0).sum()))
-    squared = at.squared_from(model.target, model.sigma, found.covariance[0])
+    squared = at.squared_distances_from(model.target, model.sigma, found.covariance[0])
     squared[~at.seen[0]] = np.inf
 
     def log_odds(rows: Integers) -> Floats:
         poses = np.repeat(at.rotation, len(rows), axis=0), np.repeat(at.position, len(rows), axis=0)
-        return about(model, rows, *poses)[0].log_odds
+        return weigh_poses(model, rows, *poses)[0].log_odds
 
     return _claims(own, squared, model.allowed, log_odds)
 
 
-def claims_in_space(model: PointSetModel, own: Integers) -> Claims:
+def space_claims(model: PointSetModel, own: Integers) -> Claims:
     """The claims of a motion among all targets, by its own matches (n,)."""
     if (own >= 0).sum() <= FEWEST:
         return Claims(own, np.zeros(len(own)), int((own >= 0).sum()))
-    squared, variance = model.judged_one(own).fit.squares()
+    squared, variance = model.judge_one(own).fit.squares()
     return _claims(own, (squared / variance)[0], model.allowed, lambda rows: model.judged(rows).log_odds)
 
 
@@ -90,7 +90,7 @@ def _claims(own: Integers, squared: Floats, allowed: Bools | None, log_odds: Cal
     return Claims(assignment, gains, int((own >= 0).sum()))
 
 
-def shared_out(claims: dict[int, Claims], n_target: int) -> SharedOut:
+def allot_claims(claims: dict[int, Claims], n_target: int) -> SharedOut:
     """Each point and detection given to the motions so that their claims have the largest total, by label.
 
     The model of one motion takes what is of the others for points missed and for clutter; so each claim is worth more
@@ -108,11 +108,11 @@ def shared_out(claims: dict[int, Claims], n_target: int) -> SharedOut:
     order = np.argsort(gain, kind="stable")
     worth, whose = np.zeros((n, n_target)), np.full((n, n_target), -1)
     worth[i[order], j[order]], whose[i[order], j[order]] = gain[order], label[order]
-    assignment = largest_total(worth, 0.0)
+    assignment = maximise_total(worth, 0.0)
     matched, labels, certainty = np.flatnonzero(assignment >= 0), np.full(n, -1), np.ones(n)
     labels[matched] = whose[matched, assignment[matched]]
     own = (assignment[i] == j) & (labels[i] == label)
-    told = matchings_in_parts(gain[None], i, j, 0.0)
+    told = sum_matchings_by_part(gain[None], i, j, 0.0)
     chance = told.marginals[0]
     either = np.bincount(told.rows, chance, n)[:, None] + np.bincount(told.columns, chance, n_target)
     np.subtract.at(either, (told.rows, told.columns), chance)  # of a point or a detection, each claim once

@@ -18,14 +18,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, kept_by_values
+from rootmatch.arrays import Bools, Floats, cache_by_values
 from rootmatch.explain.more_places import Beside, Places
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about
+from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.modes import Modes
-from rootmatch.model.near_symmetries import LEAST, SHARE, TOLERANCE, same_up_to, symmetries_of
+from rootmatch.model.near_symmetries import LEAST, SHARE, TOLERANCE, find_symmetries, same_point_tolerance
 from rootmatch.model.posterior import Posterior
-from rootmatch.model.prediction import GATE, Settled, settle
+from rootmatch.model.prediction import GATE, Settled, settle_assignment
 from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -46,14 +46,14 @@ LIKELY = 0.5
 """Probability that the body is in view from which it is asked whether something else is. A round value."""
 
 
-@kept_by_values(64)
-def places_beside(source: Floats, normals: Floats | None) -> Places:
+@cache_by_values(64)
+def continue_body(source: Floats, normals: Floats | None) -> Places:
     """Places that near symmetries of a body (n, 3) lead to from its points, and from there again; none mostly.
 
     A symmetry leads on from a point that it puts another one onto; so what does not repeat itself is not continued.
     """
     n, radius = len(source), body_radius(source)
-    rotations, shifts, near = _leading_on(source, normals)
+    rotations, shifts, near = _continuing_motions(source, normals)
     if not len(rotations):
         return Places(source[:0], None, np.zeros(0, np.bool_))
     from scipy.spatial import cKDTree  # slow to import
@@ -72,26 +72,26 @@ def places_beside(source: Floats, normals: Floats | None) -> Places:
         order = np.argsort(away, kind="stable")
         order = order[away[order] < reach]
         which, own = which[order], own[order]
-        kept = _distinct(images[which, own], near)[: MOST_PLACES - len(points)]
+        kept = _drop_repeated(images[which, own], near)[: MOST_PLACES - len(points)]
         if not len(kept):
             break
         facing = (rotations[which[kept]] @ unit[own[kept], :, None])[..., 0]
         points, unit = np.concatenate([points, images[which[kept], own[kept]]]), np.concatenate([unit, facing])
-    return Places(points[n:], None if normals is None else unit[n:], _beyond(source, points[n:], radius))
+    return Places(points[n:], None if normals is None else unit[n:], _is_beyond_hull(source, points[n:], radius))
 
 
-def _leading_on(source: Floats, normals: Floats | None) -> tuple[Floats, Floats, float]:
+def _continuing_motions(source: Floats, normals: Floats | None) -> tuple[Floats, Floats, float]:
     """Motions (G, 3, 3) and (G, 3) that put most points onto others and lead on, and up to where a place is a point's.
 
     They are near symmetries, and one after another: two half turns about different places are a shift. What takes back
     what it does, as half a turn, leads nowhere.
     """
-    found = symmetries_of(source, normals)
+    found = find_symmetries(source, normals)
     if not found:
         return np.empty((0, 3, 3)), np.empty((0, 3)), 0.0
     from scipy.spatial import cKDTree  # slow to import
 
-    near = same_up_to(source)
+    near = same_point_tolerance(source)
     rotations, shifts = np.array([one.rotation for one in found]), np.array([one.shift for one in found])
     rotations = np.concatenate([rotations, rotations.swapaxes(1, 2)])
     shifts = np.concatenate([shifts, -(rotations[len(found) :] @ shifts[..., None])[..., 0]])
@@ -113,7 +113,7 @@ def _leading_on(source: Floats, normals: Floats | None) -> tuple[Floats, Floats,
     return rotations[kept], shifts[kept], near
 
 
-def _distinct(places: Floats, near: float) -> list[int]:
+def _drop_repeated(places: Floats, near: float) -> list[int]:
     """Those of some places (m, 3) that are in the place of none before."""
     kept = list[int]()
     for k, place in enumerate(places):
@@ -122,7 +122,7 @@ def _distinct(places: Floats, near: float) -> list[int]:
     return kept
 
 
-def _beyond(source: Floats, places: Floats, radius: float) -> Bools:
+def _is_beyond_hull(source: Floats, places: Floats, radius: float) -> Bools:
     """Which places (m, 3) are outside the hull of points (n, 3), in the space that these span."""
     from scipy.spatial import ConvexHull  # slow to import
 
@@ -136,7 +136,7 @@ def _beyond(source: Floats, places: Floats, radius: float) -> Bools:
     return np.asarray((every @ faces[:, :-1].T + faces[:, -1] > INSIDE * radius).any(axis=1))
 
 
-def beside_continuations(told: Posterior, model: DetectionModel, places: Places, taken: Bools | None) -> Posterior:
+def allow_continuations(told: Posterior, model: DetectionModel, places: Places, taken: Bools | None) -> Posterior:
     """A posterior in which what goes on by a body's law may be beside it, or in its stead.
 
     The same where no detection is in one of the places. ``taken``: (n',) detections of other bodies.
@@ -145,15 +145,16 @@ def beside_continuations(told: Posterior, model: DetectionModel, places: Places,
         return told
     beside = Beside(model, places, taken)
     modes = beside.each(told)
-    odds = [_continued(beside, mode) for mode in modes]
+    odds = [_continuation_odds(beside, mode) for mode in modes]
     every = [
-        None if one is None else (one[0] + own, one[1] + own) for one, own in zip(odds, _own(told, modes), strict=True)
+        None if one is None else (one[0] + own, one[1] + own)
+        for one, own in zip(odds, _own_weight(told, modes), strict=True)
     ]
-    found = factors_of(every, told.probabilities[: len(every)], LOG_CONTINUED)
+    found = continuation_factors(every, told.probabilities[: len(every)], LOG_CONTINUED)
     return told if found is None else told.beside(*found)
 
 
-def _own(told: Posterior, modes: Sequence[Modes]) -> Floats:
+def _own_weight(told: Posterior, modes: Sequence[Modes]) -> Floats:
     """Logarithm (K,) of the part of each mode's weight that is its own, and not that of copies beside it.
 
     What goes on beside a mode explains what these do. Relative to the mode that explains most itself.
@@ -165,7 +166,7 @@ def _own(told: Posterior, modes: Sequence[Modes]) -> Floats:
     return np.asarray(np.minimum(own, 0.0))
 
 
-def factors_of(
+def continuation_factors(
     every: Sequence[tuple[float, float] | None], probabilities: Floats, log_prior: float
 ) -> tuple[Floats, float] | None:
     """Logarithm (K,) of the factor of each mode by what is beside it, and of the weight of something in its stead.
@@ -184,17 +185,17 @@ def factors_of(
     return factors, float(other.max())  # from whatever pose, it is the same thing
 
 
-def _continued(beside: Beside, mode: Modes) -> tuple[float, float] | None:
+def _continuation_odds(beside: Beside, mode: Modes) -> tuple[float, float] | None:
     """Log-odds, over a mode, of this with what goes on beside it, and of something else in its stead.
 
     None where no detection that it leaves is in any of the places.
     """
     (assignment,), pose, places = mode.assignments, (mode.rotation, mode.position), beside.places
-    left = beside.left_by(mode)
+    left = beside.unused_detections(mode)
     if not left.any() or not (beside.off_by(mode)[:, left] < GATE**2).any():
         return None
     known = dict[bytes, Settled]()
-    settle(beside.whole, pose, mode.covariance[0], known=known)
+    settle_assignment(beside.whole, pose, mode.covariance[0], known=known)
     if not known:
         return None
     best = max(known.values(), key=lambda one: one.log_odds)
@@ -205,7 +206,7 @@ def _continued(beside: Beside, mode: Modes) -> tuple[float, float] | None:
     more = np.where(places.beyond & (more >= 0) & left[more], more, -1)
     if not (more >= 0).any():
         return -math.inf, instead
-    both = about(beside.whole, np.concatenate([own, more], axis=1).reshape(1, -1), *pose)[0]
-    shown = about(beside.outside, more[:, places.beyond].reshape(1, -1), *pose)[0].detected + mode.detected
+    both = weigh_poses(beside.whole, np.concatenate([own, more], axis=1).reshape(1, -1), *pose)[0]
+    shown = weigh_poses(beside.outside, more[:, places.beyond].reshape(1, -1), *pose)[0].detected + mode.detected
     # −∞ where some of the places, which are told about another pose, cannot be seen from this one
-    return float((both.of_places + shown - mode.log_odds)[0]), instead
+    return float((both.place_log_odds + shown - mode.log_odds)[0]), instead

@@ -13,22 +13,24 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.explain.continued_bodies import LIKELY, factors_of, places_beside
+from rootmatch.explain.continued_bodies import LIKELY, continuation_factors, continue_body
 from rootmatch.explain.more_places import MODES, Places
-from rootmatch.model.labelling_sums import same_motion
+from rootmatch.model.labelling_sums import is_same_motion
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.prediction import GATE
-from rootmatch.model.shown_regions import log_of_detected
+from rootmatch.model.shown_regions import log_detection_count
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
-from rootmatch.samplers.point_sets.congruent import grown
+from rootmatch.samplers.point_sets.congruent import grow_labellings
 
 ROUNDS = 3
 """Rounds in which a motion is fitted to what is in its places. A round value."""
 
 
-def beside_sets(told: PointSetPosterior, model: PointSetModel, taken: Bools | None = None) -> PointSetPosterior:
+def allow_continued_sets(
+    told: PointSetPosterior, model: PointSetModel, taken: Bools | None = None
+) -> PointSetPosterior:
     """A posterior in which what goes on by a body's law may be beside it, or in its stead.
 
     ``taken``: (n',) targets of other bodies.
@@ -37,13 +39,13 @@ def beside_sets(told: PointSetPosterior, model: PointSetModel, taken: Bools | No
     if not float(told.probabilities.sum()) >= LIKELY:
         return told
     flat = np.zeros((len(source), 3 - source.shape[1]))
-    places = places_beside(np.concatenate([source, flat], axis=1), None)
+    places = continue_body(np.concatenate([source, flat], axis=1), None)
     if not len(places.points):
         return told
     labels, first = np.full(len(told.assignments), -1), list[Integers]()
     while (labels < 0).any() and len(first) < MODES:
         best = int((labels < 0).argmax())
-        own = (labels < 0) & same_motion(told.assignments, told.assignments[best])
+        own = (labels < 0) & is_same_motion(told.assignments, told.assignments[best])
         own[best] = True
         labels[own] = len(first)
         first.append(told.assignments[best])
@@ -53,7 +55,7 @@ def beside_sets(told: PointSetPosterior, model: PointSetModel, taken: Bools | No
     # of what has copies, the weight is not that of its own matches
     odds, mass = [beyond.odds(one) for one in first], np.log(shares) + told.log_total
     every = [None if one is None else (one[0] - m, one[1] - m) for one, m in zip(odds, mass, strict=True)]
-    found = factors_of(every, shares, math.log(1.0 / model.present - 1.0))
+    found = continuation_factors(every, shares, math.log(1.0 / model.present - 1.0))
     return told if found is None else told.beside(np.where(of, found[0][labels], 0.0), found[1])
 
 
@@ -63,9 +65,9 @@ class _Continued:
     def __init__(self, model: PointSetModel, places: Places, taken: Bools | None) -> None:
         clouds, points = model.clouds, places.points[:, : model.clouds.source.shape[1]]
         self.body, self.beyond = model, places.beyond
-        self.others = _with_points(clouds, points)
-        self.whole = replace(model, clouds=_joined(clouds, self.others))
-        self.outside = replace(model, clouds=_with_points(clouds, points[places.beyond]))
+        self.others = _replace_source(clouds, points)
+        self.whole = replace(model, clouds=_join_sources(clouds, self.others))
+        self.outside = replace(model, clouds=_replace_source(clouds, points[places.beyond]))
         self.free = np.ones(len(clouds.target), np.bool_) if taken is None else ~taken
 
     def odds(self, assignment: Integers) -> tuple[float, float] | None:
@@ -74,7 +76,7 @@ class _Continued:
         None where no target that it leaves is in any of the places.
         """
         checkpoint()
-        one, left = self.body.judged_one(assignment), self.free.copy()
+        one, left = self.body.judge_one(assignment), self.free.copy()
         left[assignment[assignment >= 0]] = False
         squared, variance = replace(one.fit, clouds=self.others).squares()
         if not (squared < GATE**2 * variance)[..., left].any():
@@ -83,7 +85,7 @@ class _Continued:
         clouds = self.whole.clouds
         allowed = None if self.free.all() else np.tile(self.free, (labels.shape[1], 1))
         for _ in range(ROUNDS):
-            labels = grown(clouds, labels, self.body.mirror, allowed)
+            labels = grow_labellings(clouds, labels, self.body.mirror, allowed)
         found = self.whole.judged(labels)
         best = int(found.log_odds.argmax())
         instead = float(found.log_odds[best])
@@ -93,18 +95,22 @@ class _Continued:
             return -math.inf, instead
         both = self.whole.judged(np.concatenate([assignment, more])[None])
         outside = replace(both.fit, clouds=self.outside.clouds, assignments=more[None, self.beyond])
-        shown = _log_shown(self.body, one.fit) + _log_shown(self.outside, outside) - _log_shown(self.whole, both.fit)
+        shown = (
+            _log_shown_chance(self.body, one.fit)
+            + _log_shown_chance(self.outside, outside)
+            - _log_shown_chance(self.whole, both.fit)
+        )
         return float(both.log_odds[0]) + shown, instead
 
 
-def _log_shown(model: PointSetModel, fit: PointSetFit) -> float:
+def _log_shown_chance(model: PointSetModel, fit: PointSetFit) -> float:
     """Part of the log-odds of a labelling that tells which of the points have a target, and where they are shown."""
     matched = (fit.assignments >= 0).sum(axis=1)
-    shown = log_of_detected(len(model.clouds.source), matched, model.detection_rate)
+    shown = log_detection_count(len(model.clouds.source), matched, model.detection_rate)
     return float(shown[0] + np.logaddexp.reduce(model.log_factors(fit), axis=0)[0])
 
 
-def _with_points(clouds: PointClouds, points: Floats) -> PointClouds:
+def _replace_source(clouds: PointClouds, points: Floats) -> PointClouds:
     """The same targets with other source points (m, k), as uncertain as the source's."""
     known, m = clouds.source_covariance, len(points)
     return clouds._replace(
@@ -114,7 +120,7 @@ def _with_points(clouds: PointClouds, points: Floats) -> PointClouds:
     )
 
 
-def _joined(clouds: PointClouds, others: PointClouds) -> PointClouds:
+def _join_sources(clouds: PointClouds, others: PointClouds) -> PointClouds:
     """The points of both sources, before the same targets."""
     first, second = clouds.source_covariance, others.source_covariance
     return clouds._replace(

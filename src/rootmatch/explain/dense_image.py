@@ -13,14 +13,14 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import Status
-from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_decision import is_modelled, told_by
+from rootmatch.explain.finding import Finding, make_empty_finding
+from rootmatch.explain.image_decision import is_modelled, tell_image
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.proposals import Proposals
-from rootmatch.model.views import rays_of
+from rootmatch.model.views import unproject_detections
 from rootmatch.problems.p3p import P3P
-from rootmatch.samplers.densities.alignment import ROTATIONS, Aligned, aligned
+from rootmatch.samplers.densities.alignment import ROTATIONS, Aligned, align_densities
 from rootmatch.samplers.guided.crowding import crowding
 
 CROWDED, LARGE = 1.0, 100
@@ -37,24 +37,24 @@ FIRST = 8
 
 def match_dense(task: MatchingTask) -> Finding | None:
     """The finding by alignment of densities; None if the image is not dense, or nothing is found."""
-    plane = _in_plane(task)
+    plane = _plane_detections(task)
     if plane is None:
         return None
     detections, sigma = plane
     points = task.points.source
     rng = np.random.default_rng(task.options.seed)
     try:
-        with task.deadline.part(SHARE).enforced():
-            poses = aligned(points - points.mean(axis=0), detections, sigma, rng=rng)
-            body = Candidate.of(task, []).posed(_paired(task, detections, sigma, poses))
+        with task.deadline.part(SHARE).enforce():
+            poses = align_densities(points - points.mean(axis=0), detections, sigma, rng=rng)
+            body = Candidate.of(task, []).posed(_pair_nearest(task, detections, sigma, poses))
             told = body.alone()
     except OutOfTime:
         return None
-    found = told_by(nothing_found(task, "no pose aligns the points with the detections"), told, body)
+    found = tell_image(make_empty_finding(task, "no pose aligns the points with the detections"), told, body)
     return None if found.status is Status.UNTRUSTED else replace(found, reason=None, evaluated=ROTATIONS)
 
 
-def _in_plane(task: MatchingTask) -> tuple[Floats, float] | None:
+def _plane_detections(task: MatchingTask) -> tuple[Floats, float] | None:
     """Detections (n', 2) in units of the focal length and their σ there; None where densities are not aligned.
 
     Where they are not crowded, minimal sets tell more. The alignment takes every point to be visible from everywhere,
@@ -69,8 +69,8 @@ def _in_plane(task: MatchingTask) -> tuple[Floats, float] | None:
     if task.shape[0] < LARGE or task.shape[1] <= task.problem.order:
         return None
     camera, target, sigma = task.problem.camera.chart(points.target, points.detection_noise)
-    rays = rays_of(camera, target)
-    aside = rays_of(camera, target + np.array([float(np.median(sigma)), 0.0]))
+    rays = unproject_detections(camera, target)
+    aside = unproject_detections(camera, target + np.array([float(np.median(sigma)), 0.0]))
     if not (np.minimum(rays[:, 2], aside[:, 2]) > 0.0).all():
         return None
     if crowding(rays, np.linalg.norm(aside - rays, axis=1)) < CROWDED:
@@ -79,7 +79,7 @@ def _in_plane(task: MatchingTask) -> tuple[Floats, float] | None:
     return flat, float(np.median(np.linalg.norm(moved - flat, axis=1)))
 
 
-def _paired(task: MatchingTask, detections: Floats, sigma: float, poses: Aligned) -> Proposals:
+def _pair_nearest(task: MatchingTask, detections: Floats, sigma: float, poses: Aligned) -> Proposals:
     """The aligned poses with the pairs that are each other's nearest there."""
     from scipy.spatial import cKDTree  # slow to import, and few images are dense
 

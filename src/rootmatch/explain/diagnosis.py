@@ -103,7 +103,7 @@ class Diagnosis:
         return "\n".join([*lines, f"diagnosis: {self.given}{late}"])
 
 
-def diagnosed(match: Any, judge: Callable[[Finding], Any], max_seconds: float) -> Diagnosis:
+def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float) -> Diagnosis:
     """Try the usual mistakes; see `rootmatch.Match.diagnose`.
 
     ``judge`` makes the match of a finding; passed in because this package is a layer below.
@@ -134,7 +134,7 @@ def diagnosed(match: Any, judge: Callable[[Finding], Any], max_seconds: float) -
             trials.append(trial)
         except InputError:  # such as pixels where the changed lens shows nothing
             trials.append(Trial(mistake.name, mistake.remedy, Status.UNTRUSTED, 0, None))
-    weighed = _weighed(given, trials)
+    weighed = _weigh_trials(given, trials)
     ranked = sorted(weighed, key=lambda one: -math.inf if one.log_odds is None else one.log_odds, reverse=True)
     return Diagnosis(given, tuple(ranked), len(mistakes) - len(trials) - skipped)
 
@@ -163,7 +163,7 @@ def _is_borne_out(factor: float, found: Finding) -> bool:
     return Misfit(sigma**2, sigma, found.noise_dof).chance < TRUST.noise_chance
 
 
-def _weighed(given: Trial, trials: list[Trial]) -> list[Trial]:
+def _weigh_trials(given: Trial, trials: list[Trial]) -> list[Trial]:
     """The trials with their probabilities."""
     every = [given, *trials]
     if not trials:

@@ -15,7 +15,7 @@ from rootmatch.errors import InputError
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.explain import explain
 from rootmatch.explain.mistake import Mistake
-from rootmatch.explain.rig_search import of_camera
+from rootmatch.explain.rig_search import camera_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import body_radius
@@ -35,10 +35,10 @@ def displaced_cameras(task: MatchingTask) -> Iterator[Mistake]:
         return
     for k in range(len(task.rig.views)):
         remedy = f"calibrate camera {k} again, its pose or its focal length, and leave its detections out until then"
-        yield Mistake(f"camera {k} is not where the rig has it", remedy, partial(_placed_anew, k))
+        yield Mistake(f"camera {k} is not where the rig has it", remedy, partial(_replace_camera, k))
 
 
-def _placed_anew(k: int, given: MatchingTask) -> MatchingTask:
+def _replace_camera(k: int, given: MatchingTask) -> MatchingTask:
     """The task with a camera where it and the others see the same body.
 
     Raises
@@ -59,10 +59,10 @@ def _placed_anew(k: int, given: MatchingTask) -> MatchingTask:
         apart = max(body_radius(task.rig.centres), NEARLY_ONE * body_radius(body.points.source))
         spread = np.repeat([TURNED, MOVED * apart], 3)
         expected = Pose(np.array(R), np.array(t), np.diag(spread**2)) @ seen.pose
-        alone = explain(replace(of_camera(body, k, Guided())[2], prior_pose=expected))
+        alone = explain(replace(camera_task(body, k, Guided())[2], prior_pose=expected))
         if alone.status is Status.MATCHED and alone.prior_holds and alone.pose is not None:
             found = alone.pose @ seen.pose.inverse()
-            if _agree(found, np.array(R), np.array(t)):
+            if _is_same_pose(found, np.array(R), np.array(t)):
                 raise InputError(f"camera {k} is where the rig has it")
             views[k] = camera, found.R, found.t
             changed = replace(task.problem, camera=Rig(views, task.rig.sizes))  # type: ignore[type-var]
@@ -70,7 +70,7 @@ def _placed_anew(k: int, given: MatchingTask) -> MatchingTask:
     raise InputError(f"camera {k} and the others do not see the same body")
 
 
-def _agree(found: Pose, R: Floats, t: Floats) -> bool:
+def _is_same_pose(found: Pose, R: Floats, t: Floats) -> bool:
     """Whether a pose with its covariance is that of R and t."""
     from scipy.stats import chi2  # slow to import
 

@@ -19,7 +19,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.point_set_decision import model_of
+from rootmatch.explain.point_set_decision import make_point_set_model
 from rootmatch.model.copy_or_alike import LOG_OFF
 from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.image_alike import ERRORS, REACH
@@ -43,15 +43,15 @@ class Displaced(NamedTuple):
     """Their largest distance from where the point is expected, px; between point sets in units of the target."""
 
 
-def displaced_points(found: Finding, taken: Bools | None = None) -> list[Displaced]:
+def find_displaced_points(found: Finding, taken: Bools | None = None) -> list[Displaced]:
     """Points of a trusted body that are probably somewhere else; ``taken``: (n',) detections of other bodies."""
     model, told, problem = found.model, found.posterior, found.task.problem
     if found.status is Status.MATCHED and found.labellings is not None:
-        return _between_sets(found, taken)
+        return _find_displaced_in_set(found, taken)
     if found.status is not Status.MATCHED or model is None or told is None or not problem.takes_prior:
         return []
     modes, k = told.modes, found.mode
-    at = model.linearised(modes.rotation[k : k + 1], modes.position[k : k + 1])
+    at = model.linearise_about(modes.rotation[k : k + 1], modes.position[k : k + 1])
     if found.point_error or at.blob is not None or not np.isfinite(modes.covariance[k]).all():
         return []
     free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
@@ -59,20 +59,20 @@ def displaced_points(found: Finding, taken: Bools | None = None) -> list[Displac
     lit = USUAL_RATE * np.where(at.seen[0], modes.visible[k], 0.0)
     rows = np.arange(len(lit)).reshape(max(len(model.images), 1), -1)
     candidates = (rows[:, one] for one in np.flatnonzero((found.assignment[rows] < 0).all(axis=0)))
-    every = [_displaced(model, _Place(at, modes.covariance[k], lit), own, free) for own in candidates]
+    every = [_judge_displacement(model, _Place(at, modes.covariance[k], lit), own, free) for own in candidates]
     return [one for one in every if one is not None]
 
 
-def _between_sets(found: Finding, taken: Bools | None) -> list[Displaced]:
+def _find_displaced_in_set(found: Finding, taken: Bools | None) -> list[Displaced]:
     """The same between two point sets: the nearest target that is left is a point's own, if that is off."""
     from scipy.stats import chi2  # slow to import
 
-    model, assignment, out = model_of(found.task), found.assignment, list[Displaced]()
+    model, assignment, out = make_point_set_model(found.task), found.assignment, list[Displaced]()
     left = np.ones(found.task.shape[1], np.bool_) if taken is None else ~taken
     left[assignment[assignment >= 0]] = False
     if model is None or not left.any():
         return []
-    one, n = model.judged_one(assignment), len(assignment)
+    one, n = model.judge_one(assignment), len(assignment)
     errors = ERRORS * body_radius(model.clouds.source)
     away = np.where(left, np.linalg.norm(one.fit.places[0][0][:, None] - model.clouds.target, axis=2), np.inf)
     nearest, squared = away.argmin(axis=1), one.fit.predictions(0)[0][np.arange(n), away.argmin(axis=1)]
@@ -116,14 +116,14 @@ class _Place(NamedTuple):
         return (model.target[detections] - self.at.pixels[0, rows]).ravel(), by_pose, jacobian[:, 3:]
 
 
-def _displaced(model: DetectionModel, place: _Place, rows: Integers, free: Bools) -> Displaced | None:
+def _judge_displacement(model: DetectionModel, place: _Place, rows: Integers, free: Bools) -> Displaced | None:
     """The point that has these rows, one in each camera, if it is probably somewhere else."""
     from scipy.stats import chi2  # slow to import
 
     errors, shown = ERRORS * body_radius(model.points), rows[place.lit[rows] > USUAL_RATE * HIDDEN]
     nearest = []
     for image, row in enumerate(rows):
-        (own,) = np.nonzero(free & (model.image_of == image))
+        (own,) = np.nonzero(free & (model.image_indices == image))
         if row in shown and len(own):
             squares = ((model.target[own] - place.at.pixels[0, row]) ** 2).sum(axis=1)
             nearest.append((row, own[np.argmin(squares)]))
@@ -138,7 +138,7 @@ def _displaced(model: DetectionModel, place: _Place, rows: Integers, free: Bools
     fits = -0.5 * (squared + np.linalg.slogdet(2.0 * np.pi * wide)[1])
     log_odds = LOG_OFF - math.log(model.shape[0] // max(len(model.images), 1)) + float(np.logaddexp.reduce(fits))
     log_odds -= math.log1p(-USUAL_RATE)  # what is dark is so in all cameras
-    count = np.bincount(model.image_of[free])[model.image_of[detections]]
+    count = np.bincount(model.image_indices[free])[model.image_indices[detections]]
     log_odds -= float(np.log(count - 0.5).sum())  # any clutter point may be the one that is near
     missed = np.setdiff1d(shown, seen)
     log_odds += float(np.log(place.lit[seen]).sum() + np.log1p(-place.lit[missed]).sum())
@@ -147,7 +147,7 @@ def _displaced(model: DetectionModel, place: _Place, rows: Integers, free: Bools
     return Displaced(int(rows[0]), detections, largest) if log_odds >= LEAST else None
 
 
-def advice_on_points(found: Finding, whole: Finding | None = None) -> str:
+def point_advice(found: Finding, whole: Finding | None = None) -> str:
     """What `displaced_points` finds, as a part of advice; empty if it finds nothing.
 
     ``whole``: of one of several bodies, the finding of all.
@@ -155,7 +155,7 @@ def advice_on_points(found: Finding, whole: Finding | None = None) -> str:
     told, taken = "", None
     if whole is not None:
         taken = np.bincount(whole.assignment[whole.assignment >= 0], minlength=whole.task.shape[1]) > 0
-    for one in displaced_points(found, taken):
+    for one in find_displaced_points(found, taken):
         in_image = found.labellings is None and found.task.points.target.shape[1] == 2
         in_pixels = found.task.rig is not None or in_image
         sigma = float(found.task.points.detection_noise[one.detections].mean())

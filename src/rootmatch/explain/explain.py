@@ -12,31 +12,31 @@ from dataclasses import replace
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import match_bodies
-from rootmatch.explain.body_findings import nothing_in_any
+from rootmatch.explain.body_findings import find_no_body
 from rootmatch.explain.dense_image import match_dense
-from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.image_bodies import Choice, match_bodies_in_image
-from rootmatch.explain.image_decision import assessed as judged_by_image
+from rootmatch.explain.image_decision import assess_image as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
-from rootmatch.explain.in_time import TOO_LATE, in_time
-from rootmatch.explain.inexact_points import allowing_for_errors
-from rootmatch.explain.judged_motions import judged_motions, motions_in_turn
+from rootmatch.explain.in_time import TOO_LATE, explain_in_time
+from rootmatch.explain.inexact_points import allow_point_errors
+from rootmatch.explain.judged_motions import find_motions_in_turn, judge_motions
 from rootmatch.explain.known_pose import match_known
 from rootmatch.explain.multi_motion import pack_motions
-from rootmatch.explain.noise_estimation import solve_with_estimated_noise
-from rootmatch.explain.point_set_decision import decided_by_model, model_of, solution_by_model
+from rootmatch.explain.noise_estimation import estimate_noise_and_solve
+from rootmatch.explain.point_set_decision import decide_point_sets, judge_solution, make_point_set_model
 from rootmatch.explain.predicted_pose import UNCONFIRMED, match_predicted
-from rootmatch.explain.proposed_pairs import motions_of_pairs, pays
+from rootmatch.explain.proposed_pairs import find_pair_motions, is_worth_drawing
 from rootmatch.explain.rig_search import match_rig
-from rootmatch.explain.sampling import affordable, sample, swept
+from rootmatch.explain.sampling import keep_affordable, make_sweep, sample
 from rootmatch.explain.space_bodies import match_bodies_in_space
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.too_few import are_too_few
-from rootmatch.explain.two_view_decision import assessed as judged_by_views
-from rootmatch.explain.two_view_decision import model_of as two_view_model
+from rootmatch.explain.two_view_decision import assess_two_views as judged_by_views
+from rootmatch.explain.two_view_decision import make_two_view_model as two_view_model
 from rootmatch.explain.two_view_motions import match_motions
-from rootmatch.explain.unseen_detections import seen_alone
-from rootmatch.solvers.base import solved
+from rootmatch.explain.unseen_detections import explain_seen
+from rootmatch.solvers.base import solve_tensor
 
 SOLVED = 0.6
 """Share of the time left at a deadline, after sampling, that the solver may take; the rest is for the assessment."""
@@ -49,97 +49,97 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
     elsewhere than about predicted poses; it may choose by what is found about those. Detections that a lens cannot show
     are left out.
     """
-    return seen_alone(task, lambda seen: in_time(seen, lambda seen: _searched(seen, searching)))
+    return explain_seen(task, lambda seen: explain_in_time(seen, lambda seen: _explain_searching(seen, searching)))
 
 
-def _searched(task: MatchingTask, searching: bool | Choice) -> Finding:
+def _explain_searching(task: MatchingTask, searching: bool | Choice) -> Finding:
     """The finding of a task of which every detection can be seen, by predicted poses and searches."""
     if not searching:
-        return _predicted(task)
+        return _explain_predicted(task)
     if callable(searching):
         if task.bodies is not None and is_modelled(task.body(0)):
-            return match_bodies_in_image(task, _named, choice=searching)
+            return match_bodies_in_image(task, _propose, choice=searching)
         if task.prior_pose is not None:
-            return match_predicted(task, _named, searching)
-        found = _predicted(task)
-        return found if (part := searching(found)) is None else _explained(part.of(task))
-    return solve_with_estimated_noise(task, _explained) if task.estimates_noise else _explained(task)
+            return match_predicted(task, _propose, searching)
+        found = _explain_predicted(task)
+        return found if (part := searching(found)) is None else _explain_in_time(part.of(task))
+    return estimate_noise_and_solve(task, _explain_in_time) if task.estimates_noise else _explain_in_time(task)
 
 
-def _explained(task: MatchingTask, judging: bool = True) -> Finding:
+def _explain_in_time(task: MatchingTask, judging: bool = True) -> Finding:
     """The finding of a task whose noise is known; an empty one if there is no time for anything.
 
     Unless ``judging``, that of a search for one motion is not judged: see `Finding.named`.
     """
     try:
-        return _found(task, judging)
+        return _choose_route(task, judging)
     except OutOfTime:
-        return nothing_in_any(task, TOO_LATE)
+        return find_no_body(task, TOO_LATE)
 
 
-def _named(task: MatchingTask) -> Finding:
+def _propose(task: MatchingTask) -> Finding:
     """What a search proposes to a route that weighs it together with more; judged, unless it has a budget."""
-    return _explained(task, judging=task.budget is None)
+    return _explain_in_time(task, judging=task.budget is None)
 
 
-def _proposed_in_space(task: MatchingTask) -> Finding:
+def _propose_in_space(task: MatchingTask) -> Finding:
     """What the search for one of several bodies in space proposes."""
     try:
-        return decided_by_model(task, judging=False) or _explained(task)
+        return decide_point_sets(task, judging=False) or _explain_in_time(task)
     except OutOfTime:
-        return nothing_found(task, None)
+        return make_empty_finding(task, None)
 
 
-def _predicted(task: MatchingTask) -> Finding:
+def _explain_predicted(task: MatchingTask) -> Finding:
     """What was found about predicted poses alone."""
     if task.bodies is None:
         return match_predicted(task, None) if task.known is None else match_known(task, None)
-    return match_bodies_in_image(task, lambda part: nothing_found(part, UNCONFIRMED))
+    return match_bodies_in_image(task, lambda part: make_empty_finding(part, UNCONFIRMED))
 
 
-def _found(task: MatchingTask, judging: bool) -> Finding:
+def _choose_route(task: MatchingTask, judging: bool) -> Finding:
     """The finding of a task whose noise is known, by the route that its other knowledge calls for."""
     if task.bodies is not None:
         if task.problem.takes_prior and is_modelled(task.body(0)):
-            return match_bodies_in_image(task, _named)
-        if model_of(task.body(0)) is not None:
-            return match_bodies_in_space(task, _proposed_in_space)
-        return match_bodies(task, _explained)
+            return match_bodies_in_image(task, _propose)
+        if make_point_set_model(task.body(0)) is not None:
+            return match_bodies_in_space(task, _propose_in_space)
+        return match_bodies(task, _explain_in_time)
     of_camera = task.problem.takes_prior  # two point sets are weighed with all that is known, see `MotionPrior`
     if of_camera and task.known is not None:
-        return match_known(task, lambda part: _explained(part, judging=False))
+        return match_known(task, lambda part: _explain_in_time(part, judging=False))
     if of_camera and task.prior_pose is not None:
-        return match_predicted(task, _named)
+        return match_predicted(task, _propose)
     if task.rig is not None:
         return match_rig(task, judging=judging or task.budget is None)
-    if (decided := decided_by_model(task)) is not None:
+    if (decided := decide_point_sets(task)) is not None:
         return decided
     if (dense := match_dense(task)) is not None:
         return dense
     if are_too_few(task):
         told = f"{task.shape[1]} detections are too few to tell a pose of {task.shape[0]} points from chance"
-        return nothing_found(task, told).with_facts(missed=1.0)
-    return _several_motions(task) if task.options.packs_motions else _one_motion(task, judging)
+        return make_empty_finding(task, told).with_facts(missed=1.0)
+    return _explain_motions(task) if task.options.packs_motions else _explain_motion(task, judging)
 
 
-def _several_motions(task: MatchingTask) -> Finding:
+def _explain_motions(task: MatchingTask) -> Finding:
     """Groups of one motion each: among proposed pairs, which are evidence themselves, in turn, or packed and judged.
 
     The model of one motion finds each by itself, between two views always, and elsewhere if each shows enough. Small
     ones tell of each other in a packing alone, which evaluates all hyper-edges.
     """
     if two_view_model(replace(task, options=replace(task.options, motions=1))) is not None:
-        return match_motions(task, _explained)
-    if pays(task):
-        return judged_motions(assess(task, *motions_of_pairs(task)), proposed=True)
+        return match_motions(task, _explain_in_time)
+    if is_worth_drawing(task):
+        return judge_motions(assess(task, *find_pair_motions(task)), proposed=True)
     # a caller's sampler is not gone beyond
-    solve = _explained if task.options.chosen_sampler == "auto" else None
-    if solve is not None and (found := motions_in_turn(task, solve)) is not None:
+    solve = _explain_in_time if task.options.chosen_sampler == "auto" else None
+    if solve is not None and (found := find_motions_in_turn(task, solve)) is not None:
         return found
-    return judged_motions(assess(task, *pack_motions(task, sample(task))), solve)
+    return judge_motions(assess(task, *pack_motions(task, sample(task))), solve)
 
 
-def _one_motion(task: MatchingTask, judging: bool) -> Finding:
+def _explain_motion(task: MatchingTask, judging: bool) -> Finding:
     """Sampled hyper-edges, solved and judged; all of them if a quick search finds no match to trust."""
     sampled = sample(task)
     by_image, views = is_modelled(task), two_view_model(task)
@@ -147,21 +147,21 @@ def _one_motion(task: MatchingTask, judging: bool) -> Finding:
     solution = None
     if not modelled or named is None or not len(named) or task.options.solver is not None:
         deadline = task.deadline.part(SOLVED)
-        solver = task.options.solver_after(named is not None)
-        solution = solved(solver, affordable(sampled.tensor, deadline), task.options.seed, deadline)
+        solver = task.options.choose_solver(named is not None)
+        solution = solve_tensor(solver, keep_affordable(sampled.tensor, deadline), task.options.seed, deadline)
     if by_image:
         found = judged_by_image(task, sampled, solution, judging=judging)
-        found = allowing_for_errors(found, task, missed=sampled.missed)
+        found = allow_point_errors(found, task, missed=sampled.missed)
     elif views is not None:
         found = judged_by_views(task, views, sampled, solution)
     else:
         assert solution is not None
-        found = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)
-    every = swept(task, sampled)
+        found = judge_solution(task, solution, sampled) or assess(task, solution, sampled)
+    every = make_sweep(task, sampled)
     if by_image and not judging:
         return replace(found, left=every)
     if not found.status and every is not None:
-        again = _explained(every)
+        again = _explain_in_time(every)
         same = replace(task, points=again.task.points)  # which may be off though nobody said so
         return replace(again, task=same, evaluated=again.evaluated + sampled.evaluated)
     return found

@@ -15,10 +15,10 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Facts, Status, least_trusted
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied, once
+from rootmatch.frozen import copy_with, once
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
-from rootmatch.hypergraph.support import scores_of
+from rootmatch.hypergraph.support import score_assignments
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
@@ -51,9 +51,9 @@ class Finding:
     """From which `status` follows."""
     tensor: AffinityTensor
     other_probabilities: Sequence[float] | None = None
-    """Of the others, if they are known and `Others` does not tell them; see `every_other_probability`."""
+    """Of the others, if they are known and `Others` does not tell them; see `alternative_probabilities`."""
     scores: Sequence[float] | None = None
-    """Scores of the assignment and of the others, if already known; see `every_score`."""
+    """Scores of the assignment and of the others, if already known; see `all_scores`."""
     scoreless: bool = False
     """Whether a model decided without any hyper-edge: there are no scores then."""
     soft: Floats | None = None
@@ -115,7 +115,7 @@ class Finding:
         return self.task.budget is not None and self.evaluated >= self.task.budget
 
     @property
-    def in_view(self) -> float:
+    def presence_probability(self) -> float:
         """Probability that the body is in view, or what has nearly its shape: whether or not a pose fits."""
         if self.posterior is not None:
             return float(self.posterior.probabilities.sum())
@@ -128,40 +128,40 @@ class Finding:
 
     def with_facts(self, **facts: Any) -> Self:
         """A copy with some facts changed, from which another status may follow."""
-        return copied(self, facts=copied(self.facts, **facts))
+        return copy_with(self, facts=copy_with(self.facts, **facts))
 
-    def doubted(self, probability: float, confidence: Floats) -> Self:
+    def lower_probability(self, probability: float, confidence: Floats) -> Self:
         """A copy that is less probable, as are its matches (n,); ambiguous if it is less so than what is trusted."""
         contested = {"contested": True, "sure_of_the_rest": False} if probability < self.facts.min_probability else {}
-        return copied(self, facts=copied(self.facts, probability=probability, **contested), confidence=confidence)
+        return copy_with(self, facts=copy_with(self.facts, probability=probability, **contested), confidence=confidence)
 
-    def less_certain(self, factor: float) -> Self:
+    def scale_probability(self, factor: float) -> Self:
         """A copy that is less probable by a factor, as is each of its matches; ambiguous as of `doubted`."""
         if self.facts.probability is None or self.confidence is None:
             return self
         less = np.where(self.assignment >= 0, factor, 1.0) * self.confidence
-        return self.doubted(factor * self.facts.probability, less)
+        return self.lower_probability(factor * self.facts.probability, less)
 
     @property
-    def every_confidence(self) -> Floats | None:
+    def all_confidence(self) -> Floats | None:
         """Confidence (n,) in each match, of several bodies in those of each; None if none is known."""
         if self.confidence is not None:
             return self.confidence
         if self.parts is None:
             return None if self.posterior is None else self.posterior.confidence_in(self.assignment)
         out = np.full(self.task.rows, np.nan)
-        for rows, part in self._rows_of_parts:
-            own = part.every_confidence
+        for rows, part in self._part_rows:
+            own = part.all_confidence
             out[rows] = np.nan if own is None else own
         return out
 
     @property
-    def _rows_of_parts(self) -> list[tuple[Integers, Finding]]:
+    def _part_rows(self) -> list[tuple[Integers, Finding]]:
         """The rows of each of several bodies, and its finding."""
         if self.parts is None or self.task.bodies is None:
             return []
         points = map(self.task.bodies.points_of, range(len(self.parts)))
-        return [(self.task.sightings_of(own), part) for own, part in zip(points, self.parts.values(), strict=True)]
+        return [(self.task.sighting_rows(own), part) for own, part in zip(points, self.parts.values(), strict=True)]
 
     @property
     def probability(self) -> float | None:
@@ -176,10 +176,10 @@ class Finding:
     @property
     def score(self) -> float:
         """Total weight of the hyper-edges inside the assignment; NaN without any."""
-        return math.nan if self.scores is None and self.scoreless else self.every_score[0]
+        return math.nan if self.scores is None and self.scoreless else self.all_scores[0]
 
     @once
-    def every_score(self) -> list[float]:
+    def all_scores(self) -> list[float]:
         """Total weight of the hyper-edges inside the assignment, and inside each of the others."""
         if self.scores is not None:
             return list(self.scores)
@@ -188,10 +188,10 @@ class Finding:
             return [sum(known) if known else math.nan]
         if self.scoreless:
             return [math.nan] * len(self.every)
-        return [float(score) for score in scores_of(self.tensor, np.array(self.every))]
+        return [float(score) for score in score_assignments(self.tensor, np.array(self.every))]
 
     @property
-    def every_other_probability(self) -> Sequence[float] | None:
+    def alternative_probabilities(self) -> Sequence[float] | None:
         """Probability of each of the others, where a model tells it."""
         if isinstance(self.others, Others):
             return [chance for _, chance in self.others.ranked]
@@ -200,7 +200,7 @@ class Finding:
     @property
     def alternatives(self) -> Alternatives:
         """The other assignments with their scores."""
-        return list(zip(self.others, self.every_score[1:], strict=True))
+        return list(zip(self.others, self.all_scores[1:], strict=True))
 
     @once
     def margin(self) -> float:
@@ -212,7 +212,7 @@ class Finding:
             return self.facts.lead
         if self.parts is not None:
             return min(part.margin for part in self.parts.values())
-        return margin(self.every_score[0], self.alternatives, self.assignment)
+        return margin(self.all_scores[0], self.alternatives, self.assignment)
 
     @once
     def soft_assignment(self) -> Floats:
@@ -224,7 +224,7 @@ class Finding:
             return self.soft
         if self.parts is not None:
             soft = np.zeros(self.task.row_shape)
-            for rows, part in self._rows_of_parts:
+            for rows, part in self._part_rows:
                 soft[rows] = part.soft_assignment
             return soft
         if self.scoreless:
@@ -242,7 +242,9 @@ class Finding:
         return np.where(self.assignment >= 0, 0, -1) if self.labels is None else self.labels
 
 
-def unjudged(task: MatchingTask, sampled: SampledTensor, solution: Solution | None) -> tuple[list[Integers], Finding]:
+def make_unjudged(
+    task: MatchingTask, sampled: SampledTensor, solution: Solution | None
+) -> tuple[list[Integers], Finding]:
     """Assignments that a solver or a search named, and the finding of them before a model has judged any."""
     named = [] if solution is None else [solution.assignment, *(other for other, _ in solution.alternatives)]
     named += [] if sampled.assignments is None else list(sampled.assignments)
@@ -260,7 +262,7 @@ def unjudged(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
     )
 
 
-def nothing_found(task: MatchingTask, reason: str | None) -> Finding:
+def make_empty_finding(task: MatchingTask, reason: str | None) -> Finding:
     """The finding of a task that leaves nothing to match; as of an image without a mode, nothing has the odds 1.
 
     Of problems without a model no odds are known, here as elsewhere.
@@ -271,7 +273,7 @@ def nothing_found(task: MatchingTask, reason: str | None) -> Finding:
         task=task,
         assignment=np.full(task.rows, -1, np.int64),
         others=[],
-        facts=copied(NOTHING, probability=told),
+        facts=copy_with(NOTHING, probability=told),
         log_odds=told,
         tensor=empty_tensor(task),
         scores=[0.0],

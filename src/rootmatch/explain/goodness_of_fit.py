@@ -48,7 +48,7 @@ class Misfit(NamedTuple):
         sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
         return cls((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom), sigma, freedom)
 
-    def log_odds_if_larger(self, log_odds: float) -> float:
+    def rescaled_log_odds(self, log_odds: float) -> float:
         """Log-odds of the pose if σ was stated as many times too small, of those with the σ given.
 
         With Q = χ² all matches are of that σ: the terms of s² in docs/model.md for Q / f² in the place of Q, with the
@@ -72,7 +72,7 @@ class Misfit(NamedTuple):
             return 1.0
         return float(gammaincc(0.5 * self.dof, 0.5 * self.dof * self.sigma**2))
 
-    def for_something_else(self, of_rig: bool = False) -> float:
+    def odds_of_something_else(self, of_rig: bool = False) -> float:
         """How much more probable what is found is of something else than the body, which has nearly its shape.
 
         The chance of residuals as large is uniform for the body, and has a Beta distribution towards 0 for anything
@@ -86,7 +86,7 @@ class Misfit(NamedTuple):
         chance = float(fdtrc(self.dof, FREEDOM_OF_RIG if of_rig else NOISE_FREEDOM, self.sigma**2))
         return beside + float(SHAPE * max(chance, 1e-300) ** (SHAPE - 1.0))
 
-    def for_points_off(self, log_inexact: Sequence[float] = ()) -> Floats:
+    def log_odds_of_errors(self, log_inexact: Sequence[float] = ()) -> Floats:
         """Log-odds (OWN,) of the body with points that are off, of the body as given, with their prior.
 
         ``log_inexact``: see `MatchingTask.log_inexact`.
@@ -94,14 +94,14 @@ class Misfit(NamedTuple):
         before = LOG_INEXACT + np.array(log_inexact or (0.0,) * OWN)
         return np.full(OWN, -np.inf) if self.alike is None else before + self.alike[:OWN]
 
-    def most_off(self, log_inexact: Sequence[float] = ()) -> float:
+    def largest_error_gain(self, log_inexact: Sequence[float] = ()) -> float:
         """The largest of these without their prior, if that is the most probable of the body; 0 if it is as given."""
-        odds = self.for_points_off(log_inexact)
+        odds = self.log_odds_of_errors(log_inexact)
         which = int(odds.argmax())
         return float(self.alike[which]) if self.alike is not None and odds[which] > 0.0 else 0.0
 
 
-def doubted_by_fit(
+def discount_misfit(
     found: Finding, fault: Misfit, of_rig: bool = False, *, alike: float = 0.0, as_off: float = 0.0
 ) -> Finding:
     """A finding that is less probable by how its residuals speak for something else; a wrong model is allowed for.
@@ -113,13 +113,13 @@ def doubted_by_fit(
     if found.facts.probability is None or as_given:
         return found
     odds = WRONG_MODEL + alike
-    against = odds * fault.for_something_else(of_rig) + math.exp(min(fault.another, MOST_ALIKE))
+    against = odds * fault.odds_of_something_else(of_rig) + math.exp(min(fault.another, MOST_ALIKE))
     own = min((1.0 + odds) / (1.0 + against / (1.0 + as_off)), 1.0)
     present = None if found.facts.present is None else own * found.facts.present
-    return found.with_facts(present=present).less_certain(own)
+    return found.with_facts(present=present).scale_probability(own)
 
 
-def does_not_fit(fault: Misfit) -> bool:
+def is_misfit(fault: Misfit) -> bool:
     """Whether no pose fits an assignment within the noise that was given."""
     if not fault.variances <= MOST_INFLATION:
         return True

@@ -18,27 +18,27 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats
 from rootmatch.deadline import OutOfTime, checkpoint
-from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, budgets_of, in_turn, search_in_turn
-from rootmatch.explain.body_findings import joined
+from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_budgets, search_order, search_rounds
+from rootmatch.explain.body_findings import join_findings
 from rootmatch.explain.body_labels import twin_points
-from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_decision import beside_of, told_by
+from rootmatch.explain.finding import Finding, make_empty_finding
+from rootmatch.explain.image_decision import is_alike_possible, tell_image
 from rootmatch.explain.image_hypotheses import (
     LIKELY,
     NAMED,
     Candidate,
-    competing,
-    is_enough,
-    proposals_by_prediction,
+    is_search_needless,
+    propose_predicted,
+    weigh_candidates,
 )
-from rootmatch.explain.in_time import to_predict
-from rootmatch.explain.known_place import pairs_by_angle
-from rootmatch.explain.known_pose import proposals_by_knowledge
+from rootmatch.explain.in_time import prediction_deadline
+from rootmatch.explain.known_place import find_pairs_by_angle
+from rootmatch.explain.known_pose import propose_by_knowledge
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.model.mode_search import NEGLIGIBLE
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.posterior import Posterior, unknown
+from rootmatch.model.posterior import Posterior, empty_posterior
 from rootmatch.model.prediction import COMPLETE
 from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.model.proposals import Proposals
@@ -66,14 +66,14 @@ class SearchPart(NamedTuple):
     def of(self, task: MatchingTask) -> MatchingTask:
         """The part of a task."""
         budget = None if task.budget is None else round(self.share * task.budget)
-        return copied(task, search_camera=self.camera, budget=budget)
+        return copy_with(task, search_camera=self.camera, budget=budget)
 
 
 def _left_of(task: MatchingTask, bodies: Sequence[SearchedBody]) -> MatchingTask:
     """The task with what the searches of a frame have left of its budget; among few detections hardly any is needed."""
     assert task.budget is not None
     left = task.budget - sum(body.evaluated for body in bodies)
-    return copied(task, budget=max(left, round(LEAST_LEFT * task.budget)))
+    return copy_with(task, budget=max(left, round(LEAST_LEFT * task.budget)))
 
 
 Choice = Callable[[Finding], SearchPart | None]
@@ -112,7 +112,9 @@ class _Body(SearchedBody):
         modes, prior = self.told.modes, self.candidate.model.prior
         if self.pose < LIKELY:
             return False
-        return not isinstance(prior, Doubted) or bool(prior.prediction_of(modes.rotation[:1], modes.position[:1]) < 0)
+        return not isinstance(prior, Doubted) or bool(
+            prior.prediction_indices(modes.rotation[:1], modes.position[:1]) < 0
+        )
 
     @property
     def is_lost(self) -> bool:
@@ -125,7 +127,7 @@ class _Body(SearchedBody):
         return self.among >= 0 or self.enough
 
     @property
-    def is_by_others(self) -> bool:
+    def needs_others(self) -> bool:
         """Whether its pose would not be certain if nothing were known of what the other bodies explain.
 
         A search among all detections ends where it has met what is beyond chance among these, or another body's place.
@@ -134,9 +136,9 @@ class _Body(SearchedBody):
         alone = self.told.modes.log_mass[:1] + PRESENT_ODDS - np.logaddexp.reduce(np.append(masses, 0.0))
         return bool((alone < math.log(SURE)).any())
 
-    def worth_a_search(self, budget: int) -> bool:
+    def is_worth_searching(self, budget: int) -> bool:
         """Whether another search among the free detections, with this budget, may find more than the last one."""
-        if (self.settled and not self.is_by_others) or (self.among < 0 and self.enough):
+        if (self.settled and not self.needs_others) or (self.among < 0 and self.enough):
             return False
         fewer = self.among < 0 or int(self.free.sum()) < self.among
         torn = float(self.told.probabilities.sum()) >= IN_VIEW and self.pose < DOUBTED
@@ -148,31 +150,31 @@ class _Body(SearchedBody):
         """Search among the free detections of the task of all bodies, and add what is found."""
         self.search_among(task, self.free, solve, budget)
         if self.found.posterior is not None:
-            self.candidate = self.candidate.reconsidered(self.found.posterior.modes)
+            self.candidate = self.candidate.add_modes(self.found.posterior.modes)
         elif self.found.named:
-            self.candidate = self.candidate.also(self.found.named[:NAMED])
+            self.candidate = self.candidate.add_assignments(self.found.named[:NAMED])
 
     def predict(self) -> None:
         """Add what is assigned about the predicted pose, if there is one."""
         if self.task.prior_pose is not None:
-            self.predicted = proposals_by_prediction(self.candidate.model)
+            self.predicted = propose_predicted(self.candidate.model)
         elif self.task.known is not None:
-            self.predicted = proposals_by_knowledge(
-                self.task, self.candidate.model, pairs_by_angle(self.task, self.task.known)
+            self.predicted = propose_by_knowledge(
+                self.task, self.candidate.model, find_pairs_by_angle(self.task, self.task.known)
             )
         if self.predicted is not None:
-            self.candidate = self.candidate.proposed([], self.predicted)
+            self.candidate = self.candidate.with_assignments([], self.predicted)
 
     @property
-    def is_settled_beside(self) -> bool:
+    def is_neighbourhood_settled(self) -> bool:
         """Whether what is near its points makes no difference to what was last told of it, or counts already."""
-        return self.answer is None or self.answer[2] is None or not beside_of(*self.answer[1:])
+        return self.answer is None or self.answer[2] is None or not is_alike_possible(*self.answer[1:])
 
     def tell(self, taken: Bools, of_others: Bools, beside: bool) -> Finding:
-        """What is told of it, see `told_by`; worked out anew if it may be something else than the last time."""
+        """What is told of it, see `tell_image`; worked out anew if it may be something else than the last time."""
         given = self.found, self.told, taken.tobytes(), of_others.tobytes()
-        if self.answer is None or self.answer[0] != given or (beside and not self.is_settled_beside):
-            found = told_by(self.found, self.told, self.candidate, taken=taken, of_others=of_others, beside=beside)
+        if self.answer is None or self.answer[0] != given or (beside and not self.is_neighbourhood_settled):
+            found = tell_image(self.found, self.told, self.candidate, taken=taken, of_others=of_others, beside=beside)
             self.answer = given, found, None if beside else of_others
         return self.answer[1]
 
@@ -183,7 +185,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
     ``solve`` matches one of them; ``choice`` says what to search, everything if not given.
     """
     assert task.bodies is not None
-    bodies = [_body(task, k) for k in range(len(task.bodies.names))]
+    bodies = [_make_body(task, k) for k in range(len(task.bodies.names))]
     for body in bodies:
         others = [other for other in bodies if other is not body]
         source = body.task.points.source
@@ -197,30 +199,30 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
         new = body.candidate is not before and body.found.posterior is None
         if new and _is_taken(body, bodies):
             # what others explain is weighed against them before its twins are proposed
-            told = competing([one.candidate for one in bodies])[body.number]
+            told = weigh_candidates([one.candidate for one in bodies])[body.number]
             new = float(told.probabilities.sum()) > math.exp(-NEGLIGIBLE)
             if not new and choice is not None:  # the next frames look again
                 body.candidate = before
         if new:
-            body.candidate = body.candidate.with_twins()
+            body.candidate = body.candidate.add_twins()
         if choice is None or body.candidate is not before:
             _weigh(bodies)
 
     with suppress(OutOfTime):
         _predict(task, bodies)
         if choice is None:
-            search_in_turn(task, bodies, _Body.worth_a_search, search)
+            search_rounds(task, bodies, _Body.is_worth_searching, search)
         else:
             # what is near its points takes longer to weigh than all else, and a search changes it
             predicted = _finding(task, bodies, beside=False)
             if (part := choice(predicted)) is None:
-                return predicted if all(body.is_settled_beside for body in bodies) else _finding(task, bodies)
+                return predicted if all(body.is_neighbourhood_settled for body in bodies) else _finding(task, bodies)
             body = bodies[part.body]
             if not part.rest:  # what the prediction explains may be explained better by a pose elsewhere
                 # and what another one holds on to with a few of its points is not its own for certain
-                taken = [one.used for one in bodies if one is not body and shows_most(one.told)]
+                taken = [one.used for one in bodies if one is not body and is_mostly_shown(one.told)]
                 body.free = np.sum(taken, axis=0, initial=0.0) + np.zeros(task.shape[1]) < SURE
-            before, budget, of_part = body.candidate, budgets_of(task)[0], part.of(task)
+            before, budget, of_part = body.candidate, search_budgets(task)[0], part.of(task)
             search(body, budget, of_part)
             for rival in bodies:
                 if body.candidate is not before and body.is_new and rival.is_lost:
@@ -232,7 +234,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
 def _finding(task: MatchingTask, bodies: list[_Body], beside: bool = True) -> Finding:
     """The finding of all bodies by what is proposed so far, each without the detections of those more certain.
 
-    Unless ``beside``, without what is near their points: see `told_by`.
+    Unless ``beside``, without what is near their points: see `tell_image`.
     """
     taken = np.zeros(task.shape[1], np.bool_)
     found, each = dict[int, Finding](), {one.number: one.told.used(task.shape[1]) for one in bodies}
@@ -243,11 +245,11 @@ def _finding(task: MatchingTask, bodies: list[_Body], beside: bool = True) -> Fi
         taken[one.assignment[one.assignment >= 0]] = True
         unseen = LATE if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen
-        found[body.number] = one if one.reason == reason else copied(one, reason=reason)
-    return joined(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))
+        found[body.number] = one if one.reason == reason else copy_with(one, reason=reason)
+    return join_findings(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))
 
 
-def shows_most(told: Posterior, mode: int = 0) -> bool:
+def is_mostly_shown(told: Posterior, mode: int = 0) -> bool:
     """Whether a body has detections for most of the points that are visible in one of its poses."""
     if len(told.probabilities) <= mode:
         return False
@@ -262,10 +264,10 @@ def _is_taken(body: _Body, bodies: Sequence[_Body]) -> bool:
     return bool((used[own[own >= 0]] >= SURE).any())
 
 
-def _body(task: MatchingTask, number: int) -> _Body:
+def _make_body(task: MatchingTask, number: int) -> _Body:
     """A body for which nothing has been found yet."""
     own, count = task.body(number), task.shape[1]
-    nothing, told = nothing_found(own, None), unknown(own.rows)
+    nothing, told = make_empty_finding(own, None), empty_posterior(own.rows)
     free, used = np.ones(count, np.bool_), np.zeros(count)
     return _Body(
         number=number, task=own, found=nothing, candidate=Candidate.of(own, []), told=told, free=free, used=used
@@ -274,8 +276,8 @@ def _body(task: MatchingTask, number: int) -> _Body:
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted poses."""
-    with to_predict(task.deadline).within():
-        for body in in_turn(task, bodies):
+    with prediction_deadline(task.deadline).within():
+        for body in search_order(task, bodies):
             checkpoint()
             body.predict()
     with suppress(OutOfTime):
@@ -284,9 +286,9 @@ def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
 
 def _weigh(bodies: list[_Body]) -> None:
     """Weigh all bodies together, settle those that are sure, and say which detections are left for each."""
-    for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
+    for body, told in zip(bodies, weigh_candidates([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
-        body.enough = body.task.prior_pose is not None and is_enough(
+        body.enough = body.task.prior_pose is not None and is_search_needless(
             body.candidate.model, told, body.task.minimal, of_several=True
         )
         # a known rotation proposes every pose that agrees with it

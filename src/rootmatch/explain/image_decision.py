@@ -14,24 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.continued_bodies import LIKELY, beside_continuations, places_beside
+from rootmatch.explain.continued_bodies import LIKELY, allow_continuations, continue_body
 from rootmatch.explain.decide import TRUST, Facts, Status
-from rootmatch.explain.finding import Finding, unjudged
-from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
+from rootmatch.explain.finding import Finding, make_unjudged
+from rootmatch.explain.goodness_of_fit import Misfit, discount_misfit, is_misfit
 from rootmatch.explain.image_hypotheses import NAMED, Candidate
-from rootmatch.explain.in_time import last_moment
-from rootmatch.explain.lacking_points import beside_lacking, lacking_points
-from rootmatch.explain.predicted_poses import about_prediction, polished_pose
-from rootmatch.explain.rig_triples import search_meets
+from rootmatch.explain.in_time import final_deadline
+from rootmatch.explain.lacking_points import allow_lacking, lacking_points
+from rootmatch.explain.predicted_poses import polish_pose, select_prediction
+from rootmatch.explain.rig_triples import is_met_by_search
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.zoom_hypotheses import candidate_of, has_image_model
-from rootmatch.frozen import copied
+from rootmatch.explain.zoom_hypotheses import has_image_model, make_candidate
+from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import NOISE_KINDS
-from rootmatch.model.blob_labels import of_surest, surest_points
+from rootmatch.model.blob_labels import likeliest_lit_points, swap_to_likeliest
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.elsewhere import log_odds_of_another
-from rootmatch.model.evidence import residuals_of
-from rootmatch.model.image_alike import log_odds_alike
+from rootmatch.model.evidence import residual_statistics
+from rootmatch.model.image_alike import alike_log_odds
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Others, Posterior
@@ -60,29 +60,29 @@ def is_modelled(task: MatchingTask) -> bool:
     return by_noise and not task.options.packs_motions and has_image_model(task.problem)
 
 
-def assessed(
+def assess_image(
     task: MatchingTask, sampled: SampledTensor, solution: Solution | None = None, *, judging: bool = True
 ) -> Finding:
     """The finding of what a search or a solver proposed, judged by the model of the image.
 
     Unless ``judging``, what is proposed is left to whoever weighs it among more: `Finding.named`.
     """
-    named, base = unjudged(task, sampled, solution)
+    named, base = make_unjudged(task, sampled, solution)
     if not judging:
         with suppress(OutOfTime):
             if sampled.assignments is None:
-                named[1:1] = candidate_of(task, []).gathered(sampled.tensor)
-        return copied(base, named=named)
+                named[1:1] = make_candidate(task, []).gather_from_tensor(sampled.tensor)
+        return copy_with(base, named=named)
     try:
         few = named if task.budget is None else named[:NAMED]
-        body = candidate_of(task, few, sampled.tensor if sampled.assignments is None else None)
+        body = make_candidate(task, few, sampled.tensor if sampled.assignments is None else None)
         told = body.alone()
     except OutOfTime:
         return base
-    return told_by(base, told, body, missed=sampled.missed)
+    return tell_image(base, told, body, missed=sampled.missed)
 
 
-def told_by(
+def tell_image(
     base: Finding,
     told: Posterior,
     body: Candidate,
@@ -106,27 +106,27 @@ def told_by(
         Detections of other bodies: the result is a mode without any of them, or nothing. Those that are explained by
         others, whether or not these are more certain.
     beside : bool
-        Whether what is near points without a match counts, see `beside_of`.
+        Whether what is near points without a match counts, see `is_alike_possible`.
     """
     shape = base.task.points.source, base.task.points.normals
-    last, before, asked = last_moment(), told, False
+    last, before, asked = final_deadline(), told, False
     with last.within():
-        before = told = beside_lacking(told, body.model, lacking_points(*shape), of_others)
-        told = beside_continuations(told, body.model, places_beside(*shape), of_others)
+        before = told = allow_lacking(told, body.model, lacking_points(*shape), of_others)
+        told = allow_continuations(told, body.model, continue_body(*shape), of_others)
         asked = True
     if told.clutter - before.clutter > LIKELY:
-        base = copied(base, reason=BY_ITS_LAW)
+        base = copy_with(base, reason=BY_ITS_LAW)
     elif base.reason == BY_ITS_LAW:
-        base = copied(base, reason=None)
+        base = copy_with(base, reason=None)
     model, modes, prior = body.model, told.modes, body.model.prior
     if base.task.weighs_parts:
-        told = with_parts(told, model, base, taken)
+        told = allow_few_shown(told, model, base, taken)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability
     scoreless = base.evaluated == 0
     if (k := next(free, None)) is None:
         nothing = np.full(base.task.rows, -1, np.int64)
-        return copied(
+        return copy_with(
             base,
             posterior=told,
             model=model,
@@ -140,28 +140,28 @@ def told_by(
             prior_holds=None,
             pose=None,
         )
-    first, probability = modes.assignments[k], told.probability_of(modes.assignments[k])
+    first, probability = modes.assignments[k], told.assignment_probability(modes.assignments[k])
     confidence = told.confidence if k == 0 else told.confidence_in(first)
-    surest = surest_points(model, first, (modes.rotation[k], modes.position[k]))
+    surest = likeliest_lit_points(model, first, (modes.rotation[k], modes.position[k]))
     if surest is not None:
         confidence, probability = confidence * surest[1], probability * float(surest[1].prod())
-    fault = misfit_of(model, modes, k)
+    fault = mode_misfit(model, modes, k)
     prediction = -1 if told.origins is None else int(told.origins[k])
     holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     if beside and present >= LIKELY:
         whole, asked = asked, False
         with last.within():
-            fault = fault._replace(alike=log_odds_alike(model, modes, k, of_others))
+            fault = fault._replace(alike=alike_log_odds(model, modes, k, of_others))
             if not holds:  # what is followed was asked when it was found
                 fault = fault._replace(another=log_odds_of_another(model, modes, k, of_others))
             asked = whole
     # what there was no time to ask may be so
     missed = (missed_as_known if holds else missed) if asked else 1.0
-    trusted = told.believed(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
+    trusted = told.believe(least, 1.0 if surest is None else surest[1]) if k == 0 and missed <= TRUST.missed else None
     sure = None if trusted is None else trusted.assignment
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
-    met = sure is not None and search_meets(base.task, model, sure)
+    met = sure is not None and is_met_by_search(base.task, model, sure)
     points = int((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0).sum())  # a rig sees one several times
     of_the_rest = (met or (holds and kept >= LEAST)) and trusted is not None and trusted.known >= KEPT * matched
     facts = Facts(
@@ -170,7 +170,7 @@ def told_by(
         sure_of_the_rest=of_the_rest,
         min_probability=least,
         confirmed=points >= LEAST,
-        false_alarms=math.inf if does_not_fit(fault) else -math.inf,
+        false_alarms=math.inf if is_misfit(fault) else -math.inf,
         missed=missed if sure is None or met else 1.0,
     )
     if (status := facts.status) is Status.MATCHED and trusted is not None:
@@ -179,15 +179,15 @@ def told_by(
         first = trusted.assignment
     others, believed = Others(told, TRUST.alternatives, than=first), status is not Status.UNTRUSTED
     if surest is not None:
-        first, confidence = of_surest(first, confidence, surest[0])
-    found = copied(
+        first, confidence = swap_to_likeliest(first, confidence, surest[0])
+    found = copy_with(
         base,
         posterior=told,
         model=model,
-        task=about_prediction(base.task, prediction) if holds else base.task,
+        task=select_prediction(base.task, prediction) if holds else base.task,
         assignment=first,
         others=others,
-        facts=copied(facts, probability=probability, lead=lead_by_odds(probability) if scoreless else None),
+        facts=copy_with(facts, probability=probability, lead=odds_lead(probability) if scoreless else None),
         scores=None,
         scoreless=scoreless,
         soft=None if scoreless else base.soft,
@@ -199,23 +199,25 @@ def told_by(
         alike=fault.alike,
         mode=k,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
-        pose=pose_of_mode(model, modes, k) if believed else None,
+        pose=mode_pose(model, modes, k) if believed else None,
     )
-    return doubted_by_fit(found, fault, len(model.images) > 1)
+    return discount_misfit(found, fault, len(model.images) > 1)
 
 
-def beside_of(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
+def is_alike_possible(found: Finding, of_others: NDArray[np.bool_] | None) -> bool:
     """Whether something near the points without a match may say that a finding is of something alike."""
     told, model = found.posterior, found.model
     if told is None or model is None or found.noise_factor is None or not told.probabilities.sum() >= LIKELY:
         return False
     at = model, told.modes, found.mode, of_others
-    with last_moment().within():
-        return log_odds_alike(*at) is not None or (not found.prior_holds and log_odds_of_another(*at) > -math.inf)
+    with final_deadline().within():
+        return alike_log_odds(*at) is not None or (not found.prior_holds and log_odds_of_another(*at) > -math.inf)
     return True
 
 
-def with_parts(told: Posterior, model: DetectionModel, base: Finding, taken: NDArray[np.bool_] | None) -> Posterior:
+def allow_few_shown(
+    told: Posterior, model: DetectionModel, base: Finding, taken: NDArray[np.bool_] | None
+) -> Posterior:
     """A posterior in which an image without a mode may also show the body: too little of it, or unmet by the search.
 
     Not about predicted poses, of which one or two matches are a mode.
@@ -224,26 +226,26 @@ def with_parts(told: Posterior, model: DetectionModel, base: Finding, taken: NDA
     if told.clutter < BEYOND_DOUBT or least < LEAST:
         return told
     most = least - 1 if isinstance(model.prior, Doubted) else max(base.task.minimal, least - 1)
-    free = model.image_of if taken is None else model.image_of[~taken]
+    free = model.image_indices if taken is None else model.image_indices[~taken]
     counts = np.bincount(free, minlength=max(len(model.images), 1))
-    return copied(told, few=FewShown(model, most, counts, base.unmet))
+    return copy_with(told, few=FewShown(model, most, counts, base.unmet))
 
 
-def lead_by_odds(probability: float | None) -> float:
+def odds_lead(probability: float | None) -> float:
     """The lead of an assignment without scores: 1 less the odds against it."""
     probability = probability or 0.0
     return max(1.0 - (1.0 - probability) / max(probability, 1e-300), 0.0)
 
 
-def misfit_of(model: DetectionModel, modes: Modes, k: int) -> Misfit:
+def mode_misfit(model: DetectionModel, modes: Modes, k: int) -> Misfit:
     """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
-    squared, _ = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    squared, _ = residual_statistics(model, modes.assignments[k], modes.rotation[k], modes.position[k])
     return Misfit.of(squared, round(float(modes.freedom[k])))
 
 
-def pose_of_mode(model: DetectionModel, modes: Modes, k: int) -> Pose:
+def mode_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     """The pose of one of the modes, of the points as they were given."""
-    return model.pose_of(modes.rotation[k], modes.position[k], modes.covariance[k])
+    return model.pose_of_origin(modes.rotation[k], modes.position[k], modes.covariance[k])
 
 
 def other_poses(found: Finding) -> list[tuple[Pose, float]]:
@@ -258,6 +260,6 @@ def other_poses(found: Finding) -> list[tuple[Pose, float]]:
     likely = np.flatnonzero(same & (chances >= WRONG_MODEL))
     out = []
     for k in likely[1:].tolist():
-        pose = pose_of_mode(found.model, modes, k)
-        out.append((polished_pose(copied(found, pose=pose)) or pose, float(chances[k])))
+        pose = mode_pose(found.model, modes, k)
+        out.append((polish_pose(copy_with(found, pose=pose)) or pose, float(chances[k])))
     return out

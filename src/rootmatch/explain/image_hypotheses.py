@@ -16,41 +16,41 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
-from rootmatch.explain.in_time import last_moment
-from rootmatch.explain.likeness import copies_of, likenesses, place_of
-from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
+from rootmatch.explain.in_time import final_deadline
+from rootmatch.explain.likeness import find_copies, likenesses, relative_place
+from rootmatch.explain.predicted_poses import pose_knowledge, predicted_mixture, problem_vertical
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
-from rootmatch.hypergraph.tensor import AffinityTensor, strongest
+from rootmatch.frozen import copy_with
+from rootmatch.hypergraph.tensor import AffinityTensor, strongest_assignments
 from rootmatch.model.competition import joint_posterior
-from rootmatch.model.depth_reversal import reversed_in_depth
+from rootmatch.model.depth_reversal import reverse_depths
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import NO_CHANGE, Evidence
-from rootmatch.model.exact_shapes import grown_in_place_of
-from rootmatch.model.exchanged import beside_others, marked
-from rootmatch.model.gathering import gathered
+from rootmatch.model.exact_shapes import grow_in_copies_place
+from rootmatch.model.exchanged import add_family_places, mark_exchanged
+from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.known_density import Known
-from rootmatch.model.line_readings import line_readings
+from rootmatch.model.line_readings import propose_line_readings
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, modes_of, with_sums
-from rootmatch.model.modes import Modes, no_modes
-from rootmatch.model.near_symmetries import symmetries_of
+from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes, grow_mode
+from rootmatch.model.modes import Modes, empty_modes
+from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import about_each
 from rootmatch.model.proposals import (
     Proposals,
-    fitted,
-    joined,
+    empty_proposals,
+    fit_assignments,
+    join_proposals,
     look_alikes,
-    no_proposals,
-    poses_of_few,
-    poses_of_sets,
+    propose_few_matched,
     rough_fits,
+    solve_minimal_sets,
 )
-from rootmatch.model.successive_symmetries import in_succession, moved_along
-from rootmatch.problems.pose_fit.reference_point import about_centre, about_point
+from rootmatch.model.successive_symmetries import compose_symmetries, propose_moved
+from rootmatch.problems.pose_fit.reference_point import centre_points, pose_about_point
 
 TWINS = 4
 """A body's first poses whose twins, and look-alikes as another body, are proposed. A round value."""
@@ -77,76 +77,76 @@ class Candidate:
     @classmethod
     def of(cls, task: MatchingTask, assignments: list[Integers], tensor: AffinityTensor | None = None) -> Candidate:
         """The candidate by the assignments that were found, and by the hyper-edges of a sweep."""
-        nothing = cls(task, cls.modelled(task), no_modes(task.rows))
+        nothing = cls(task, cls.make_model(task), empty_modes(task.rows))
         if tensor is not None:
-            assignments = [*assignments, *nothing.gathered(tensor)]
-        return nothing.proposed(assignments) if assignments else nothing
+            assignments = [*assignments, *nothing.gather_from_tensor(tensor)]
+        return nothing.with_assignments(assignments) if assignments else nothing
 
     @staticmethod
-    def modelled(task: MatchingTask) -> DetectionModel:
+    def make_model(task: MatchingTask) -> DetectionModel:
         """The model of a task."""
-        return model_of(task)
+        return make_detection_model(task)
 
-    def gathered(self, tensor: AffinityTensor) -> list[Integers]:
+    def gather_from_tensor(self, tensor: AffinityTensor) -> list[Integers]:
         """Assignments that poses of single hyper-edges gather, of those with the largest weights.
 
         An assignment of all points that a solver found may hold several inconsistent parts, of which one is the body.
         """
-        sets = self.poses_of(strongest(tensor, self.model.shape, HYPEREDGES))
-        return list(gathered(self.model, sets, least=self.task.minimal + 1, most=GATHERED).assignments)
+        sets = self.poses_of(strongest_assignments(tensor, self.model.shape, HYPEREDGES))
+        return list(gather_assignments(self.model, sets, least=self.task.minimal + 1, most=GATHERED).assignments)
 
     def poses_of(self, rows: Integers) -> Proposals:
         """Poses of minimal sets of the assignments (K, n) of hyper-edges, with the matches of these sets alone."""
-        return poses_of_sets(self.model, rows, rows.shape[1]).alone
+        return solve_minimal_sets(self.model, rows, rows.shape[1]).alone
 
     def proposals(self, assignments: Sequence[Integers]) -> Proposals:
         """Assignments with their fitted poses, and all poses of those with few matches."""
-        rows = with_poses(self.task, assignments)
+        rows = select_determined(self.task, assignments)
         if not len(rows):
-            return no_proposals(self.task.rows)
-        return joined([rough_fits(self.model, rows), poses_of_few(self.model, rows)])
+            return empty_proposals(self.task.rows)
+        return join_proposals([rough_fits(self.model, rows), propose_few_matched(self.model, rows)])
 
     def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
         """Assignments (K, n) at the best poses that lead on from these, and their evidence."""
-        return fitted(self.model, assignments)
+        return fit_assignments(self.model, assignments)
 
     def twins(self, modes: Modes) -> Proposals:
         """Poses in which the body looks as in its best modes, whether the search met them or not."""
-        model, points, first = self.model, self.task.points, best_of(modes)
-        parts = [reversed_in_depth(model, first), line_readings(model, first.assignments)]
-        parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetries(self.task)]
-        further = in_succession(points.source, points.normals)
-        images = self.task.sightings_of(further.image)
-        return joined([*parts, moved_along(first, further, images, model.points.mean(axis=0))])
+        model, points, first = self.model, self.task.points, best_proposals(modes)
+        parts = [reverse_depths(model, first), propose_line_readings(model, first.assignments)]
+        parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetry_images(self.task)]
+        further = compose_symmetries(points.source, points.normals)
+        images = self.task.sighting_rows(further.image)
+        return join_proposals([*parts, propose_moved(first, further, images, model.points.mean(axis=0))])
 
-    def proposed(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
+    def with_assignments(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
         proposals = self.proposals(assignments)
         searched = len(proposals.assignments) > 0
         if predicted is not None:
-            proposals = joined([proposals, predicted]) if searched else predicted
-        modes = modes_of(self.model, proposals, least=-math.inf if searched else -HOPELESS)
-        return copied(self, modes=self._with_twins(modes, searched))
+            proposals = join_proposals([proposals, predicted]) if searched else predicted
+        modes = find_modes(self.model, proposals, least=-math.inf if searched else -HOPELESS)
+        return copy_with(self, modes=self._add_twins(modes, searched))
 
     def posed(self, proposals: Proposals) -> Candidate:
         """The candidate by assignments with poses, and the twins of the best ones."""
-        return copied(self, modes=self._with_twins(modes_of(self.model, proposals)))
+        return copy_with(self, modes=self._add_twins(find_modes(self.model, proposals)))
 
-    def also(self, assignments: Sequence[Integers]) -> Candidate:
+    def add_assignments(self, assignments: Sequence[Integers]) -> Candidate:
         """The candidate of one of several bodies by further assignments, without their twins.
 
         The same if clutter explains all of them better: most searches for a body that is not in view end so.
         """
         proposals = self.proposals(assignments)
-        modes = modes_of(self.model, proposals, self.modes, of_several=True, least=-NEGLIGIBLE)
+        modes = find_modes(self.model, proposals, self.modes, of_several=True, least=-NEGLIGIBLE)
         worth = len(proposals.assignments) and (modes.log_mass[:1] > 0.0).any()
-        return copied(self, modes=modes) if worth else self
+        return copy_with(self, modes=modes) if worth else self
 
-    def with_twins(self) -> Candidate:
+    def add_twins(self) -> Candidate:
         """The candidate of one of several bodies with the twins of the best pose that a search found for it."""
-        return copied(self, modes=self._with_twins(self.modes, most=1))
+        return copy_with(self, modes=self._add_twins(self.modes, most=1))
 
-    def _with_twins(self, modes: Modes, searched: bool = True, most: int = TWINS) -> Modes:
+    def _add_twins(self, modes: Modes, searched: bool = True, most: int = TWINS) -> Modes:
         """Modes and the twins of the best of them, until none of these is better: stairs may be many steps off."""
         known, best = set[bytes](), -math.inf  # of which twins were proposed
         while len(modes.log_mass) and modes.log_mass[0] > best + NO_CHANGE:
@@ -154,60 +154,62 @@ class Candidate:
             poses = [one.tobytes() for one in modes.rotation[:most]]
             new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
             known.update(poses)
-            twins = self.twins(modes.take(new)) if searched else twins_about_predictions(self.task, self.model, modes)
-            modes = modes_of(self.model, twins, modes, twins=True) if len(twins.assignments) else modes
+            twins = self.twins(modes.take(new)) if searched else propose_predicted_twins(self.task, self.model, modes)
+            modes = find_modes(self.model, twins, modes, twins=True) if len(twins.assignments) else modes
         return modes
 
-    def reconsidered(self, modes: Modes) -> Candidate:
+    def add_modes(self, modes: Modes) -> Candidate:
         """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
         proposals = Proposals(modes.assignments, modes.rotation, modes.position)
-        return copied(self, modes=modes_of(self.model, proposals, self.modes, of_several=True))
+        return copy_with(self, modes=find_modes(self.model, proposals, self.modes, of_several=True))
 
     def alone(self) -> Posterior:
         """The body's posterior if the image shows no other known body."""
-        return competing([self])[0]
+        return weigh_candidates([self])[0]
 
 
-def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
+def weigh_candidates(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
-    with last_moment().enforced():
+    with final_deadline().enforce():
         every, models = [], []
-        copies = copies_of([(one.task.points.source, one.model) for one in bodies])
+        copies = find_copies([(one.task.points.source, one.model) for one in bodies])
         for k, body in enumerate(bodies):
             more, others = [], []
             for other in bodies:
                 if other is body or not len(other.modes.log_odds):
                     continue
                 for image in likenesses(other.task.points.source, body.task.points.source):
-                    rows = body.task.sightings_of(image)
-                    more.append(look_alikes(best_of(other.modes), other.model.points, body.model.points, rows[None]))
-                    if (place := place_of(other.task.points.source, body.task.points.source, image)) is not None:
+                    rows = body.task.sighting_rows(image)
+                    more.append(
+                        look_alikes(best_proposals(other.modes), other.model.points, body.model.points, rows[None])
+                    )
+                    if (place := relative_place(other.task.points.source, body.task.points.source, image)) is not None:
                         others.append((place, other.model.prior))
-            model = beside_others(body.model, others)
-            modes = body.modes if copies is None else grown_in_place_of(copies[k], model, body.modes)
+            model = add_family_places(body.model, others)
+            modes = body.modes if copies is None else grow_in_copies_place(copies[k], model, body.modes)
             if more:
-                modes = modes_of(model, joined(more), modes, of_several=True, least=-HOPELESS)
+                modes = find_modes(model, join_proposals(more), modes, of_several=True, least=-HOPELESS)
             every.append(modes)
             models.append(model)
         told = joint_posterior(models, every, copies)
         for _ in range(SUMMED):
-            known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
+            known = [_sum_first_mode(*each) for each in zip(models, every, told, strict=True)]
             if all(one is before for one, before in zip(known, every, strict=True)):
                 break
             every, told = known, joint_posterior(models, known, copies)
-        return [marked(*each) for each in zip(models, told, strict=True)]
+        return [mark_exchanged(*each) for each in zip(models, told, strict=True)]
 
 
-def _with_first_summed(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:
+def _sum_first_mode(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:
     """Modes with the sum over the changes of the one that a posterior tells, if it may be believed."""
     first = told.modes
     if not len(told.probabilities) or first.summed[0] or told.probabilities[0] < LIKELY:
         return modes
     same = (modes.rotation == first.rotation[0]).all(axis=(1, 2)) & (modes.position == first.position[0]).all(axis=1)
-    return with_sums(model, modes, int(np.flatnonzero(same)[0]))
+    return grow_mode(model, modes, int(np.flatnonzero(same)[0]))
 
 
-def is_enough(
+def is_search_needless(
     model: DetectionModel, told: Posterior, minimal: int, *, of_several: bool = False, unmet: float = math.inf
 ) -> bool:
     """Whether a predicted pose explains more than any pose elsewhere could, so that no search is needed.
@@ -233,22 +235,22 @@ def is_enough(
     return mass >= math.log(doubt) + elsewhere
 
 
-def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
+def propose_predicted(model: DetectionModel) -> Proposals | None:
     """Assignments about each predicted pose, with the poses that they lead to; None if there are none."""
     if not isinstance(model.prior, Doubted):
         return None
     predictions = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
     parts = [one.take(slice(MOST_PREDICTED)) for one in about_each(model, predictions)]
-    others = [poses_of_few(model, one.assignments[:1]) for one in parts]
+    others = [propose_few_matched(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
-        others += [reversed_in_depth(model, one.take(slice(1))) for one in parts]
-    return joined([*parts, *others]) if parts else None
+        others += [reverse_depths(model, one.take(slice(1))) for one in parts]
+    return join_proposals([*parts, *others]) if parts else None
 
 
-def model_of(task: MatchingTask) -> DetectionModel:
+def make_detection_model(task: MatchingTask) -> DetectionModel:
     """The model of a task of one body."""
     points, problem, allowed = task.points, task.problem, task.allowed
-    centre, _, radius = about_centre(points.source)
+    centre, _, radius = centre_points(points.source)
     camera: CameraModel
     if task.rig is not None:
         (camera, points), own = task.sightings, task.own_camera
@@ -256,12 +258,12 @@ def model_of(task: MatchingTask) -> DetectionModel:
         target, sigma = points.target, points.detection_noise
     else:
         camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
-    upright, known = vertical_of(problem), knowledge_of(task)
+    upright, known = problem_vertical(problem), pose_knowledge(task)
     prior: Mixed = Broad(radius) if upright is None else Known(upright, centre, radius)
     if known is not None:
         prior = Doubted([Known(known, centre, radius)], [math.log1p(-DOUBT)], prior, DOUBT)
     if task.prior_pose is not None:
-        prior = _with_predictions(task, prior, centre)
+        prior = _add_predictions(task, prior, centre)
     return DetectionModel(
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
         source_covariance=points.source_covariance, target_covariance=points.target_covariance,
@@ -270,12 +272,12 @@ def model_of(task: MatchingTask) -> DetectionModel:
     )  # fmt: skip
 
 
-def _with_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.float64]) -> Doubted:
+def _add_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.float64]) -> Doubted:
     """Predicted poses as a prior of the body's centre, beside what is known without them."""
     predictions, shares, doubt = [], [], task.rivals.doubt
-    for pose, share in predictions_of(task):
+    for pose, share in predicted_mixture(task):
         assert pose.covariance is not None
-        place, covariance = about_point(pose.R, pose.t, pose.covariance, centre)
+        place, covariance = pose_about_point(pose.R, pose.t, pose.covariance, centre)
         predictions.append(Gaussian(pose.R, place, covariance, freedom=task.prior_freedom))
         shares.append(math.log(max(share, 1e-300)) + math.log1p(-doubt))
     lit = task.rivals.lit
@@ -283,35 +285,35 @@ def _with_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.flo
     return Doubted(predictions, shares, without, doubt, task.rivals.places, lit=known)
 
 
-def with_poses(task: MatchingTask, assignments: Sequence[Integers]) -> Integers:
+def select_determined(task: MatchingTask, assignments: Sequence[Integers]) -> Integers:
     """Those of some assignments (K, n) that have more matches than a minimal set, each once."""
     enough = {one.tobytes(): one for one in assignments if np.count_nonzero(one >= 0) > task.minimal}
     return np.array(list(enough.values()), np.int64).reshape(-1, task.rows)
 
 
-def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
+def propose_predicted_twins(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
     """Poses about one prediction in which the body looks as in its best modes, which may lie about another.
 
     A prediction that is off by many degrees may not find what a better one has found, and would lose by that alone.
     """
-    first, prior, parts = best_of(modes), model.prior, [no_proposals(task.rows)]
+    first, prior, parts = best_proposals(modes), model.prior, [empty_proposals(task.rows)]
     if isinstance(prior, Doubted) and len(prior.predictions) > 1:
-        for image in symmetries(task, (False,)):
+        for image in symmetry_images(task, (False,)):
             twins = look_alikes(first, model.points, model.points, image[None])
             known = (twins.assignments[:, None] == modes.assignments).all(axis=2).any(axis=1)
             twins = twins.take(~known)
-            parts.append(twins.take(prior.prediction_of(twins.rotation, twins.position) >= 0))
-    return joined(parts)
+            parts.append(twins.take(prior.prediction_indices(twins.rotation, twins.position) >= 0))
+    return join_proposals(parts)
 
 
-def best_of(modes: Modes) -> Proposals:
+def best_proposals(modes: Modes) -> Proposals:
     """The poses of which twins are proposed."""
     return Proposals(modes.assignments[:TWINS], modes.rotation[:TWINS], modes.position[:TWINS])
 
 
-def symmetries(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
+def symmetry_images(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
     """Row of an assignment at the place of each in the near symmetries of a body: motions, reflections, or both."""
     points, known = task.points, task.points.source_covariance
-    found = [one for kind in mirrored for one in symmetries_of(points.source, points.normals, kind, covariance=known)]
+    found = [one for kind in mirrored for one in find_symmetries(points.source, points.normals, kind, covariance=known)]
     images = {one.image.tobytes(): one.image for one in found}.values()
-    return [task.sightings_of(image) for image in images]
+    return [task.sighting_rows(image) for image in images]

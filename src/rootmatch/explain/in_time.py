@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextvars import ContextVar
 
-from rootmatch.deadline import Deadline, OutOfTime, in_force
-from rootmatch.explain.body_findings import nothing_in_any
+from rootmatch.deadline import Deadline, OutOfTime, active_deadline
+from rootmatch.explain.body_findings import find_no_body
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.task import MatchingTask
 
@@ -24,23 +24,23 @@ TOO_LATE = "max_seconds were over before anything was found"
 _last: ContextVar[Deadline | None] = ContextVar("_last", default=None)
 
 
-def in_time(task: MatchingTask, found: Callable[[MatchingTask], Finding]) -> Finding:
+def explain_in_time(task: MatchingTask, found: Callable[[MatchingTask], Finding]) -> Finding:
     """What a route finds of a task by its deadline; of every body nothing, if there was no time for anything."""
     token = _last.set(task.deadline.later(*TOLD))
     try:
-        with task.deadline.with_grace().enforced():
+        with task.deadline.with_grace().enforce():
             return found(task)
     except OutOfTime:
-        return nothing_in_any(task, TOO_LATE)
+        return find_no_body(task, TOO_LATE)
     finally:
         _last.reset(token)
 
 
-def last_moment() -> Deadline:
+def final_deadline() -> Deadline:
     """The deadline by which a match is told, of whatever part of its work runs; outside of a match that in force."""
-    return _last.get() or in_force()
+    return _last.get() or active_deadline()
 
 
-def to_predict(deadline: Deadline) -> Deadline:
+def prediction_deadline(deadline: Deadline) -> Deadline:
     """The deadline of what is assigned about predictions."""
     return deadline.later(*PREDICTED)

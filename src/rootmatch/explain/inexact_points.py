@@ -13,19 +13,27 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
-from rootmatch.explain.image_decision import misfit_of, pose_of_mode, told_by
-from rootmatch.explain.image_hypotheses import Candidate, proposals_by_prediction
-from rootmatch.explain.in_time import last_moment
+from rootmatch.explain.goodness_of_fit import Misfit, is_misfit
+from rootmatch.explain.image_decision import mode_misfit, mode_pose, tell_image
+from rootmatch.explain.image_hypotheses import Candidate, propose_predicted
+from rootmatch.explain.in_time import final_deadline
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import residuals_of, settled_about
-from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, LOG_PRIOR, OWN, gains_of_residuals, off_by
-from rootmatch.model.mode_search import HOPELESS, modes_of
-from rootmatch.model.modes import no_modes
+from rootmatch.model.evidence import residual_statistics, settle_poses
+from rootmatch.model.image_alike import (
+    ERRORS,
+    LOG_ALIKE,
+    LOG_INEXACT,
+    LOG_PRIOR,
+    OWN,
+    perturb_points,
+    residual_log_gains,
+)
+from rootmatch.model.mode_search import HOPELESS, find_modes
+from rootmatch.model.modes import empty_modes
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL, probability
-from rootmatch.model.smooth_errors import log_odds_if_smooth
+from rootmatch.model.smooth_errors import smooth_error_log_odds
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
 SIZES = np.geomspace(float(ERRORS[0]) * 10.0**-0.2, float(ERRORS[-1]) * 10.0**0.2, 4 * len(ERRORS))
@@ -33,8 +41,8 @@ SIZES = np.geomspace(float(ERRORS[0]) * 10.0**-0.2, float(ERRORS[-1]) * 10.0**0.
 as probable as the others. If these were only those that `ERRORS` allows a body, poses would be told too sure."""
 
 
-def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0.0) -> Finding:
-    """A finding of one body by `told_by`, or that with points which are off, where these explain more."""
+def allow_point_errors(found: Finding, task: MatchingTask, *, missed: float = 0.0) -> Finding:
+    """A finding of one body by `tell_image`, or that with points which are off, where these explain more."""
     if found.alike is None and not (found.noise_factor or 0.0) > 1.0:
         return found  # as it nearly always is
     model, misfit = found.model, _misfit(found)
@@ -46,17 +54,17 @@ def allowing_for_errors(found: Finding, task: MatchingTask, *, missed: float = 0
     before = LOG_INEXACT + np.array(task.log_inexact or (0.0,) * OWN)
     gains = before + (-np.inf if misfit.alike is None else misfit.alike[:OWN])
     larger = by_fit and not of_rig
-    if larger and float(before.max()) + misfit.log_odds_if_larger(0.0) >= 0.0:  # of errors of any size
-        gains = np.maximum(gains, before + gains_of_errors(found))
+    if larger and float(before.max()) + misfit.rescaled_log_odds(0.0) >= 0.0:  # of errors of any size
+        gains = np.maximum(gains, before + error_gains(found))
     which = int(np.argmax(gains))
     if gains[which] < 0.0:
         return found
-    with last_moment().within():
-        return _with_points_off(found, task, missed, before, which)
+    with final_deadline().within():
+        return _assume_point_errors(found, task, missed, before, which)
     return found
 
 
-def _with_points_off(found: Finding, task: MatchingTask, missed: float, before: Floats, which: int) -> Finding:
+def _assume_point_errors(found: Finding, task: MatchingTask, missed: float, before: Floats, which: int) -> Finding:
     """A finding of the body with points that are off by one of `ERRORS`, if that holds.
 
     ``before``: log-odds (OWN,) of such errors; ``which``: of them the most probable.
@@ -65,18 +73,18 @@ def _with_points_off(found: Finding, task: MatchingTask, missed: float, before: 
     assert model is not None
     assert misfit is not None
     error = float(ERRORS[which]) * body_radius(task.points.source)
-    body = _with_errors(found, task, error)
-    again = told_by(copied(found, task=body.task), body.alone(), body, missed=missed)
+    body = _make_inexact_body(found, task, error)
+    again = tell_image(copy_with(found, task=body.task), body.alone(), body, missed=missed)
     if again.status is Status.UNTRUSTED or again.posterior is None:
         return found
-    if len(model.images) > 1 and does_not_fit(misfit_of(model, again.posterior.modes, again.mode)):
+    if len(model.images) > 1 and is_misfit(mode_misfit(model, again.posterior.modes, again.mode)):
         return found  # the pose has taken up more of such errors than its residuals tell
-    own = _chance(found, again, before, which)
+    own = _inexact_probability(found, again, before, which)
     present = None if again.facts.present is None else own * again.facts.present
-    return _with_size(again.with_facts(present=present).less_certain(own), task, model, error)
+    return _average_error_sizes(again.with_facts(present=present).scale_probability(own), task, model, error)
 
 
-def _with_size(again: Finding, task: MatchingTask, exact: DetectionModel, least: float) -> Finding:
+def _average_error_sizes(again: Finding, task: MatchingTask, exact: DetectionModel, least: float) -> Finding:
     """A finding of a body with points that are off, in its pose by all sizes of these errors.
 
     The few of `ERRORS` decide what is in view. How large the errors are is what the matches tell; but as a pose takes
@@ -86,19 +94,19 @@ def _with_size(again: Finding, task: MatchingTask, exact: DetectionModel, least:
     modes, k, sizes = again.posterior.modes, again.mode, SIZES * exact.radius
     own = modes.take(slice(k, k + 1))
     pose = own.assignments, own.rotation, own.position
-    odds = np.array([settled_about(off_by(exact, one), *pose)[0].log_odds[0] for one in sizes.tolist()])
+    odds = np.array([settle_poses(perturb_points(exact, one), *pose)[0].log_odds[0] for one in sizes.tolist()])
     error = max(float(np.sqrt(np.exp(odds - np.logaddexp.reduce(odds)) @ sizes**2)), least)
-    model = off_by(exact, error)
-    found, at = settled_about(model, *pose)
+    model = perturb_points(exact, error)
+    found, at = settle_poses(model, *pose)
     own = own._replace(rotation=at.rotation, position=at.position, covariance=found.covariance)
-    told = copied(again.posterior, modes=modes.take(slice(k)).and_(own).and_(modes.take(slice(k + 1, None))))
-    noisy = copied(again.task, points=task.problem.with_source_noise(task.points, error))
-    return copied(
-        again, task=noisy, model=model, posterior=told, pose=pose_of_mode(model, told.modes, k), point_error=error
+    told = copy_with(again.posterior, modes=modes.take(slice(k)).and_(own).and_(modes.take(slice(k + 1, None))))
+    noisy = copy_with(again.task, points=task.problem.with_source_noise(task.points, error))
+    return copy_with(
+        again, task=noisy, model=model, posterior=told, pose=mode_pose(model, told.modes, k), point_error=error
     )
 
 
-def error_if_alike(found: Finding) -> float:
+def alike_error(found: Finding) -> float:
     """By how much the points of a body before a rig would be off on each axis; 0 unless that explains more."""
     if found.alike is None or found.model is None or len(found.model.images) <= 1:
         return 0.0
@@ -106,24 +114,24 @@ def error_if_alike(found: Finding) -> float:
     return float(ERRORS[odds.argmax()] * found.model.radius) if odds.max() > 0.0 else 0.0
 
 
-def gains_of_errors(found: Finding) -> Floats:
+def error_gains(found: Finding) -> Floats:
     """Log-odds (E,) that points are off by each of `ERRORS`, by the residuals of a finding, to first order.
 
     Between two point sets, where something is near a point without a match, by that as well.
     """
     if found.labellings is not None:
-        return _between_sets(found)
+        return _set_error_gains(found)
     model, told, misfit = found.model, found.posterior, _misfit(found)
     if model is None or told is None or misfit is None or not misfit.dof:
         return np.zeros(OWN)
     modes, k, errors = told.modes, found.mode, ERRORS[:OWN] * model.radius
     if k >= len(modes.log_odds):
         return np.zeros(OWN)
-    _, moved = residuals_of(model, modes.assignments[k], modes.rotation[k], modes.position[k])
-    return gains_of_residuals(model.noise_freedom, (misfit.squared, moved), misfit.dof, errors)
+    _, moved = residual_statistics(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    return residual_log_gains(model.noise_freedom, (misfit.squared, moved), misfit.dof, errors)
 
 
-def _between_sets(found: Finding) -> Floats:
+def _set_error_gains(found: Finding) -> Floats:
     """The same between two point sets."""
     points, own = found.task.points, found.assignment >= 0
     if found.alike is not None:
@@ -134,14 +142,14 @@ def _between_sets(found: Finding) -> Floats:
     assert clouds is not None
     moved = float((1.0 / (clouds.source_variance[own] + clouds.target_variance[found.assignment[own]])).mean())
     squared, errors = found.noise_dof * found.noise_factor**2, ERRORS[:OWN] * body_radius(points.source)
-    return gains_of_residuals(NOISE_FREEDOM, (squared, moved), found.noise_dof, errors)
+    return residual_log_gains(NOISE_FREEDOM, (squared, moved), found.noise_dof, errors)
 
 
 def noise_factor(found: Finding) -> float | None:
     """`Finding.noise_factor` by the noise that was stated: without the points' errors, which nobody stated."""
     factor = found.noise_factor
     if found.point_error and found.model is not None and found.posterior is not None:
-        factor = misfit_of(copied(found.model, source_covariance=None), found.posterior.modes, found.mode).sigma
+        factor = mode_misfit(copy_with(found.model, source_covariance=None), found.posterior.modes, found.mode).sigma
     return None if factor is None or math.isnan(factor) else factor  # a pose that takes up all has no residuals
 
 
@@ -153,19 +161,19 @@ def _misfit(found: Finding) -> Misfit | None:
     return Misfit.of(squared, found.noise_dof)._replace(alike=found.alike)
 
 
-def _with_errors(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
+def _make_inexact_body(found: Finding, task: MatchingTask, sigma: float) -> Candidate:
     """The body with points that are off, in the poses that were found for it as given, and about predicted ones."""
     assert found.model is not None
     assert found.posterior is not None
-    task = copied(task, points=task.problem.with_source_noise(task.points, sigma))
-    body = Candidate(task, off_by(found.model, sigma), no_modes(task.rows))
-    predicted = proposals_by_prediction(body.model)
+    task = copy_with(task, points=task.problem.with_source_noise(task.points, sigma))
+    body = Candidate(task, perturb_points(found.model, sigma), empty_modes(task.rows))
+    predicted = propose_predicted(body.model)
     if predicted is not None:
-        body = copied(body, modes=modes_of(body.model, predicted, least=-HOPELESS))
-    return body.reconsidered(found.posterior.modes)
+        body = copy_with(body, modes=find_modes(body.model, predicted, least=-HOPELESS))
+    return body.add_modes(found.posterior.modes)
 
 
-def _chance(found: Finding, again: Finding, before: Floats, which: int) -> float:
+def _inexact_probability(found: Finding, again: Finding, before: Floats, which: int) -> float:
     """Probability of the body with points that are off, against other poses of it as given and something else.
 
     Either may have errors that are independent or smooth. ``before``: log-odds (OWN,) of errors of the body;
@@ -179,9 +187,9 @@ def _chance(found: Finding, again: Finding, before: Floats, which: int) -> float
     modes = found.posterior.modes
     elsewhere = ((modes.assignments >= 0) & (modes.assignments != again.assignment)).any(axis=1)
     errors = ERRORS * found.model.radius
-    smooth = log_odds_if_smooth(found.model, again.posterior.modes, again.mode, errors)
+    smooth = smooth_error_log_odds(found.model, again.posterior.modes, again.mode, errors)
     own = np.logaddexp.reduce([(again.log_odds or 0.0) + before[which], *(smooth[:OWN] + before)])
     other = found.log_odds or 0.0
-    other += math.log(WRONG_MODEL * misfit.for_something_else(len(found.model.images) > 1))
+    other += math.log(WRONG_MODEL * misfit.odds_of_something_else(len(found.model.images) > 1))
     against = np.logaddexp.reduce([*modes.log_mass[elsewhere].tolist(), other, *(smooth + LOG_ALIKE)])
     return probability(float(own - against))

@@ -19,38 +19,44 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, OutOfTime, checkpoint
 from rootmatch.explain.assessment import assess
-from rootmatch.explain.contested_matches import Claims, SharedOut, claims_in_image, claims_in_space, shared_out
+from rootmatch.explain.contested_matches import Claims, SharedOut, allot_claims, image_claims, space_claims
 from rootmatch.explain.decide import TRUST, Facts, Status
-from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_decision import is_modelled, told_by
+from rootmatch.explain.finding import Finding, make_empty_finding
+from rootmatch.explain.image_decision import is_modelled, tell_image
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.known_pose import QUICK
-from rootmatch.explain.missing_motions import Rest, among, hyperedges_of, search, with_missing
+from rootmatch.explain.missing_motions import (
+    Rest,
+    add_missing_motions,
+    join_searches,
+    restrict_assignments,
+    search_rest,
+)
 from rootmatch.explain.multi_motion import pack_motions
-from rootmatch.explain.point_set_decision import model_of, of_one_motion
+from rootmatch.explain.point_set_decision import judge_one_motion, make_point_set_model
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.zoom_hypotheses import candidate_of
+from rootmatch.explain.zoom_hypotheses import make_candidate
 from rootmatch.hypergraph.enumeration import sweep_cost
 from rootmatch.samplers.limits import LIMITS
-from rootmatch.solvers.packing.solver import inside_groups
+from rootmatch.solvers.packing.solver import weight_inside_groups
 
 ROUNDS = 3
 """Most rounds in which each motion is judged again where others have left points or detections. A round value."""
 
 
-def judged_motions(
+def judge_motions(
     found: Finding, solve: Callable[[MatchingTask], Finding] | None = None, *, proposed: bool = False
 ) -> Finding:
     """The finding of a packing, judged by the model of one motion; the same where the problem has no such model.
 
     Motions that were asked for and are missing are searched for by ``solve`` among what the others leave, if given.
-    ``proposed``: whether its pairs were proposed by what tells nothing of where they lie, see `_body_of`.
+    ``proposed``: whether its pairs were proposed by what tells nothing of where they lie, see `_motion_candidate`.
     """
-    return _judged_with(found, solve, [], proposed=proposed) if is_judged(found.task) else found
+    return _judge_and_search(found, solve, [], proposed=proposed) if is_judged(found.task) else found
 
 
-def motions_in_turn(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding | None:
+def find_motions_in_turn(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding | None:
     """The finding of motions that ``solve`` finds one after the other, each among what those before leave.
 
     None where a packing is asked: if all hyper-edges are as quickly evaluated, if not every motion can be trusted, or
@@ -60,38 +66,43 @@ def motions_in_turn(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
     if not is_judged(task) or cost <= QUICK:
         return None
     searched: list[Rest] = []
-    base = replace(nothing_found(task, None), tensor=hyperedges_of(_alone(task), searched), scores=None, soft=None)
+    base = replace(
+        make_empty_finding(task, None),
+        tensor=join_searches(_single_motion_task(task), searched),
+        scores=None,
+        soft=None,
+    )
     budget = max(int(cost) // LIMITS.per_searched, QUICK)
-    found = _judged_with(base, solve, searched, budget=budget)
+    found = _judge_and_search(base, solve, searched, budget=budget)
     if not found.status:
         return None
-    if task.options.motions == "auto" and _shows_more(task, found):
+    if task.options.motions == "auto" and _has_more_motions(task, found):
         return None
     return found
 
 
-def _shows_more(task: MatchingTask, found: Finding) -> bool:
+def _has_more_motions(task: MatchingTask, found: Finding) -> bool:
     """Whether a packing of what motions leave shows another one."""
     points = np.flatnonzero(found.assignment < 0)
     detections = np.setdiff1d(np.arange(task.shape[1]), found.assignment)
     if min(len(points), len(detections)) < task.problem.order:
         return False
     part = task.subset(points, detections)
-    return bool((judged_motions(assess(part, *pack_motions(part, sample(part)))).assignment >= 0).any())
+    return bool((judge_motions(assess(part, *pack_motions(part, sample(part)))).assignment >= 0).any())
 
 
 def is_judged(task: MatchingTask) -> bool:
     """Whether the problem has a model of one motion."""
-    alone = _alone(task)
-    return is_modelled(alone) or model_of(alone) is not None
+    alone = _single_motion_task(task)
+    return is_modelled(alone) or make_point_set_model(alone) is not None
 
 
-def _alone(task: MatchingTask) -> MatchingTask:
+def _single_motion_task(task: MatchingTask) -> MatchingTask:
     """The task of one motion."""
     return replace(task, options=replace(task.options, motions=1, sampler=None, samples=None))
 
 
-def _judged_with(
+def _judge_and_search(
     found: Finding,
     solve: Callable[[MatchingTask], Finding] | None,
     searched: list[Rest],
@@ -100,7 +111,7 @@ def _judged_with(
     proposed: bool = False,
 ) -> Finding:
     """See `judged_motions`; each search is appended to ``searched``."""
-    asked, alone = found.task.options.motions, _alone(found.task)
+    asked, alone = found.task.options.motions, _single_motion_task(found.task)
     assignment, labels = found.assignment.copy(), found.motion_labels.copy()
     parts: dict[int, _Part] = {}
     rest: Rest | None = None
@@ -108,8 +119,8 @@ def _judged_with(
     try:
         for _ in range(ROUNDS):
             if solve is not None:
-                rest = with_missing(alone, solve, assignment, labels, asked, searched=searched, budget=budget)
-            shared = _share_out(alone, assignment, labels, proposed=proposed)
+                rest = add_missing_motions(alone, solve, assignment, labels, asked, searched=searched, budget=budget)
+            shared = _allot_matches(alone, assignment, labels, proposed=proposed)
             before, by_search = assignment.copy(), {one.label: one for one in searched}
             for label in np.unique(labels[labels >= 0]).tolist():
                 checkpoint()
@@ -118,55 +129,55 @@ def _judged_with(
                     # what it may have missed may be another motion, which was found since
                     others = np.where(labels == label, -1, assignment)
                     if not found_by.is_left_by(others):
-                        found_by = search(alone, solve, others, budget=budget)
+                        found_by = search_rest(alone, solve, others, budget=budget)
                         searched.append(found_by._replace(label=label))
-                parts[label] = _judged(alone, assignment, labels, label, found_by, proposed=proposed)
+                parts[label] = _judge_motion(alone, assignment, labels, label, found_by, proposed=proposed)
             if np.array_equal(before, assignment):
                 break
     except OutOfTime:
         return found.with_facts(confirmed=False)
     evaluated = sum(one.told.evaluated for one in searched if one.told is not None)
-    found = _together(replace(found, evaluated=found.evaluated + evaluated), assignment, labels, parts, rest)
+    found = _join_motions(replace(found, evaluated=found.evaluated + evaluated), assignment, labels, parts, rest)
     if shared is None or found.confidence is None or not shared.together < 1.0:
         return found
     certainty = np.where(found.assignment >= 0, shared.certainty, 1.0)
-    return found.doubted((found.probability or 0.0) * shared.together, certainty * found.confidence)
+    return found.lower_probability((found.probability or 0.0) * shared.together, certainty * found.confidence)
 
 
-def _share_out(alone: MatchingTask, assignment: Integers, labels: Integers, *, proposed: bool) -> SharedOut | None:
+def _allot_matches(alone: MatchingTask, assignment: Integers, labels: Integers, *, proposed: bool) -> SharedOut | None:
     """Change an assignment and its labels to what each motion has most claim to, if there are several."""
-    claims, model = dict[int, Claims](), None if is_modelled(alone) else model_of(alone)
+    claims, model = dict[int, Claims](), None if is_modelled(alone) else make_point_set_model(alone)
     for label in np.unique(labels[labels >= 0]).tolist():
         own = np.where(labels == label, assignment, -1)
         if model is None:
-            claims[label] = claims_in_image(_body_of(alone, own[None], proposed), own)
+            claims[label] = image_claims(_motion_candidate(alone, own[None], proposed), own)
         else:
-            claims[label] = claims_in_space(model, own)
+            claims[label] = space_claims(model, own)
     if len(claims) < 2:
         return None
-    shared = shared_out(claims, alone.shape[1])
+    shared = allot_claims(claims, alone.shape[1])
     assignment[:], labels[:] = shared.assignment, shared.labels
     return shared
 
 
-def _judged(
+def _judge_motion(
     alone: MatchingTask, assignment: Integers, labels: Integers, label: int, found_by: Rest | None, *, proposed: bool
 ) -> _Part:
     """One motion among what the others leave, to which the assignment and its labels are changed.
 
     What a search named beside what it found is weighed too, and what it missed counts.
     """
-    part, points, pixels, own = left_to(alone, assignment, labels, label)
+    part, points, pixels, own = remaining_task(alone, assignment, labels, label)
     if is_modelled(part):
         named, missed = [own[None]], 0.0
         if found_by is not None:
             missed = found_by.missed
-            named += [among(one[None], points, pixels) for one in found_by.named(len(assignment))]
-        body = _body_of(part, np.concatenate(named), proposed)
-        told = told_by(nothing_found(part, None), body.alone(), body, missed=missed)
+            named += [restrict_assignments(one[None], points, pixels) for one in found_by.named(len(assignment))]
+        body = _motion_candidate(part, np.concatenate(named), proposed)
+        told = tell_image(make_empty_finding(part, None), body.alone(), body, missed=missed)
     else:
-        told = of_one_motion(part, own)
-    beyond_chance = told.status is not Status.UNTRUSTED or told.in_view >= told.facts.min_probability
+        told = judge_one_motion(part, own)
+    beyond_chance = told.status is not Status.UNTRUSTED or told.presence_probability >= told.facts.min_probability
     matched = (told.assignment >= 0) & beyond_chance
     assignment[points] = np.where(matched, pixels[told.assignment], -1)
     labels[points] = np.where(matched, label, -1)
@@ -188,7 +199,7 @@ class _Part(NamedTuple):
 
     def others(self, assignment: Integers) -> list[tuple[float, Integers]]:
         """Assignments (n,) of all points with another one of this motion, and how probable each is beside its own."""
-        chances, every = self.told.every_other_probability, []
+        chances, every = self.told.alternative_probabilities, []
         own = max(self.told.probability or 0.0, 1e-300)
         for k, one in enumerate(self.told.others):
             whole = assignment.copy()
@@ -197,7 +208,7 @@ class _Part(NamedTuple):
         return every
 
 
-def _body_of(part: MatchingTask, named: Integers, proposed: bool) -> Candidate:
+def _motion_candidate(part: MatchingTask, named: Integers, proposed: bool) -> Candidate:
     """The body of one motion by its assignment, and others (K, n) in its stead.
 
     A false pair that was ``proposed`` is of a detection that may be any, and chance proposes one of m among n' with m /
@@ -205,15 +216,15 @@ def _body_of(part: MatchingTask, named: Integers, proposed: bool) -> Candidate:
     takes candidates for what restricts a choice alone: they may have been chosen by where they lie.
     """
     if not proposed or part.allowed is None:
-        return candidate_of(part, list(named))
-    body = candidate_of(part, [])
+        return make_candidate(part, list(named))
+    body = make_candidate(part, [])
     by_chance = np.maximum(part.allowed.sum(axis=1), 1) / part.shape[1]
     known = 0.0 if body.model.log_weights is None else body.model.log_weights
     weights = known - np.log(by_chance)[:, None] + np.zeros(part.shape)
-    return replace(body, model=replace(body.model, log_weights=weights)).proposed(list(named))
+    return replace(body, model=replace(body.model, log_weights=weights)).with_assignments(list(named))
 
 
-def confidence_of_motions(task: MatchingTask, assignment: Integers, labels: Integers) -> Floats:
+def motion_confidence(task: MatchingTask, assignment: Integers, labels: Integers) -> Floats:
     """Confidence (n,) in each match of several motions, each with the points and detections that the others leave.
 
     For an unmatched point it is that of the least certain motion.
@@ -221,16 +232,16 @@ def confidence_of_motions(task: MatchingTask, assignment: Integers, labels: Inte
     confidence = np.full(len(assignment), math.nan)
     alone = replace(task, options=replace(task.options, motions=1), deadline=NEVER)
     for label in range(int(labels.max(initial=-1)) + 1):
-        part, points, _, own = left_to(alone, assignment, labels, label)
+        part, points, _, own = remaining_task(alone, assignment, labels, label)
         each = np.full(len(own), math.nan)
         if is_modelled(part):
-            told = candidate_of(part, [own]).alone()
+            told = make_candidate(part, [own]).alone()
             each = told.confidence_in(own) if len(told.probabilities) else each
         confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
     return confidence
 
 
-def left_to(
+def remaining_task(
     alone: MatchingTask, assignment: Integers, labels: Integers, label: int
 ) -> tuple[MatchingTask, Integers, Integers, Integers]:
     """What the other motions leave to one: the task of it, its points and detections, and its assignment in them."""
@@ -241,7 +252,7 @@ def left_to(
     return alone.subset(points, pixels), points, pixels, np.where(assignment[points] >= 0, place, -1)
 
 
-def _together(
+def _join_motions(
     found: Finding, assignment: Integers, labels: Integers, parts: dict[int, _Part], rest: Rest | None
 ) -> Finding:
     """The finding of all motions that are left, the largest first.
@@ -256,11 +267,11 @@ def _together(
         numbers[labels == label] = number
     facts, incomplete = [parts[label].told.facts for label in left], False
     if rest is not None:
-        confidence = rest.least_certain(assignment, confidence)
+        confidence = rest.lower_confidence(assignment, confidence)
         incomplete = rest.may_show(found.facts.min_probability)
     nothing, others, scores = Facts(present=0.0, probability=0.0, lead=0.0), found.others, None
     if found.scores is not None:
-        scores = [inside_groups(found.tensor, assignment, numbers), *found.every_score[1:]]
+        scores = [weight_inside_groups(found.tensor, assignment, numbers), *found.all_scores[1:]]
     else:
         ranked = sorted((pair for label in left for pair in parts[label].others(assignment)), key=lambda pair: -pair[0])
         others = [one for _, one in ranked[: TRUST.alternatives]]
@@ -269,14 +280,14 @@ def _together(
         assignment=assignment,
         others=others,
         labels=numbers,
-        facts=replace(_of_all(facts), lead=found.facts.lead, incomplete=incomplete) if facts else nothing,
+        facts=replace(_joint_facts(facts), lead=found.facts.lead, incomplete=incomplete) if facts else nothing,
         scores=scores,
         confidence=confidence,
         log_odds=sum(parts[label].told.log_odds or 0.0 for label in left),
     )
 
 
-def _of_all(facts: list[Facts]) -> Facts:
+def _joint_facts(facts: list[Facts]) -> Facts:
     """The facts of several motions together."""
     probability = math.prod(one.probability or 0.0 for one in facts)
     return Facts(

@@ -14,14 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.explain.angle_table import Agreeing, Directions, agreeing, looked_up
+from rootmatch.explain.angle_table import Agreeing, Directions, search_angle_table, select_agreeing
 from rootmatch.explain.known_rotation import (
     MOST_POSES,
-    assigned_about,
-    drawn,
+    assign_about_poses,
+    draw_some,
     lines_of_sight,
-    packed,
-    pairs_of,
+    list_match_pairs,
+    pack_pairs,
 )
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
@@ -45,42 +45,44 @@ class Pairs(NamedTuple):
     """(K, 3, 3) that each tells."""
 
 
-def poses_by_position(
+def propose_by_position(
     task: MatchingTask, known: PosePrior, model: DetectionModel, pairs: Pairs | None
 ) -> Proposals | None:
     """What is assigned about the best poses with a known position; None if it is vague, or no pair agrees with it.
 
-    ``pairs``: those of `pairs_by_angle`.
+    ``pairs``: those of `find_pairs_by_angle`.
     """
     if known.place is None or known.turn is not None:
         return None
     if pairs is None:
-        pairs = _every(task, known.place)
+        pairs = _find_all_pairs(task, known.place)
     if not len(pairs.rotation):
         return None
-    return assigned_about(model, known, pairs.matches, (pairs.rotation, known.place[0] + pairs.rotation @ model.centre))
+    return assign_about_poses(
+        model, known, pairs.matches, (pairs.rotation, known.place[0] + pairs.rotation @ model.centre)
+    )
 
 
-def pairs_by_angle(task: MatchingTask, known: PosePrior) -> Pairs | None:
+def find_pairs_by_angle(task: MatchingTask, known: PosePrior) -> Pairs | None:
     """The pairs that a table of angles has, see `looked_up`; None where that tells too little, or no place is known."""
     if known.place is None or known.turn is not None:
         return None
     given, rng = _directions(task, *known.place), np.random.default_rng(task.options.seed)
     most = max(PREDICTED // task.shape[0], FEWEST)
-    found = looked_up(given, rng, most=most)
+    found = search_angle_table(given, rng, most=most)
     return None if found is None else _pairs(task, given, found)
 
 
-def _every(task: MatchingTask, place: tuple[Floats, Floats]) -> Pairs:
+def _find_all_pairs(task: MatchingTask, place: tuple[Floats, Floats]) -> Pairs:
     """The pairs that agree of all pairs of matches, or of some where there are many."""
     given, rng = _directions(task, *place), np.random.default_rng(task.options.seed)
-    first, second = agreeing(given, *pairs_of(_rows(task, given), given.j, rng))
-    some = drawn(len(first), MOST_POSES, rng)
+    first, second = select_agreeing(given, *list_match_pairs(_rows(task, given), given.j, rng))
+    some = draw_some(len(first), MOST_POSES, rng)
     return _pairs(task, given, Agreeing.of(given, first[some], second[some]))
 
 
 def _pairs(task: MatchingTask, given: Directions, found: Agreeing) -> Pairs:
-    return Pairs(packed(_rows(task, given), given.j, found.first, found.second), found.rotation)
+    return Pairs(pack_pairs(_rows(task, given), given.j, found.first, found.second), found.rotation)
 
 
 def _rows(task: MatchingTask, given: Directions) -> Integers:

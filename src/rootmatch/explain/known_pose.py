@@ -11,26 +11,26 @@ import numpy as np
 
 from rootmatch.arrays import Integers
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.body_findings import among_all
+from rootmatch.explain.body_findings import restore_columns
 from rootmatch.explain.decide import Status
-from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.finding import Finding, make_empty_finding
+from rootmatch.explain.image_decision import tell_image
 from rootmatch.explain.image_hypotheses import Candidate
-from rootmatch.explain.in_time import to_predict
-from rootmatch.explain.known_place import Pairs, pairs_by_angle, poses_by_position
-from rootmatch.explain.known_rotation import lines_of_sight, pairs_are_drawn, poses_by_rotation
-from rootmatch.explain.predicted_poses import contradicts, knowledge_of
+from rootmatch.explain.in_time import prediction_deadline
+from rootmatch.explain.known_place import Pairs, find_pairs_by_angle, propose_by_position
+from rootmatch.explain.known_rotation import has_many_pairs, lines_of_sight, propose_by_rotation
+from rootmatch.explain.predicted_poses import contradicts, pose_knowledge
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.too_few import are_too_few
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.pose_density import Gaussian
-from rootmatch.model.prediction import proposals_about
-from rootmatch.model.proposals import Proposals, joined
+from rootmatch.model.prediction import propose_about
+from rootmatch.model.proposals import Proposals, join_proposals
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
-from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.reference_point import pose_about_point
 from rootmatch.problems.up2p import UP2P
-from rootmatch.samplers.guided.vague_vertical import triples_for
+from rootmatch.samplers.guided.vague_vertical import task_by_triples
 from rootmatch.samplers.limits import LIMITS
 
 SURE = 0.1
@@ -51,26 +51,28 @@ def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | N
     """
     assert task.known is not None
     body, proposed, pairs = Candidate.of(task, []), None, None
-    with to_predict(task.deadline).within():
-        pairs = pairs_by_angle(task, task.known)
-    found = nothing_found(task, f"{task.shape[1]} detections are given, too few for a search")
-    if pairs is None and solve is not None and task.budget is None and pairs_are_drawn(task):
-        quick = _searched(replace(task, budget=QUICK), solve, body, found)
+    with prediction_deadline(task.deadline).within():
+        pairs = find_pairs_by_angle(task, task.known)
+    found = make_empty_finding(task, f"{task.shape[1]} detections are given, too few for a search")
+    if pairs is None and solve is not None and task.budget is None and has_many_pairs(task):
+        quick = _search_narrowed(replace(task, budget=QUICK), solve, body, found)
         if quick.status is Status.MATCHED:
             return replace(quick, task=task)
-    with to_predict(task.deadline).within():
-        proposed = proposals_by_knowledge(task, body.model, pairs)
+    with prediction_deadline(task.deadline).within():
+        proposed = propose_by_knowledge(task, body.model, pairs)
         if proposed is not None:
-            body = body.proposed([], proposed)
-            found = told_by(nothing_found(task, "what is known of the pose is not confirmed"), body.alone(), body)
+            body = body.with_assignments([], proposed)
+            found = tell_image(
+                make_empty_finding(task, "what is known of the pose is not confirmed"), body.alone(), body
+            )
             if found.status is Status.MATCHED:
                 return replace(found, reason=None)
     if solve is None:
         return found
-    return _searched(task, solve, body, found, proposed)
+    return _search_narrowed(task, solve, body, found, proposed)
 
 
-def _searched(
+def _search_narrowed(
     task: MatchingTask,
     solve: Callable[[MatchingTask], Finding],
     body: Candidate,
@@ -83,7 +85,7 @@ def _searched(
     what is known may point to a copy of that.
     """
     named, evaluated, missed, beside = list[Integers](), 0, 1.0, False
-    for one, columns in _searches(task):
+    for one, columns in _search_tasks(task):
         # with what is known every pose was proposed: without it, what is known would have to be wrong
         if proposed is not None and one.problem is task.problem and are_too_few(one, math.log(DOUBT)):
             continue
@@ -93,14 +95,14 @@ def _searched(
             cut = part.budget is not None and searched.evaluated >= part.budget
             evaluated, part = evaluated + searched.evaluated, searched.left
             missed = min(missed, searched.facts.missed)
-            searched = among_all(searched, task, columns)
+            searched = restore_columns(searched, task, columns)
             named += searched.named or searched.every
             with suppress(OutOfTime):
-                body = body.proposed(named, proposed)
+                body = body.with_assignments(named, proposed)
                 base = replace(searched, task=task, evaluated=evaluated, named=(), left=None)
                 # where all that is known leaves was proposed, a search need not meet it
                 as_known = missed if proposed is None else 0.0
-                found = told_by(base, body.alone(), body, missed=missed, missed_as_known=as_known)
+                found = tell_image(base, body.alone(), body, missed=missed, missed_as_known=as_known)
             if found.status is Status.MATCHED and not cut:
                 if beside or not _is_elsewhere(found, task):
                     return found
@@ -118,33 +120,33 @@ def _is_elsewhere(found: Finding, task: MatchingTask) -> bool:
     return found.pose is not None and (not found.prior_holds or contradicts(task.known, found.pose))
 
 
-def proposals_by_knowledge(task: MatchingTask, model: DetectionModel, pairs: Pairs | None) -> Proposals | None:
+def propose_by_knowledge(task: MatchingTask, model: DetectionModel, pairs: Pairs | None) -> Proposals | None:
     """What is assigned about the poses that a known rotation or position leaves, or both; None without any.
 
-    ``pairs``: those of `pairs_by_angle`.
+    ``pairs``: those of `find_pairs_by_angle`.
     """
-    known = knowledge_of(task)
+    known = pose_knowledge(task)
     assert known is not None
-    parts = [poses_by_rotation(task, known, model), poses_by_position(task, known, model, pairs)]
+    parts = [propose_by_rotation(task, known, model), propose_by_position(task, known, model, pairs)]
     if known.pose is not None:
         pose = known.pose
         assert pose.covariance is not None
-        at_centre = about_point(pose.R, pose.t, pose.covariance, model.centre)
-        parts.append(proposals_about(model, Gaussian(pose.R, *at_centre)))
+        at_centre = pose_about_point(pose.R, pose.t, pose.covariance, model.centre)
+        parts.append(propose_about(model, Gaussian(pose.R, *at_centre)))
     some = [part for part in parts if part is not None]
-    return joined(some) if some else None
+    return join_proposals(some) if some else None
 
 
-def _searches(task: MatchingTask) -> Iterator[tuple[MatchingTask, Integers]]:
+def _search_tasks(task: MatchingTask) -> Iterator[tuple[MatchingTask, Integers]]:
     """Tasks that are searched one after another, and which detections they have: with what is known, and without it."""
     assert task.known is not None
     every = np.arange(task.shape[1])
-    columns = near_position(task)
+    columns = select_near_position(task)
     narrowed = task if len(columns) == len(every) else task.subset(np.arange(task.shape[0]), columns)
-    upright = _upright(narrowed, task.known)
+    upright = _upright_problem(narrowed, task.known)
     if upright is not None:
         pairs = replace(narrowed, problem=upright, known=None)
-        if task.budget is None and triples_for(pairs.sampling_task) is not None:
+        if task.budget is None and task_by_triples(pairs.sampling_task) is not None:
             # pairs would not be searched first either
             yield replace(narrowed, budget=LIMITS.quick, known=None), columns
         yield pairs, columns
@@ -153,7 +155,7 @@ def _searches(task: MatchingTask) -> Iterator[tuple[MatchingTask, Integers]]:
     yield replace(task, known=None), every
 
 
-def near_position(task: MatchingTask) -> Integers:
+def select_near_position(task: MatchingTask) -> Integers:
     """Detections whose lines of sight come so near to a known position that they may be of the body."""
     assert task.known is not None
     if task.known.place is None:
@@ -167,7 +169,7 @@ def near_position(task: MatchingTask) -> Integers:
     return np.flatnonzero(off <= reach)
 
 
-def _upright(task: MatchingTask, known: PosePrior) -> UP2P | None:
+def _upright_problem(task: MatchingTask, known: PosePrior) -> UP2P | None:
     """`UP2P` of the same camera with a known direction for its vertical; None if none is known well enough."""
     problem = task.problem
     if known.down is None or known.down[2] > SURE or isinstance(problem, UP2P):

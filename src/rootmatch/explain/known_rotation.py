@@ -19,7 +19,7 @@ from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.known_density import Known
-from rootmatch.model.prediction import Settled, explained, proposals_of_settled, settle
+from rootmatch.model.prediction import Settled, collect_proposals, score_predictions, settle_assignment
 from rootmatch.model.proposals import Proposals
 from rootmatch.problems.limits import GATE
 from rootmatch.problems.noise import mean_deviation
@@ -42,20 +42,20 @@ SAME = 3.0
 """Standard deviations on each axis within which poses are the same. A round value."""
 
 
-def poses_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionModel) -> Proposals | None:
+def propose_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionModel) -> Proposals | None:
     """What is assigned about the best poses with a known rotation; None without one, or if no pair agrees with it."""
     turn = known.turn
     if turn is None:
         return None
     rng = np.random.default_rng(task.options.seed)
-    pairs, origin = _agreeing(task, known, rng)
+    pairs, origin = _find_agreeing(task, known, rng)
     if not len(origin):
         return None
     rotation = np.broadcast_to(turn[0], (len(origin), 3, 3))
-    return assigned_about(model, known, pairs, (rotation, origin + turn[0] @ model.centre))
+    return assign_about_poses(model, known, pairs, (rotation, origin + turn[0] @ model.centre))
 
 
-def assigned_about(
+def assign_about_poses(
     model: DetectionModel, known: PosePrior, pairs: Integers, poses: tuple[Floats, Floats]
 ) -> Proposals | None:
     """What is assigned about the best of the poses of pairs (K, 2, 2); None if that is nothing.
@@ -63,13 +63,13 @@ def assigned_about(
     ``poses``: rotations (K, 3, 3) and positions (K, 3) of the centre.
     """
     settled: dict[bytes, Settled] = {}
-    for R, place, covariance in _ranked(model, Known(known, model.centre, body_radius(model.points)), pairs, poses):
+    for R, place, covariance in _rank_poses(model, Known(known, model.centre, body_radius(model.points)), pairs, poses):
         with suppress(OutOfTime):  # what is known by then is handed on
-            settle(model, (R[None], place[None]), covariance, known=settled)
-    return proposals_of_settled(list(settled.values()))
+            settle_assignment(model, (R[None], place[None]), covariance, known=settled)
+    return collect_proposals(list(settled.values()))
 
 
-def pairs_are_drawn(task: MatchingTask) -> bool:
+def has_many_pairs(task: MatchingTask) -> bool:
     """Whether there are more pairs of matches than are looked at, before any is excluded."""
     count = task.shape[0] * task.shape[1] if task.allowed is None else int(task.allowed.sum())
     return math.comb(count, 2) > MOST_PAIRS
@@ -83,7 +83,7 @@ def lines_of_sight(task: MatchingTask) -> tuple[Floats, Floats, Floats]:
     return origins, rays, np.asarray(camera.angular_noise(points.target, points.target_noise))
 
 
-def _agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) -> tuple[Integers, Floats]:
+def _find_agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) -> tuple[Integers, Floats]:
     """Pairs of matches (K, 2, 2) that agree with the rotation, and the origin (K, 3) by each.
 
     Rows of an assignment come before detections.
@@ -92,9 +92,9 @@ def _agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) ->
     (R, covariance), (origins, rays, angles) = known.turn, lines_of_sight(task)
     sigma = math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
     turned = task.points.source @ R.T
-    i, j = np.nonzero(_possible(task, known, turned, rays, origins=origins, sigma=sigma))
+    i, j = np.nonzero(_possible_matches(task, known, turned, rays, origins=origins, sigma=sigma))
     row = task.camera_of[j] * task.shape[0] + i
-    first, second = pairs_of(row, j, rng)
+    first, second = list_match_pairs(row, j, rng)
     a, b = rays[j[first]], rays[j[second]]
     apart = turned[i[first]] - turned[i[second]] + origins[j[second]] - origins[j[first]]
     cosine = (a * b).sum(axis=1)
@@ -108,33 +108,33 @@ def _agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) ->
         own = mean_deviation(task.points.source_covariance) ** 2
         variance = variance + own[i[first]] + own[i[second]]
     agrees = np.flatnonzero((off <= GATE * np.sqrt(variance)) & (depth_a > 0.0) & (depth_b > 0.0))
-    agrees = agrees[drawn(len(agrees), MOST_POSES, rng)]
+    agrees = agrees[draw_some(len(agrees), MOST_POSES, rng)]
     first, second = first[agrees], second[agrees]
     one = origins[j[first]] + depth_a[agrees, None] * a[agrees] - turned[i[first]]
     other = origins[j[second]] + depth_b[agrees, None] * b[agrees] - turned[i[second]]
-    return packed(row, j, first, second), 0.5 * (one + other)
+    return pack_pairs(row, j, first, second), 0.5 * (one + other)
 
 
-def pairs_of(row: Integers, j: Integers, rng: np.random.Generator) -> tuple[Integers, Integers]:
+def list_match_pairs(row: Integers, j: Integers, rng: np.random.Generator) -> tuple[Integers, Integers]:
     """Pairs (K,), (K,) of matches of different points and detections, `MOST_PAIRS` of all pairs if there are more."""
     first, second = np.triu_indices(len(j), 1)
-    some = drawn(len(first), MOST_PAIRS, rng)
+    some = draw_some(len(first), MOST_PAIRS, rng)
     first, second = first[some], second[some]
     different = (j[first] != j[second]) & (row[first] != row[second])
     return first[different], second[different]
 
 
-def drawn(count: int, most: int, rng: np.random.Generator) -> Integers | slice:
+def draw_some(count: int, most: int, rng: np.random.Generator) -> Integers | slice:
     """Which of so many to take: all, or as many as ``most``, in order."""
     return slice(None) if count <= most else np.sort(rng.choice(count, most, replace=False))
 
 
-def packed(row: Integers, j: Integers, first: Integers, second: Integers) -> Integers:
+def pack_pairs(row: Integers, j: Integers, first: Integers, second: Integers) -> Integers:
     """Pairs of matches (K, 2, 2): rows of an assignment come before detections."""
     return np.stack([np.stack([one[first], one[second]], axis=1) for one in (row, j)], axis=1)
 
 
-def _possible(
+def _possible_matches(
     task: MatchingTask, known: PosePrior, turned: Floats, rays: Floats, *, origins: Floats, sigma: float
 ) -> Bools:
     """Correspondences (n, n') that normals and a known position leave, with the rotation."""
@@ -157,7 +157,7 @@ def _possible(
     return np.asarray(allowed)
 
 
-def _ranked(
+def _rank_poses(
     model: DetectionModel, prior: Known, pairs: Integers, poses: tuple[Floats, Floats]
 ) -> list[tuple[Floats, Floats, Floats]]:
     """The poses of pairs whose predictions explain most, with their covariances: different ones, the best first."""
@@ -186,7 +186,7 @@ def _score(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Log-odds (K,) of what poses with a pair each explain, to first order, and those poses with their covariances."""
     count, (rotation, position) = len(pairs), poses
-    at = model.linearised(rotation, position)
+    at = model.linearise_about(rotation, position)
     of_prior = prior.terms(rotation, position)
     rows = np.arange(count)[:, None]
     points, detections = pairs[:, 0], pairs[:, 1]
@@ -199,5 +199,5 @@ def _score(
     covariance = np.linalg.inv(precision / unit + 1e-12 * np.eye(6)) / unit
     slope = of_prior.slope + (off[:, None] @ jacobian)[:, 0]
     step = (covariance @ slope[..., None])[..., 0]
-    score = explained(model, at, step, covariance)
+    score = score_predictions(model, at, step, covariance)
     return score, rotation_from_vector(step[:, :3]) @ rotation, position + step[:, 3:], covariance

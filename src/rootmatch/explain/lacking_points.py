@@ -16,13 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
-from rootmatch.explain.continued_bodies import LIKELY, places_beside
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
+from rootmatch.explain.continued_bodies import LIKELY, continue_body
 from rootmatch.explain.more_places import Beside, Places
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about
+from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.modes import Modes
-from rootmatch.model.near_symmetries import TOLERANCE, NearSymmetry, same_up_to, symmetries_of
+from rootmatch.model.near_symmetries import TOLERANCE, NearSymmetry, find_symmetries, same_point_tolerance
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE
 
@@ -41,32 +41,32 @@ class Lacking(NamedTuple):
     """(m,) probability that a point is there."""
 
 
-@kept_by_values(64)
+@cache_by_values(64)
 def lacking_points(source: Floats, normals: Floats | None) -> Lacking:
     """Places onto which motions that map many points of a body (n, 3) put others; none mostly.
 
     Where the laws make a point less probable than anywhere, as that of a landmark half a turn away, is no place.
     """
-    near, found = same_up_to(source), symmetries_of(source, normals, least=LEAST)
-    known = np.concatenate([source, places_beside(source, normals).points]) if found else source
+    near, found = same_point_tolerance(source), find_symmetries(source, normals, least=LEAST)
+    known = np.concatenate([source, continue_body(source, normals).points]) if found else source
     places, facing, odds = np.empty((0, 3)), list[Floats](), np.empty(0)
     for laws in _groups(found, source, near):
         image = np.array([one.image for one in laws])
         moved = image != np.arange(len(source))
-        obeyed = rates_of((image >= 0) & moved, moved)
+        obeyed = law_rates((image >= 0) & moved, moved)
         for which, own in np.argwhere(image < 0):
             one, ratio = laws[which], 1.0
             place = one.rotation @ source[own] + one.shift
-            if len(_in_place(known, place, near)):
+            if len(_find_in_place(known, place, near)):
                 continue
             # with a point there, the laws are obeyed in so many more places, and broken in others
             for other in (law.rotation @ place + law.shift for law in laws):
-                if not len(_in_place(place[None], other, near)):
-                    held = obeyed[_in_place(source, other, near)[:1]]
+                if not len(_find_in_place(place[None], other, near)):
+                    held = obeyed[_find_in_place(source, other, near)[:1]]
                     ratio *= float((held / (1.0 - held))[0]) if len(held) else 1.0 - float(obeyed[own])
             if ratio <= 1.0:
                 continue
-            if len(same := _in_place(places, place, near)):
+            if len(same := _find_in_place(places, place, near)):
                 odds[same] = np.maximum(odds[same], ratio)
                 continue
             places, odds = np.concatenate([places, place[None]]), np.append(odds, ratio)
@@ -101,7 +101,7 @@ def _groups(laws: Sequence[NearSymmetry], source: Floats, near: float) -> list[l
     return [[laws[k] for k in one] for one in sorted(found)]
 
 
-def rates_of(held: Bools, moved: Bools) -> Floats:
+def law_rates(held: Bools, moved: Bools) -> Floats:
     """Probability (n,) that a point obeys a law, of two kinds: those that obey any, and those that obey none.
 
     ``held``, ``moved``: (L, n) which points each law puts onto another point, and which elsewhere than where they are.
@@ -112,12 +112,12 @@ def rates_of(held: Bools, moved: Bools) -> Floats:
     return out
 
 
-def _in_place(points: Floats, place: Floats, near: float) -> Integers:
+def _find_in_place(points: Floats, place: Floats, near: float) -> Integers:
     """Those of some points (n, 3) that are in a place (3,)."""
     return np.flatnonzero(np.linalg.norm(points - place, axis=1) < near)
 
 
-def beside_lacking(told: Posterior, model: DetectionModel, lacking: Lacking, taken: Bools | None) -> Posterior:
+def allow_lacking(told: Posterior, model: DetectionModel, lacking: Lacking, taken: Bools | None) -> Posterior:
     """A posterior in which the body may have the points that it lacks by its own law.
 
     The same where none of their places has a detection. ``taken``: (n',) detections of other bodies.
@@ -131,30 +131,30 @@ def beside_lacking(told: Posterior, model: DetectionModel, lacking: Lacking, tak
 
 def _log_factor(beside: Beside, mode: Modes, there: Floats) -> float:
     """Logarithm of the factor on the weight of a mode by what it leaves in places with the chance (m,) of a point."""
-    left = beside.left_by(mode)
+    left = beside.unused_detections(mode)
     if not left.any():
         return 0.0
     off = beside.off_by(mode)
     off[:, ~left] = np.inf
     if beside.others.allowed is not None:
         off[~beside.others.allowed] = np.inf
-    more = nearest(off, GATE**2)
+    more = match_nearest(off, GATE**2)
     if not (more >= 0).any():
         return 0.0
     own, more = mode.assignments.reshape(beside.images, -1), more.reshape(beside.images, -1)
     labels = np.concatenate([own, more], axis=1)
-    found = about(beside.whole, labels.reshape(1, -1), mode.rotation, mode.position)[0]
-    density = found.of_places - (mode.log_odds - mode.detected)
+    found = weigh_poses(beside.whole, labels.reshape(1, -1), mode.rotation, mode.position)[0]
+    density = found.place_log_odds - (mode.log_odds - mode.detected)
     if not np.isfinite(density[0]):  # a place that cannot be seen
         return 0.0
     chance = np.concatenate([np.ones(own.shape[1]), there])
-    chances, (rates, log_weights) = found.visible[0].reshape(beside.images, -1) * chance, beside.model.rates
+    chances, (rates, log_weights) = found.visible[0].reshape(beside.images, -1) * chance, beside.model.rate_quadrature
     none = np.concatenate([own, np.full_like(more, -1)], axis=1)
-    shown = [log_of_shown(chances.ravel(), one.ravel() >= 0, rates, log_weights) for one in (labels, none)]
+    shown = [log_shown_chance(chances.ravel(), one.ravel() >= 0, rates, log_weights) for one in (labels, none)]
     return float(np.logaddexp(0.0, density[0] + shown[0] - shown[1]))
 
 
-def log_of_shown(chances: Floats, matched: Bools, rates: Floats, log_weights: Floats) -> float:
+def log_shown_chance(chances: Floats, matched: Bools, rates: Floats, log_weights: Floats) -> float:
     """Logarithm of the probability that these of some points are detected, with the chances (n,) that they can be.
 
     ``rates``, ``log_weights``: of the integral over the detection rate.
@@ -163,7 +163,7 @@ def log_of_shown(chances: Floats, matched: Bools, rates: Floats, log_weights: Fl
     return float(np.logaddexp.reduce(log_weights + np.log(np.where(matched, each, 1.0 - each)).sum(axis=1)))
 
 
-def nearest(off: Floats, gate: float) -> Integers:
+def match_nearest(off: Floats, gate: float) -> Integers:
     """The detection (m,) of each place, nearest to each other by squared distances (m, n'); −1 for none."""
     to = off.argmin(axis=1)
     mutual = (off.argmin(axis=0)[to] == np.arange(len(off))) & (off.min(axis=1) < gate)

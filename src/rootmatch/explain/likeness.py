@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.arrays import Floats, Integers, cache_by_values
 from rootmatch.explain.body_labels import SAME_SHAPE, twin_points
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.exact_shapes import Copies
@@ -18,7 +18,7 @@ from rootmatch.model.exchanged import Places
 from rootmatch.problems.points import PointClouds, distances
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.congruent import GATE, congruent_labellings
-from rootmatch.samplers.point_sets.motions import fitted_motions
+from rootmatch.samplers.point_sets.motions import fit_motions
 
 LEAST, SHARE = 4, 0.5
 """Fewest points that bodies of a family share, as three look like any others, and the least share of the smaller one's.
@@ -30,7 +30,7 @@ MOST_POINTS = 16
 """Number of points beyond which a body is compared with its copies and mirror images alone: ten milliseconds."""
 
 
-@kept_by_values(256)
+@cache_by_values(256)
 def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
     """For each way in which two bodies are alike, the point (n,) of the second for each of the first; −1 for none.
 
@@ -53,7 +53,7 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
     return (*proper, *mirrored)
 
 
-def copies_of(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies] | None:
+def find_copies(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies] | None:
     """For each body (points (n, 3), model) whose points have errors, those of the others that may be copies of it.
 
     None if the points of none have errors.
@@ -69,15 +69,15 @@ def copies_of(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies] |
     return found
 
 
-@kept_by_values(256)
-def place_of(first: Floats, second: Floats, image: Integers) -> Places | None:
+@cache_by_values(256)
+def relative_place(first: Floats, second: Floats, image: Integers) -> Places | None:
     """How a second body lies where a first one does if they are alike by an ``image`` of `likenesses`.
 
     None for a mirror image or a copy: of copies no image tells which one it is, as their names are a convention.
     """
     own, radius = np.flatnonzero(image >= 0), body_radius(second)
     is_copy = len(own) == len(first) == len(second)
-    laid = None if is_copy else laid_onto(second[image[own]], first[own], radius)
+    laid = None if is_copy else align_points(second[image[own]], first[own], radius)
     if laid is None:
         return None
     R, t, off = laid
@@ -85,12 +85,12 @@ def place_of(first: Floats, second: Floats, image: Integers) -> Places | None:
     return Places(R, R @ second.mean(axis=0) + t - first.mean(axis=0), error * np.repeat([radius**-2.0, 1.0], 3))
 
 
-def laid_onto(points: Floats, others: Floats, radius: float) -> tuple[Floats, Floats, Floats] | None:
+def align_points(points: Floats, others: Floats, radius: float) -> tuple[Floats, Floats, Floats] | None:
     """The motion (R, t) that takes points (m, 3) onto others, and by how much (m, 3) it misses these.
 
     None if it misses one by more than bodies of a shape and this radius may differ, as of a mirror image.
     """
-    motion = fitted_motions(points[None], others[None], scaled=False, mirror=False)
+    motion = fit_motions(points[None], others[None], scaled=False, mirror=False)
     R, t = motion.linear[0], motion.shift[0]
     off = points @ R.T + t - others
     return None if np.abs(off).max() > SAME_SHAPE * 2.0 * radius else (R, t, off)

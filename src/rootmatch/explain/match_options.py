@@ -132,7 +132,7 @@ class MatchOptions:
         return MIN_PROBABILITY if self.min_probability is None else self.min_probability
 
     @cached_property
-    def in_process(self) -> MatchOptions:
+    def local_options(self) -> MatchOptions:
         """The options for a part of the task, which is matched in this process and reports no progress."""
         if self.progress is None and self.scheduler is None:
             return self
@@ -148,7 +148,7 @@ class MatchOptions:
         """Which hyper-edges are evaluated."""
         return self.sampler or ("random" if self.is_paper or self.samples is not None else "auto")
 
-    def solver_after(self, searched: bool) -> Solver:
+    def choose_solver(self, searched: bool) -> Solver:
         """The solver; the default one has fewer starts if a search has named the assignments worth starting from."""
         if searched and self.solver is None and not self.is_paper:
             return AFTER_SEARCH

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.explain.body_findings import among_all, of_all_bodies
+from rootmatch.explain.body_findings import join_hyperedges, restore_columns
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.known_pose import QUICK
@@ -60,7 +60,7 @@ class Rest(NamedTuple):
         return 0.0 if self.told is None else self.told.facts.missed
 
     @property
-    def is_empty(self) -> float:
+    def empty_probability(self) -> float:
         """Probability that no point has an image."""
         return float((1.0 + self.few[:1].sum()) / (1.0 + self.few.sum() + self.odds)) ** self.missing
 
@@ -74,7 +74,7 @@ class Rest(NamedTuple):
         above = (1.0 + self.odds) * own + (self.few * hidden).sum()
         return np.asarray((above / (1.0 + self.odds + self.few.sum())) ** self.missing)
 
-    def least_certain(self, assignment: Integers, confidence: Floats) -> Floats:
+    def lower_confidence(self, assignment: Integers, confidence: Floats) -> Floats:
         """Confidence (n,) of motions that were found, and in unmatched points what is left of one more, if less."""
         unmatched = np.full(len(assignment), math.nan)
         unmatched[self.points] = self.unmatched
@@ -82,20 +82,24 @@ class Rest(NamedTuple):
 
     def may_show(self, least: float) -> bool:
         """Whether one more that is asked for may be in view: nothing of it with less than this probability."""
-        return len(self.few) > 0 and self.is_empty < least
+        return len(self.few) > 0 and self.empty_probability < least
 
     def named(self, count: int) -> list[Integers]:
         """What the search named beside what it found, each (count,) as an assignment of all points."""
-        return [] if self.told is None else [self.of_all(one, count) for one in (*self.told.others, *self.told.named)]
+        return (
+            []
+            if self.told is None
+            else [self.expand_assignment(one, count) for one in (*self.told.others, *self.told.named)]
+        )
 
-    def of_all(self, assignment: Integers, count: int) -> Integers:
+    def expand_assignment(self, assignment: Integers, count: int) -> Integers:
         """An assignment of what is left as one of all, so many, points."""
         whole = np.full(count, -1, np.int64)
         whole[self.points] = np.where(assignment >= 0, self.detections[assignment], -1)
         return whole
 
 
-def with_missing(
+def add_missing_motions(
     alone: MatchingTask,
     solve: Callable[[MatchingTask], Finding],
     assignment: Integers,
@@ -112,7 +116,7 @@ def with_missing(
     """
     while asked == "auto" or len(np.unique(labels[labels >= 0])) < asked:
         missing = 0 if asked == "auto" else asked - len(np.unique(labels[labels >= 0]))
-        rest = search(alone, solve, assignment, missing, budget)
+        rest = search_rest(alone, solve, assignment, missing, budget)
         told = rest.told
         if told is not None and told.status is not Status.UNTRUSTED and (told.assignment >= 0).any():
             rest = rest._replace(label=int(labels.max(initial=-1)) + 1)
@@ -125,27 +129,29 @@ def with_missing(
     return None
 
 
-def among(assignments: Integers, points: Integers, detections: Integers) -> Integers:
+def restrict_assignments(assignments: Integers, points: Integers, detections: Integers) -> Integers:
     """Assignments (K, n) as those of some points to some detections."""
     wanted = assignments[:, points]
     place = np.searchsorted(detections, wanted).clip(max=len(detections) - 1)
     return np.where(detections[place] == wanted, place, -1)
 
 
-def hyperedges_of(alone: MatchingTask, searched: Sequence[Rest]) -> DeferredTensor:
+def join_searches(alone: MatchingTask, searched: Sequence[Rest]) -> DeferredTensor:
     """The hyper-edges of all searches, when they are asked for."""
 
     def every() -> AffinityTensor:
         detections, found = np.arange(alone.shape[1]), []
         for one in searched:
             if one.told is not None:
-                found.append((one.points, among_all(one.told, alone.subset(one.points, detections), one.detections)))
-        return distinct_hyperedges(of_all_bodies(alone, found))
+                found.append(
+                    (one.points, restore_columns(one.told, alone.subset(one.points, detections), one.detections))
+                )
+        return distinct_hyperedges(join_hyperedges(alone, found))
 
     return DeferredTensor.of(every, alone.shape, alone.weights)
 
 
-def search(
+def search_rest(
     alone: MatchingTask,
     solve: Callable[[MatchingTask], Finding],
     assignment: Integers,
@@ -157,7 +163,7 @@ def search(
     detections = np.setdiff1d(np.arange(alone.shape[1]), assignment[assignment >= 0])
     few = np.zeros(0)
     if missing:
-        few = math.exp(PRESENT_ODDS) * _shown(len(points), alone.options.detection_rate)
+        few = math.exp(PRESENT_ODDS) * _shown_distribution(len(points), alone.options.detection_rate)
         few = few[: min(alone.minimal, len(detections)) + 1]
     if min(len(points), len(detections)) < alone.problem.order:
         return Rest(points, detections, None, few, max(missing, 1))
@@ -166,7 +172,7 @@ def search(
     return Rest(points, detections, told, few, max(missing, 1))
 
 
-def _shown(count: int, rate: float | None) -> Floats:
+def _shown_distribution(count: int, rate: float | None) -> Floats:
     """Probability (count + 1,) that so many of some points are detected: any number alike, unless the rate is known."""
     if rate is None:
         return np.full(count + 1, 1.0 / (count + 1))

@@ -13,12 +13,12 @@ Change = Callable[[MatchingTask], MatchingTask]
 """Corrects a task, by its deadline."""
 
 
-def corrected(**changes: Any) -> Change:
+def make_change(**changes: Any) -> Change:
     """Other values of some attributes of a task, which is then tried without what is known of the pose."""
     return lambda task: replace(task.without_priors(), **changes)
 
 
-def noisier(points: PointSets, source: float, target: float) -> PointSets:
+def scale_noise(points: PointSets, source: float, target: float) -> PointSets:
     """Points whose noise is so many times as large, that of each set."""
     covariances = [
         None if known is None else factor**2 * known

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.frozen import copied, once
+from rootmatch.frozen import copy_with, once
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about
+from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.modes import Modes
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import HIDDEN
@@ -40,12 +40,12 @@ class Beside:
     @once
     def others(self) -> DetectionModel:
         """The model of points in the places alone."""
-        return self.shape.only(self.places).model(self.model, self.free)
+        return self.shape.replace_points(self.places).model(self.model, self.free)
 
     @once
     def outside(self) -> DetectionModel:
         """The model of points in the places beyond the body."""
-        return self.shape.only(self.places).take(self.places.beyond).model(self.model, self.free)
+        return self.shape.replace_points(self.places).take(self.places.beyond).model(self.model, self.free)
 
     @once
     def whole(self) -> DetectionModel:
@@ -57,7 +57,7 @@ class Beside:
         modes = told.modes.first(MODES)
         return [modes.take(slice(k, k + 1)) for k in range(len(modes.log_odds))]
 
-    def left_by(self, mode: Modes) -> Bools:
+    def unused_detections(self, mode: Modes) -> Bools:
         """Which detections (n',) a mode leaves."""
         (assignment,), left = mode.assignments, self.free.copy()
         left[assignment[assignment >= 0]] = False
@@ -68,8 +68,8 @@ class Beside:
 
         Infinite for a place that is not in view.
         """
-        found, at = about(self.others, np.full((1, self.others.shape[0]), -1), mode.rotation, mode.position)
-        squared = at.squared_from(self.others.target, self.others.sigma, mode.covariance[0])
+        found, at = weigh_poses(self.others, np.full((1, self.others.shape[0]), -1), mode.rotation, mode.position)
+        squared = at.squared_distances_from(self.others.target, self.others.sigma, mode.covariance[0])
         return np.where((found.visible[0] > HIDDEN)[:, None], squared, np.inf)
 
 
@@ -87,11 +87,11 @@ class Shape(NamedTuple):
         """The body of a model."""
         which = slice(len(model.points) // images)
         return cls(
-            model.points[which], _taken(model.normals, which), _taken(model.view_cosine, which),
-            _taken(model.source_covariance, which), images,
+            model.points[which], _take_optional(model.normals, which), _take_optional(model.view_cosine, which),
+            _take_optional(model.source_covariance, which), images,
         )  # fmt: skip
 
-    def only(self, places: Places) -> Shape:
+    def replace_points(self, places: Places) -> Shape:
         """Places in the stead of its points, as uncertain as these."""
         m = len(places.points)
         cosine = None if self.cosine is None else np.full(m, self.cosine.mean())
@@ -100,17 +100,17 @@ class Shape(NamedTuple):
 
     def and_(self, places: Places) -> Shape:
         """Its points, followed by places."""
-        more = self.only(places)
+        more = self.replace_points(places)
         return Shape(
-            np.concatenate([self.points, more.points]), _joined(self.normals, more.normals),
-            _joined(self.cosine, more.cosine), _joined(self.covariance, more.covariance), self.images,
+            np.concatenate([self.points, more.points]), _join_optional(self.normals, more.normals),
+            _join_optional(self.cosine, more.cosine), _join_optional(self.covariance, more.covariance), self.images,
         )  # fmt: skip
 
     def take(self, which: Bools) -> Shape:
         """Some of its points."""
         return Shape(
-            self.points[which], _taken(self.normals, which), _taken(self.cosine, which),
-            _taken(self.covariance, which), self.images,
+            self.points[which], _take_optional(self.normals, which), _take_optional(self.cosine, which),
+            _take_optional(self.covariance, which), self.images,
         )  # fmt: skip
 
     def model(self, model: DetectionModel, free: Bools) -> DetectionModel:
@@ -121,8 +121,8 @@ class Shape(NamedTuple):
 
         allowed = None
         if self.images > 1 or not free.all():
-            allowed = (np.repeat(np.arange(self.images), len(self.points))[:, None] == model.image_of) & free
-        wide = copied(
+            allowed = (np.repeat(np.arange(self.images), len(self.points))[:, None] == model.image_indices) & free
+        wide = copy_with(
             model, points=of_all(self.points), normals=of_all(self.normals), view_cosine=of_all(self.cosine),
             source_covariance=of_all(self.covariance), allowed=allowed, log_weights=None,
         )  # fmt: skip
@@ -130,11 +130,11 @@ class Shape(NamedTuple):
         return wide
 
 
-def _taken(one: Floats | None, which: Bools | slice) -> Floats | None:
+def _take_optional(one: Floats | None, which: Bools | slice) -> Floats | None:
     """Some rows of what may not be known."""
     return None if one is None else one[which]
 
 
-def _joined(one: Floats | None, other: Floats | None) -> Floats | None:
+def _join_optional(one: Floats | None, other: Floats | None) -> Floats | None:
     """Rows of what may not be known, one after the other."""
     return None if one is None or other is None else np.concatenate([one, other])

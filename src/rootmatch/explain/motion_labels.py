@@ -48,22 +48,22 @@ def label_motions(assignment: Integers, tensor: AffinityTensor, motions: int | s
     tree = linkage(squareform(distance, checks=False), method="average")
     if motions == "auto":
         cuts = [fcluster(tree, count, criterion="maxclust") for count in range(1, len(matched) // tensor.order + 1)]
-        groups = max(cuts, key=lambda cut: _excess(cut, points, weights, tensor.order))
+        groups = max(cuts, key=lambda cut: _excess_weight(cut, points, weights, tensor.order))
     else:
         groups = fcluster(tree, int(motions), criterion="maxclust")
-    groups = _refined(groups, points, weights, tensor.order)
-    labels[matched] = by_size(groups)
+    groups = _refine_groups(groups, points, weights, tensor.order)
+    labels[matched] = relabel_by_size(groups)
     return labels
 
 
-def by_size(labels: Integers) -> Integers:
+def relabel_by_size(labels: Integers) -> Integers:
     """Labels (n,) that count from the largest motion on; −1 stays."""
     sizes = np.bincount(labels[labels >= 0], minlength=1)
     rank = np.argsort(np.argsort(-sizes, kind="stable"), kind="stable")
     return np.where(labels >= 0, rank[labels], -1)
 
 
-def _excess(groups: Integers, points: Integers, weights: Floats, order: int) -> float:
+def _excess_weight(groups: Integers, points: Integers, weights: Floats, order: int) -> float:
     """Weight within groups above what their number of hyper-edges must have."""
     labels = groups[points]
     same = (labels == labels[:, :1]).all(axis=1)
@@ -71,7 +71,7 @@ def _excess(groups: Integers, points: Integers, weights: Floats, order: int) -> 
     return float(weights[same].sum()) - EXPECTED_WEIGHT * tuples
 
 
-def _refined(groups: Integers, points: Integers, weights: Floats, order: int) -> Integers:
+def _refine_groups(groups: Integers, points: Integers, weights: Floats, order: int) -> Integers:
     """Groups after each point has moved to where its hyper-edges exceed their expected weight most.
 
     Average linkage sometimes isolates a point that belongs to a group, or puts it into its second-best group.

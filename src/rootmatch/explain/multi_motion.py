@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from rootmatch.deadline import Deadline
-from rootmatch.explain.sampling import affordable, sample
+from rootmatch.explain.sampling import keep_affordable, sample
 from rootmatch.explain.task import MatchingTask
-from rootmatch.hypergraph.deferred_tensor import joined_tensor, renumbered
+from rootmatch.hypergraph.deferred_tensor import concatenate_tensors, renumber_tensor
 from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -35,7 +35,7 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
     A guided search may miss a small motion. If points and detections remain unexplained, all hyper-edges among those
     are evaluated and packed again.
     """
-    solution = _packed(task, sampled, task.deadline.part(FIRST_PACKING))
+    solution = _pack(task, sampled, task.deadline.part(FIRST_PACKING))
     if not sampled.partial or solution.groups is None or task.deadline.passed():
         return solution, sampled
     order = task.problem.order
@@ -52,11 +52,11 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
         if not sampler.pays(rest.sampling_task):
             return solution, sampled
     more = sample(replace(rest, options=replace(rest.options, sampler=sampler)))
-    added = renumbered(more.tensor, (points, pixels), task.shape)
+    added = renumber_tensor(more.tensor, (points, pixels), task.shape)
     added = AffinityTensor.unchecked(np.sort(added.indices, axis=1), added.weights, task.shape)
-    tensor = joined_tensor([sampled.tensor, added], task.shape, task.weights)
+    tensor = concatenate_tensors([sampled.tensor, added], task.shape, task.weights)
     joined = sampled._replace(tensor=distinct_hyperedges(tensor), evaluated=sampled.evaluated + more.evaluated)
-    return _packed(task, joined, task.deadline), joined
+    return _pack(task, joined, task.deadline), joined
 
 
 def log10_false_alarms_of_groups(solution: Solution, shape: tuple[int, int]) -> float:
@@ -76,8 +76,8 @@ def log10_false_alarms_of_groups(solution: Solution, shape: tuple[int, int]) -> 
     return (ways - solution.statistics["evidence"]) / math.log(10.0)
 
 
-def _packed(task: MatchingTask, sampled: SampledTensor, deadline: Deadline) -> Solution:
-    tensor = affordable(sampled.tensor, deadline)
+def _pack(task: MatchingTask, sampled: SampledTensor, deadline: Deadline) -> Solution:
+    tensor = keep_affordable(sampled.tensor, deadline)
     chance = sampled.chance
     if chance is None:
         chance = max(float(tensor.weights.sum()), 1.0) / max(sampled.evaluated, 1)

@@ -14,13 +14,13 @@ from rootmatch.backends import cpu
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import is_modelled, told_by
+from rootmatch.explain.image_decision import is_modelled, tell_image
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.zoom_hypotheses import candidate_of
+from rootmatch.explain.zoom_hypotheses import make_candidate
 from rootmatch.hypergraph.affinity import Residual
-from rootmatch.hypergraph.enumeration import wide_first
+from rootmatch.hypergraph.enumeration import farthest_point_order
 from rootmatch.hypergraph.random_tuples import permuted_tuples
-from rootmatch.model.evidence import about
+from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.proposals import Proposals
 from rootmatch.samplers.guided.sampler import pays
 
@@ -52,15 +52,15 @@ LEAST = 1e-3
 """Smallest σ relative to the first guess: exact data have none."""
 
 
-def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
+def estimate_noise_and_solve(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
     """The finding at a σ that is consistent with its own residuals; ``solve`` finds that of a known σ."""
     first = first_guess(task.image[0], task.camera_of)
-    found, budget = _first_matches(task, solve, first)
+    found, budget = _try_first_guesses(task, solve, first)
     match, guess = found[0]
     known = [one.assignment for one, _ in found]
     for _ in range(ROUNDS):
         try:
-            sigma = estimated_noise(match, guess, known)
+            sigma = estimate_noise(match, guess, known)
         except OutOfTime:
             break
         if math.isnan(sigma) or task.deadline.passed():
@@ -70,13 +70,13 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
             break
         guess = sigma
         found_before = None if budget is None else np.array(known)  # a search that begins with them may end at once
-        match = solve(replace(_round(task, guess), budget=budget, found_before=found_before))
+        match = solve(replace(_round_task(task, guess), budget=budget, found_before=found_before))
         known.append(match.assignment)
         budget = None if budget is None else max(budget - match.evaluated, BUDGETS[0])
-    return _among(match, known)
+    return _weigh_known(match, known)
 
 
-def _among(match: Finding, known: list[Integers]) -> Finding:
+def _weigh_known(match: Finding, known: list[Integers]) -> Finding:
     """A finding weighed with what was found at other σ and its own search did not name."""
     task = match.task
     if match.posterior is None or task.has_prior or not is_modelled(task):
@@ -86,12 +86,12 @@ def _among(match: Finding, known: list[Integers]) -> Finding:
     if not more:
         return match
     with suppress(OutOfTime):
-        body = candidate_of(task, [*match.every, *more])
-        return told_by(match, body.alone(), body, missed=match.facts.missed)
+        body = make_candidate(task, [*match.every, *more])
+        return tell_image(match, body.alone(), body, missed=match.facts.missed)
     return match
 
 
-def _first_matches(
+def _try_first_guesses(
     task: MatchingTask, solve: Callable[[MatchingTask], Finding], generous: float
 ) -> tuple[list[tuple[Finding, float]], int | None]:
     """Findings to begin with and the σ of each, the one to go on with first; and the budget of all later searches.
@@ -101,35 +101,35 @@ def _first_matches(
     So several σ are tried, and a long search is cut short and the next σ tried before more is spent. It ends when the
     body is beyond chance.
     """
-    widest = _round(task, generous)
+    widest = _round_task(task, generous)
     known = task.prior_pose is not None or task.known is not None
     alone = known or task.options.chosen_sampler != "auto" or task.options.motions != 1
     by_search = not alone and task.rig is None and pays(widest.sampling_task)
     if alone or not (by_search or is_modelled(task)):
         return [(solve(widest), generous)], None
     if not by_search:
-        every = [(solve(_round(task, rung * generous)), rung * generous) for rung in RUNGS]
-        return sorted(every, key=_log_odds), None
+        every = [(solve(_round_task(task, rung * generous)), rung * generous) for rung in RUNGS]
+        return sorted(every, key=_sort_key), None
     found: dict[float, Finding] = {}
     for budget in BUDGETS:
         for rung in RUNGS:
             if rung in found and found[rung].evaluated < budget / GROWTH:
                 continue  # that search ended by itself
-            found[rung] = solve(replace(_round(task, rung * generous), budget=budget))
+            found[rung] = solve(replace(_round_task(task, rung * generous), budget=budget))
             if found[rung].status or task.deadline.passed():
                 return [(found[rung], rung * generous)], BUDGETS[-1]
-        every = sorted([(one, rung * generous) for rung, one in found.items()], key=_log_odds)
+        every = sorted([(one, rung * generous) for rung, one in found.items()], key=_sort_key)
         if every[0][0].status is not Status.UNTRUSTED:
             break  # which pose it is, a better σ may tell
     return every, BUDGETS[-1]
 
 
-def _log_odds(one: tuple[Finding, float]) -> float:
+def _sort_key(one: tuple[Finding, float]) -> float:
     """By which findings are sorted, those that explain most first."""
     return -(one[0].log_odds or 0.0)
 
 
-def _round(task: MatchingTask, sigma: float) -> MatchingTask:
+def _round_task(task: MatchingTask, sigma: float) -> MatchingTask:
     """The task with a guess of σ and a part of the remaining time."""
     return replace(task.with_noise(sigma), deadline=task.deadline.part(ROUND))
 
@@ -140,7 +140,7 @@ def first_guess(target: Floats, camera_of: Integers) -> float:
     return FIRST_GUESS * max(float(np.linalg.norm(np.ptp(image, axis=0))) for image in images)
 
 
-def estimated_noise(match: Finding, sigma: float, known: Sequence[Integers] = ()) -> float:
+def estimate_noise(match: Finding, sigma: float, known: Sequence[Integers] = ()) -> float:
     """σ from the residuals inside an assignment that was found with ``sigma``; NaN if there are too few.
 
     ``known``: what was found at other σ, and may be right in its place.
@@ -176,43 +176,45 @@ def _scale(match: Finding, members: Integers, sigma: float, known: Sequence[Inte
             # if σ is far too large, a wrong assignment can seem as good as the right one, which fits far better
             assignments += [other for other in match.others if (other >= 0).sum() >= len(members)]
             assignments += [other for other in known if (other >= 0).sum() > match.task.minimal]
-        return _scale_in_image(one_motion, np.array(assignments), sigma) / CENTRE
+        return _image_scale(one_motion, np.array(assignments), sigma) / CENTRE
     if match.noise_factor is not None:
         return max(match.noise_factor, LEAST) ** 2 / CENTRE
-    order = members[wide_first(points.source[members])]
+    order = members[farthest_point_order(points.source[members])]
     tables = problem.tables(points.subset(order, match.assignment[order]))
     rng = np.random.default_rng(0)
     chosen = np.sort(permuted_tuples(rng, SUBSETS, len(members), problem.order), axis=1)
     residuals = cpu.residuals(tables, Residual("joint").kernel_kind(problem.pair_count), chosen, chosen)
-    return scale_of(residuals**2, mean_cut(problem.constraints))
+    return solve_scale(residuals**2, truncated_mean(problem.constraints))
 
 
-def _scale_in_image(task: MatchingTask, assignments: Integers, sigma: float) -> float:
+def _image_scale(task: MatchingTask, assignments: Integers, sigma: float) -> float:
     """As `_scale`, from the assignment (of K, n) whose pose explains most, each with the noise about its own pose."""
-    proposals, found, _ = candidate_of(task, []).fitted(assignments)
+    proposals, found, _ = make_candidate(task, []).fitted(assignments)
     scale = np.maximum(found.squared / found.freedom, LEAST**2)
     if task.points.source_covariance is not None:
-        scale = np.array([_scale_beside_source(task, proposals.take(np.array([k])), sigma) for k in range(len(scale))])
+        scale = np.array([_scale_given_source(task, proposals.take(np.array([k])), sigma) for k in range(len(scale))])
     if len(scale) < 2:
         return float(scale[0]) if len(scale) else math.nan
     explained = []
     for k, each in enumerate(sigma * np.sqrt(scale)):
-        at_own_noise, _ = about(candidate_of(task.with_noise(float(each)), []).model, *proposals.take(np.array([k])))
+        at_own_noise, _ = weigh_poses(
+            make_candidate(task.with_noise(float(each)), []).model, *proposals.take(np.array([k]))
+        )
         explained.append(float(at_own_noise.log_odds[0]))
     return float(scale[int(np.argmax(explained))])
 
 
-def _scale_beside_source(task: MatchingTask, proposal: Proposals, sigma: float) -> float:
-    """As `_scale_in_image`, of one assignment with its pose, where a part of the residuals is noise of the model."""
+def _scale_given_source(task: MatchingTask, proposal: Proposals, sigma: float) -> float:
+    """As `_image_scale`, of one assignment with its pose, where a part of the residuals is noise of the model."""
     low, high = LEAST**2, 1.0 / LEAST**2
     for _ in range(HALVINGS):
         middle = math.sqrt(low * high)
-        found, _ = about(candidate_of(task.with_noise(sigma * math.sqrt(middle)), []).model, *proposal)
+        found, _ = weigh_poses(make_candidate(task.with_noise(sigma * math.sqrt(middle)), []).model, *proposal)
         low, high = (middle, high) if found.squared[0] > found.freedom[0] else (low, middle)
     return math.sqrt(low * high)
 
 
-def mean_cut(freedom: int) -> float:
+def truncated_mean(freedom: int) -> float:
     """Mean of min(χ², CUT) with so many degrees of freedom."""
     from scipy.special import gammainc  # slow to import, rarely needed
 
@@ -220,7 +222,7 @@ def mean_cut(freedom: int) -> float:
     return freedom * weighted + CUT * (1.0 - below)
 
 
-def scale_of(squared: Floats, mean: float) -> float:
+def solve_scale(squared: Floats, mean: float) -> float:
     """The s with mean(min(squared / s, CUT)) = mean, by bisection."""
     low, high = 1e-12, 1e12
     for _ in range(100):

@@ -11,30 +11,30 @@ from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.explain.continued_bodies import LIKELY
-from rootmatch.explain.continued_sets import beside_sets
+from rootmatch.explain.continued_sets import allow_continued_sets
 from rootmatch.explain.decide import TRUST, Facts, Status
-from rootmatch.explain.finding import Finding, empty_tensor, unjudged
-from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, does_not_fit, doubted_by_fit
-from rootmatch.explain.image_decision import BY_ITS_LAW, lead_by_odds
-from rootmatch.explain.in_time import last_moment
+from rootmatch.explain.finding import Finding, empty_tensor, make_unjudged
+from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, discount_misfit, is_misfit
+from rootmatch.explain.image_decision import BY_ITS_LAW, odds_lead
+from rootmatch.explain.in_time import final_deadline
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
-from rootmatch.model.displaced_motions import with_displaced
-from rootmatch.model.motion_prior import MotionPrior, fused, motion_covariances, with_errors_of_source
-from rootmatch.model.near_symmetries import symmetries_of
+from rootmatch.model.displaced_motions import add_displaced
+from rootmatch.model.motion_prior import MotionPrior, add_source_errors, fuse_with_known, motion_covariances
+from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.point_set_model import Judged, PointSetModel
-from rootmatch.model.point_set_off import log_odds_off
-from rootmatch.model.point_set_posterior import PointSetPosterior, mixed, posterior
+from rootmatch.model.point_set_off import log_odds_of_errors
+from rootmatch.model.point_set_posterior import PointSetPosterior, mix_posteriors, weigh_point_set_posterior
 from rootmatch.model.priors import PRESENT
-from rootmatch.model.repetition import Repeated, with_repetition
+from rootmatch.model.repetition import Repeated, find_repetition
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
-from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grown, is_small
+from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grow_labellings, is_small
 from rootmatch.solvers.base import Solution
 
 LISTED, WEIGHED = 0.3, 0.035
@@ -43,7 +43,7 @@ LEADING = 4
 """Number of labellings of a search to which the self-motions of the source are applied. A round value."""
 
 
-def model_of(task: MatchingTask) -> PointSetModel | None:
+def make_point_set_model(task: MatchingTask) -> PointSetModel | None:
     """The model of a task with two point sets of one space and one motion; None for any other task."""
     clouds = task.problem.point_clouds(task.points)
     in_noise = task.affinity.residual.kind in NOISE_KINDS
@@ -60,12 +60,12 @@ def model_of(task: MatchingTask) -> PointSetModel | None:
         allowed=task.allowed,
         weights=None if task.log_weights is None else np.exp(task.log_weights),
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
-        prior=_prior_of(task),
+        prior=_motion_prior(task),
         present=PRESENT if task.present is None else task.present,
     )
 
 
-def _prior_of(task: MatchingTask) -> MotionPrior | None:
+def _motion_prior(task: MatchingTask) -> MotionPrior | None:
     """What is known of a task's motion."""
     known = task.known if task.prior_pose is None else task.prior_pose
     if known is None:
@@ -74,102 +74,108 @@ def _prior_of(task: MatchingTask) -> MotionPrior | None:
     return MotionPrior(((known, rest), *task.rivals.poses), task.rivals.doubt, task.prior_freedom)
 
 
-def decided_by_model(task: MatchingTask, judging: bool = True) -> Finding | None:
+def decide_point_sets(task: MatchingTask, judging: bool = True) -> Finding | None:
     """The finding of a task with default options; None if the model does not cover the task.
 
     Unless ``judging``, what a search proposes is left to whoever weighs it among more: `Finding.named`.
     """
     options = task.options
-    model = model_of(task)
+    model = make_point_set_model(task)
     default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
     if model is None or not default or options.backend in selection.ON_CARD:
         return None
-    with task.deadline.enforced():
+    with task.deadline.enforce():
         checkpoint()
-    if judging and (found := _as_predicted(task, model)) is not None:
+    if judging and (found := _judge_predicted(task, model)) is not None:
         return found
-    return _searched(task, model, [], judging)
+    return _search_labellings(task, model, [], judging)
 
 
-def of_one_motion(task: MatchingTask, named: Integers) -> Finding:
+def judge_one_motion(task: MatchingTask, named: Integers) -> Finding:
     """The finding of a part of a task that a packing took for one motion, with the labelling (n,) that it named."""
-    model = model_of(task)
+    model = make_point_set_model(task)
     assert model is not None
-    return _searched(task, model, [named])
+    return _search_labellings(task, model, [named])
 
 
-def _searched(task: MatchingTask, model: PointSetModel, named: list[Integers], judging: bool = True) -> Finding:
+def _search_labellings(
+    task: MatchingTask, model: PointSetModel, named: list[Integers], judging: bool = True
+) -> Finding:
     """The finding of what a search finds, and of named labellings: of all triples of small sets, where they are few."""
-    labellings, judged = _labellings(task, model) if is_small(model.clouds) else None, None
+    labellings, judged = _list_labellings(task, model) if is_small(model.clouds) else None, None
     if labellings is not None and not labellings.cut:
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.weights)
         sampled, every = SampledTensor(tensor, labellings.tried), labellings.proper
     else:
         sampled = sample(task)
-        judged = proposed(task, model, sampled, [*([] if labellings is None else labellings.proper), *named])
+        judged = judge_proposed(task, model, sampled, [*([] if labellings is None else labellings.proper), *named])
         every = judged.fit.assignments
     mirrored = None if labellings is None else labellings.mirrored
     if not judging:
-        _, base = unjudged(task, sampled, None)
-        return copied(base, named=list(every), mirrored=[] if mirrored is None else list(mirrored))
-    return assessed(task, model, sampled, judged_of(model, every) if judged is None else judged, mirrored)
+        _, base = make_unjudged(task, sampled, None)
+        return copy_with(base, named=list(every), mirrored=[] if mirrored is None else list(mirrored))
+    return assess_labellings(
+        task, model, sampled, judge_determined(model, every) if judged is None else judged, mirrored
+    )
 
 
-def judged_of(model: PointSetModel, labellings: Integers) -> Judged:
+def judge_determined(model: PointSetModel, labellings: Integers) -> Judged:
     """Labellings (K, n), those that determine a motion."""
     return model.judged(labellings[(labellings >= 0).sum(axis=1) >= FEWEST])
 
 
-def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
+def _judge_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
     """The finding about predicted motions, if every point is where one says: no other motion could explain more."""
-    named = wholly_predicted(model)
+    named = complete_predictions(model)
     if not named:
         return None
-    found = assessed(task, model, SampledTensor(empty_tensor(task), 0), model.judged(np.array(named)))
+    found = assess_labellings(task, model, SampledTensor(empty_tensor(task), 0), model.judged(np.array(named)))
     whole = found.status is Status.MATCHED and bool((found.assignment >= 0).all())
     if not (whole and found.prior_holds):
         return None
-    return copied(found.with_facts(lead=lead_by_odds(found.probability)), scoreless=True)
+    return copy_with(found.with_facts(lead=odds_lead(found.probability)), scoreless=True)
 
 
-def wholly_predicted(model: PointSetModel) -> list[Integers]:
+def complete_predictions(model: PointSetModel) -> list[Integers]:
     """Labellings (n,) about predicted motions that have a target for every point."""
     named = [] if model.prior is None else model.prior.labellings(model.clouds)
     return [one for one in named if len(one) >= FEWEST and (one >= 0).all()]
 
 
-def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding | None:
+def judge_solution(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding | None:
     """The finding for the result of a caller's own sampler or solver; None if the model does not cover the task."""
-    model = model_of(task)
+    model = make_point_set_model(task)
     if model is None:
         return None
     named = [solution.assignment, *(other for other, _ in solution.alternatives)]
     if not is_small(model.clouds):
-        return assessed(task, model, sampled, proposed(task, model, sampled, named), soft=solution.soft)
-    labellings = _labellings(task, model)
-    judged = judged_of(model, np.concatenate([named, labellings.proper]))
-    return assessed(task, model, sampled, judged, labellings.mirrored, soft=solution.soft)
+        return assess_labellings(task, model, sampled, judge_proposed(task, model, sampled, named), soft=solution.soft)
+    labellings = _list_labellings(task, model)
+    judged = judge_determined(model, np.concatenate([named, labellings.proper]))
+    return assess_labellings(task, model, sampled, judged, labellings.mirrored, soft=solution.soft)
 
 
-def _labellings(task: MatchingTask, model: PointSetModel) -> Labellings:
+def _list_labellings(task: MatchingTask, model: PointSetModel) -> Labellings:
     """All labellings of small sets, with time left to weigh them."""
-    with task.deadline.part(LISTED, WEIGHED).enforced():
+    with task.deadline.part(LISTED, WEIGHED).enforce():
         return congruent_labellings(model.clouds, model.mirror, task.allowed)
 
 
-def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Judged:
+def judge_proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Judged:
     """Labellings of large sets: those of a search, those that self-motions make of them, and named ones."""
     every = [*([] if sampled.assignments is None else sampled.assignments), *named]
     every += [] if model.prior is None else model.prior.labellings(model.clouds)
     if not every:
-        return judged_of(model, np.empty((0, task.shape[0]), np.int64))
+        return judge_determined(model, np.empty((0, task.shape[0]), np.int64))
     if task.points.source.shape[1] == 3:
-        for symmetry in symmetries_of(task.points.source, None):
+        for symmetry in find_symmetries(task.points.source, None):
             every += [np.where(symmetry.image >= 0, one[symmetry.image], -1) for one in every[:LEADING]]
-    return with_displaced(model, judged_of(model, grown(model.clouds, np.array(every), model.mirror, task.allowed)))
+    return add_displaced(
+        model, judge_determined(model, grow_labellings(model.clouds, np.array(every), model.mirror, task.allowed))
+    )
 
 
-def assessed(
+def assess_labellings(
     task: MatchingTask,
     model: PointSetModel,
     sampled: SampledTensor,
@@ -178,27 +184,27 @@ def assessed(
     soft: Floats | None = None,
 ) -> Finding:
     """The finding of proposed labellings; their scores are computed when they are asked for."""
-    _, base = unjudged(task, sampled, None)
-    base = copied(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
-    repeated = with_repetition(model, judged)
+    _, base = make_unjudged(task, sampled, None)
+    base = copy_with(base, assignment=np.full(len(model.clouds.source), -1, np.int64), others=[], soft=soft)
+    repeated = find_repetition(model, judged)
     every = [Repeated(model, judged, 0.0), *([] if repeated is None else [repeated])]
-    found = [posterior(one.model, one.judged, mirrored) for one in every]
+    found = [weigh_point_set_posterior(one.model, one.judged, mirrored) for one in every]
     beside, asked = found, False
-    with last_moment().within():
-        beside = [beside_sets(told, one.model) for told, one in zip(found, every, strict=True)]
+    with final_deadline().within():
+        beside = [allow_continued_sets(told, one.model) for told, one in zip(found, every, strict=True)]
         asked = True
     before, after = (
-        [copied(told, log_total=told.log_total + one.log_odds) for told, one in zip(some, every, strict=True)]
+        [copy_with(told, log_total=told.log_total + one.log_odds) for told, one in zip(some, every, strict=True)]
         for some in (found, beside)
     )
-    whole = mixed(after)
-    if mixed(before).present - whole.present > LIKELY:
-        base = copied(base, reason=BY_ITS_LAW)
+    whole = mix_posteriors(after)
+    if mix_posteriors(before).present - whole.present > LIKELY:
+        base = copy_with(base, reason=BY_ITS_LAW)
     model = every[int(np.argmax([told.log_total for told in after]))].model
-    return told_by(base, whole, model, asked=asked)
+    return tell_point_sets(base, whole, model, asked=asked)
 
 
-def told_by(
+def tell_point_sets(
     base: Finding,
     found: PointSetPosterior,
     model: PointSetModel,
@@ -222,7 +228,7 @@ def told_by(
     first = found if taken is None else found.without(taken)
     is_best = len(first.assignments) == 0 or bool((first.assignments[0] == found.assignments[0]).all())
     if not len(first.assignments):
-        return copied(
+        return copy_with(
             base,
             labellings=found,
             assignment=np.full(n, -1, np.int64),
@@ -242,22 +248,22 @@ def told_by(
     every, found = found, first
     assignment, probability = found.assignments[0], found.probability
     confidence, unmatched = found.confidence
-    judged = model.judged_one(assignment)
+    judged = model.judge_one(assignment)
     prior_holds = None if model.prior is None else bool(judged.held[0] >= 0)
     # a motion that is where it is known to be needs no search
     missed = 0.0 if prior_holds else base.facts.missed
     others = found.assignments[1:]
-    sure = found.sure(least) if missed <= TRUST.missed and is_best else None
+    sure = found.drop_doubtful(least) if missed <= TRUST.missed and is_best else None
     if present >= least and sure is not None:
         left_out = (sure[0] < 0) & (assignment >= 0)
         if left_out.any():
             others = found.assignments
-            judged = model.judged_one(sure[0])
+            judged = model.judge_one(sure[0])
             prior_holds = None if model.prior is None else bool(judged.held[0] >= 0)
         (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
     different = ((others >= 0) & (others != assignment)).any(axis=1)
     fault = Misfit.of(float(judged.fit.chi2[0]), int(judged.fit.dof[0]))
-    told = copied(
+    told = copy_with(
         base,
         labellings=every,
         assignment=assignment,
@@ -265,9 +271,9 @@ def told_by(
         facts=Facts(
             present=present,
             probability=min(probability, present),
-            lead=lead_by_odds(probability) if base.scoreless else None,
+            lead=odds_lead(probability) if base.scoreless else None,
             min_probability=least,
-            false_alarms=math.inf if does_not_fit(fault) else -math.inf,
+            false_alarms=math.inf if is_misfit(fault) else -math.inf,
             missed=missed,
         ),
         scores=None,
@@ -276,47 +282,47 @@ def told_by(
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
         prior_holds=prior_holds,
-        pose=_with_prior(model, judged),
+        pose=_fuse_prior(model, judged),
     )
     # what is left out as unsure may be what does not fit
     whole, in_time = fault, task.noise_is_estimated
     if not task.noise_is_estimated:
-        with last_moment().within():
-            whole = _misfit_of(model, found, taken)
+        with final_deadline().within():
+            whole = _labelling_misfit(model, found, taken)
             in_time = asked
     certain = sure is not None and in_time
-    told = copied(told.with_facts(contested=not certain, sure_of_the_rest=certain), alike=whole.alike)
+    told = copy_with(told.with_facts(contested=not certain, sure_of_the_rest=certain), alike=whole.alike)
     if task.noise_is_estimated:
         return told
-    as_off = float(np.exp(np.minimum(whole.for_points_off(task.log_inexact), MOST_ALIKE)).sum())
-    doubted = doubted_by_fit(told, whole, alike=model.clutter.repeats, as_off=as_off)
+    as_off = float(np.exp(np.minimum(whole.log_odds_of_errors(task.log_inexact), MOST_ALIKE)).sum())
+    doubted = discount_misfit(told, whole, alike=model.clutter.repeats, as_off=as_off)
     # something is there that does not fit, which the advice says
-    return doubted.with_facts(present=present) if does_not_fit(fault) else doubted
+    return doubted.with_facts(present=present) if is_misfit(fault) else doubted
 
 
-def _misfit_of(model: PointSetModel, found: PointSetPosterior, taken: Bools | None) -> Misfit:
+def _labelling_misfit(model: PointSetModel, found: PointSetPosterior, taken: Bools | None) -> Misfit:
     """The misfit of the first hypothesis, by its residuals and by what is beside its points without a match."""
     first = found.assignments[0]
-    whole = model.judged_one(first)
+    whole = model.judge_one(first)
     fault = Misfit.of(float(whole.fit.chi2[0]), int(whole.fit.dof[0]))
     if not found.present >= LIKELY or (first >= 0).all():
         return fault
     log_mass = float(whole.log_odds[0]) + math.log(found.motion / max(float(found.probabilities[0]), 1e-300))
-    return fault._replace(alike=log_odds_off(model, first, log_mass, taken))
+    return fault._replace(alike=log_odds_of_errors(model, first, log_mass, taken))
 
 
-def _with_prior(model: PointSetModel, judged: Judged) -> Pose | None:
+def _fuse_prior(model: PointSetModel, judged: Judged) -> Pose | None:
     """The pose of one labelling and of what is known of its motion, if that holds."""
     which = int(judged.held[0])
     if model.prior is None or which < 0:
         return None
     fit, known = judged.fit, model.prior.predictions[which][0]
     pose = Pose.unchecked(fit.rotation[0], fit.shift[0], motion_covariances(fit)[0], float(fit.scale[0]))
-    return fused(with_errors_of_source(model.clouds, fit.assignments[0], pose), known)
+    return fuse_with_known(add_source_errors(model.clouds, fit.assignments[0], pose), known)
 
 
-def pose_alone(found: Finding) -> Pose | None:
+def matches_pose(found: Finding) -> Pose | None:
     """The pose of a finding's matches alone."""
     (pose,) = found.task.problem.poses(found.task.points, found.assignment[None])
     clouds = found.task.problem.point_clouds(found.task.points)
-    return pose if pose is None or clouds is None else with_errors_of_source(clouds, found.assignment, pose)
+    return pose if pose is None or clouds is None else add_source_errors(clouds, found.assignment, pose)

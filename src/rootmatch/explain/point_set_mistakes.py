@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.explain.mistake import Mistake, corrected, noisier
+from rootmatch.explain.mistake import Mistake, make_change, scale_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Rigid, Similarity
 
@@ -37,19 +37,19 @@ REVERSED = (
 UNIT = "the sets have different units"
 
 
-def of_point_sets(problem: Similarity, given: PointSets) -> Iterator[Mistake]:
+def list_point_set_mistakes(problem: Similarity, given: PointSets) -> Iterator[Mistake]:
     """Mistakes about the points of `Rigid` or `Similarity`."""
     mirrored = np.array([-1.0, 1.0, 1.0])[: given.source.shape[1]] * given.source
-    yield Mistake(HANDED, REVERSED, corrected(points=replace(given, source=mirrored)))
+    yield Mistake(HANDED, REVERSED, make_change(points=replace(given, source=mirrored)))
     if not isinstance(problem, Rigid):
         return
     free, remedy = Similarity(problem.dimension), "use one unit, or Similarity(), which finds the scale"
     for handed in (False, True):
         source = mirrored if handed else given.source
         name, how = (f"{HANDED}, and {UNIT}", f"{REVERSED}; {remedy}") if handed else (UNIT, remedy)
-        for k, (points, is_own) in enumerate(_with_noise_of_units(replace(given, source=source))):
+        for k, (points, is_own) in enumerate(_unit_noises(replace(given, source=source))):
             told = how if is_own else f"{how}; give the noise of each set in its own unit"
-            change = corrected(problem=free, points=points)
+            change = make_change(problem=free, points=points)
             yield Mistake(name, told, change, if_nothing_fits=handed or k > 0, complete=_with_scale)
 
 
@@ -66,7 +66,7 @@ def _with_scale(mistake: Mistake, match: Any) -> Mistake:
     return mistake._replace(name=mistake.name.replace(UNIT, f"a scale of {scale:.4g} fits"), remedy=remedy)
 
 
-def _with_noise_of_units(points: PointSets) -> list[tuple[PointSets, bool]]:
+def _unit_noises(points: PointSets) -> list[tuple[PointSets, bool]]:
     """The noise of each set as if given in its own unit (True), and as if both were in that of one set; least first.
 
     Where it is that of an exact set, or is far too large for its set, it is not meant so.
@@ -75,7 +75,7 @@ def _with_noise_of_units(points: PointSets) -> list[tuple[PointSets, bool]]:
     ratio = max(sizes[1], 1e-300) / max(sizes[0], 1e-300)
     every: dict[float, tuple[PointSets, bool]] = {}
     for factors in ((1.0, 1.0), (1.0, ratio), (1.0 / ratio, 1.0)):
-        changed = noisier(points, *factors)
+        changed = scale_noise(points, *factors)
         sigmas = changed.source_noise, changed.target_noise
         relative = max(float(np.max(sigma)) / max(size, 1e-300) for sigma, size in zip(sigmas, sizes, strict=True))
         every.setdefault(relative, (changed, factors == (1.0, 1.0)))

@@ -15,7 +15,7 @@ LEAST = 1
 """Degrees of freedom beyond two that a pose is taken to have at the least, where its noise is estimated."""
 
 
-def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers) -> list[list[Pose | None]]:
+def fit_match_poses(task: MatchingTask, assignments: list[Integers], motions: Integers) -> list[list[Pose | None]]:
     """Poses of each assignment (n,), one per motion (n,); raises `InputError` if the problem fits none.
 
     Matched points without a motion are left out, unless there is only one. None for a motion with fewer matches than
@@ -30,14 +30,14 @@ def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers)
     fitted = problem.poses(task.points, np.array([groups[k] for k in enough])) if enough else []
     # a pose predicts no image of a point that is beside the camera
     poses = {
-        k: with_noise_of(task, pose)
+        k: inflate_estimated_noise(task, pose)
         for k, pose in zip(enough, fitted, strict=True)
         if pose is not None and (pose.predicted is None or np.isfinite(pose.predicted).all())
     }
     return [[poses.get(row * count + label) for label in range(count)] for row in range(len(assignments))]
 
 
-def with_noise_of(task: MatchingTask, pose: Pose) -> Pose:
+def inflate_estimated_noise(task: MatchingTask, pose: Pose) -> Pose:
     """A pose with the covariance of its t-distribution, if the noise was estimated from its own residuals."""
     if not task.noise_is_estimated or pose.covariance is None or pose.dof is None:
         return pose

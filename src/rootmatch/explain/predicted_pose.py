@@ -9,16 +9,16 @@ import numpy as np
 
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import SURE
-from rootmatch.explain.body_findings import among_all
-from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.body_findings import restore_columns
+from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.image_bodies import Choice, SearchPart
-from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import NAMED, Candidate, is_enough, proposals_by_prediction
-from rootmatch.explain.in_time import to_predict
-from rootmatch.explain.inexact_points import allowing_for_errors
+from rootmatch.explain.image_decision import tell_image
+from rootmatch.explain.image_hypotheses import NAMED, Candidate, is_search_needless, propose_predicted
+from rootmatch.explain.in_time import prediction_deadline
+from rootmatch.explain.inexact_points import allow_point_errors
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 
 UNCONFIRMED = "the predicted pose is not confirmed"
 UNSEARCHED = "no pose is predicted, and nothing was searched for in this frame"
@@ -35,22 +35,22 @@ def match_predicted(
     """
     searchable = solve is not None and task.shape[1] >= task.problem.order
     body = Candidate.of(task, [])
-    predicted, found = None, nothing_found(task, UNSEARCHED if task.prior_pose is None else UNCONFIRMED)
-    with to_predict(task.deadline).within():
-        predicted = proposals_by_prediction(body.model)
-        body = body.proposed([], predicted)
+    predicted, found = None, make_empty_finding(task, UNSEARCHED if task.prior_pose is None else UNCONFIRMED)
+    with prediction_deadline(task.deadline).within():
+        predicted = propose_predicted(body.model)
+        body = body.with_assignments([], predicted)
         told = body.alone()
-        if choice is not None or not searchable or is_enough(body.model, told, task.minimal):
-            found = allowing_for_errors(told_by(found, told, body), task)
-            found = copied(found, reason=None) if found.prior_holds else found
+        if choice is not None or not searchable or is_search_needless(body.model, told, task.minimal):
+            found = allow_point_errors(tell_image(found, told, body), task)
+            found = copy_with(found, reason=None) if found.prior_holds else found
             if found.prior_holds and (choice is None or not searchable):
                 return found
     part = SearchPart(0) if choice is None else choice(found)
     if solve is None or part is None:
         return found
     if not searchable:
-        return nothing_found(
-            copied(task, prior_pose=None, rivals=NONE),
+        return make_empty_finding(
+            copy_with(task, prior_pose=None, rivals=NONE),
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
@@ -59,13 +59,13 @@ def match_predicted(
         columns = np.flatnonzero(found.posterior.used(task.shape[1]) < SURE)
         if len(columns) < task.problem.order:
             return found
-        searched = among_all(solve(task.subset(np.arange(task.shape[0]), columns)), task, columns)
+        searched = restore_columns(solve(task.subset(np.arange(task.shape[0]), columns)), task, columns)
     else:
-        searched = solve(copied(task, prior_pose=None, rivals=NONE))
+        searched = solve(copy_with(task, prior_pose=None, rivals=NONE))
     with suppress(OutOfTime):
         named = searched.named if choice is None else searched.named[:NAMED]
-        body = body.proposed(named or searched.every, predicted)
+        body = body.with_assignments(named or searched.every, predicted)
         missed = searched.facts.missed
-        found = told_by(copied(searched, task=task), body.alone(), body, missed=missed)
-        return allowing_for_errors(found, task, missed=missed)
+        found = tell_image(copy_with(searched, task=task), body.alone(), body, missed=missed)
+        return allow_point_errors(found, task, missed=missed)
     return searched

@@ -11,22 +11,27 @@ from rootmatch.algebra.rotation import one_rotation_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.poses import poses_of, with_noise_of
+from rootmatch.explain.poses import fit_match_poses, inflate_estimated_noise
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
-from rootmatch.model.blob_labels import resolved
-from rootmatch.model.evidence import errors_by_source, squared_deviations
+from rootmatch.frozen import copy_with
+from rootmatch.model.blob_labels import resolve_blobs
+from rootmatch.model.evidence import source_errors, squared_deviations
 from rootmatch.model.known_density import Known
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
-from rootmatch.problems.pose_fit.either_axes import in_either_axes
+from rootmatch.problems.pose_fit.either_axes import covariance_in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
-from rootmatch.problems.pose_fit.reference_point import about_point, with_curvature
+from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, pose_about_point
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
-from rootmatch.problems.pose_fit.shared_errors import SharedPose, fused_with, whole, with_shared
+from rootmatch.problems.pose_fit.shared_errors import (
+    SharedPose,
+    copy_shared_errors,
+    fuse_prediction,
+    with_whole_covariance,
+)
 from rootmatch.problems.up2p import UP2P
 from rootmatch.problems.up2pf import UP2PF
 
@@ -40,7 +45,7 @@ EXACT = 1e-12
 """Least variance of a direction, radians²."""
 
 
-def vertical_of(problem: Problem) -> PosePrior | None:
+def problem_vertical(problem: Problem) -> PosePrior | None:
     """The vertical that a problem has by itself."""
     if not isinstance(problem, UP2P):
         return None
@@ -48,21 +53,21 @@ def vertical_of(problem: Problem) -> PosePrior | None:
     return PosePrior.unchecked(vertical=(*directions, float(problem.vertical_noise)))
 
 
-def knowledge_of(task: MatchingTask) -> PosePrior | None:
+def pose_knowledge(task: MatchingTask) -> PosePrior | None:
     """Partial knowledge of a task's pose, with the vertical of its problem; None if there is none but that."""
-    upright = None if task.known is None else vertical_of(task.problem)
-    return task.known if upright is None or task.known is None else copied(task.known, vertical=upright.vertical)
+    upright = None if task.known is None else problem_vertical(task.problem)
+    return task.known if upright is None or task.known is None else copy_with(task.known, vertical=upright.vertical)
 
 
-def predictions_of(task: MatchingTask) -> list[tuple[Pose, float]]:
+def predicted_mixture(task: MatchingTask) -> list[tuple[Pose, float]]:
     """The predicted poses of a task and the share of each, which add up to 1: the one given, then its rivals."""
     assert task.prior_pose is not None
     every = [(task.prior_pose, 1.0 - sum(share for _, share in task.rivals.poses)), *task.rivals.poses]
-    upright = vertical_of(task.problem)
+    upright = problem_vertical(task.problem)
     return every if upright is None else [(upright.with_prediction(pose), share) for pose, share in every]
 
 
-def labels_of_any(task: MatchingTask, motions: Integers) -> Integers:
+def assignment_labels(task: MatchingTask, motions: Integers) -> Integers:
     """Motion (n,) that each point has in any assignment: that of its body, or the only one; else as in a match."""
     if task.bodies is not None:
         return task.bodies.index
@@ -103,32 +108,34 @@ def contradicts(known: PosePrior, pose: Pose) -> bool:
     return apart > CONTRADICTED
 
 
-def compared(found: Finding, told: Pose | PosePrior | None) -> Finding:
+def check_contradiction(found: Finding, told: Pose | PosePrior | None) -> Finding:
     """A finding about a prediction that what is ``told`` of its pose in part was combined with, compared with that.
 
     The combination is of first order, and a vertical that is upside down does not change it.
     """
     against = isinstance(told, PosePrior) and found.pose is not None and contradicts(told, found.pose)
-    return copied(found, prior_holds=False, contradicted=True) if against and found.prior_holds is not None else found
+    return (
+        copy_with(found, prior_holds=False, contradicted=True) if against and found.prior_holds is not None else found
+    )
 
 
-def poses_of_finding(found: Finding) -> list[Pose | None]:
+def finding_poses(found: Finding) -> list[Pose | None]:
     """The most likely pose of each motion of a finding: polished from that of its model if there is one."""
     matched = np.count_nonzero(found.assignment >= 0)
     if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
-        pose = polished_pose(found)
-        return [None if pose is None else with_noise_of(found.task, pose)]
-    return poses_of(found.task, [found.assignment], found.motion_labels)[0]
+        pose = polish_pose(found)
+        return [None if pose is None else inflate_estimated_noise(found.task, pose)]
+    return fit_match_poses(found.task, [found.assignment], found.motion_labels)[0]
 
 
 def fused_pose(found: Finding) -> Pose | None:
     """The pose of a finding's matches and its prediction together; None if that did not hold."""
     if found.pose is None or not agrees_with_prior(found):
         return None
-    return with_shared_errors(found, found.pose, found.task.prior_pose)
+    return share_errors(found, found.pose, found.task.prior_pose)
 
 
-def polished_pose(found: Finding) -> Pose | None:
+def polish_pose(found: Finding) -> Pose | None:
     """The most likely pose of a finding's assignment near the pose of its model, with its residuals.
 
     A prediction that holds is part of the fit, and counts less if it is far from that pose. Partial knowledge that
@@ -137,19 +144,19 @@ def polished_pose(found: Finding) -> Pose | None:
     task, assignment, pose, prior_holds = found.task, found.assignment, found.pose, bool(found.prior_holds)
     assert pose is not None
     if task.problem.takes_motion_prior:
-        return with_shared_errors(found, pose, task.prior_pose)  # what is known is part of it, in closed form
-    problem, known = task.problem, knowledge_of(task)
+        return share_errors(found, pose, task.prior_pose)  # what is known is part of it, in closed form
+    problem, known = task.problem, pose_knowledge(task)
     points = task.points if task.rig is None else task.sightings[1]
     if found.model is not None:
-        points = resolved(found.model, points, assignment, pose)
+        points = resolve_blobs(found.model, points, assignment, pose)
     if isinstance(problem, UP2PF):
         return problem.poses(points, assignment[None], pose)[0]
     prior, centre = None, points.source.mean(axis=0)
     if prior_holds and known is not None:
         prior = Known(known, centre).about(pose)
     elif prior_holds:
-        prior = _about(task, predictions_of(task)[0][0], pose, centre)
-    elif task.rig is not None and (upright := vertical_of(problem)) is not None:
+        prior = _gaussian_near(task, predicted_mixture(task)[0][0], pose, centre)
+    elif task.rig is not None and (upright := problem_vertical(problem)) is not None:
         prior = Known(upright, centre).about(pose)
     if task.rig is not None:
         fit = rig_pose(task.sightings[0], points, assignment, prior, start=pose)
@@ -157,52 +164,58 @@ def polished_pose(found: Finding) -> Pose | None:
         vertical = problem.upright if isinstance(problem, UP2P) and prior is None else None  # it may be exact
         camera = problem.camera  # type: ignore[attr-defined]
         fit = camera_poses(points, camera, assignment[None], upright=vertical, prior=prior, start=pose)[0]
-    return None if fit is None else _by_stated_noise(found, with_shared_errors(found, fit, prior))
+    return None if fit is None else _restate_chi2(found, share_errors(found, fit, prior))
 
 
-def _by_stated_noise(found: Finding, fit: Pose) -> Pose:
+def _restate_chi2(found: Finding, fit: Pose) -> Pose:
     """A fit of a finding with χ² by the noise that was stated, where the points are off though nobody said so.
 
     Its covariance is that of a fit which allows for them.
     """
     if not found.point_error or found.model is None or fit.chi2 is None or not fit.dof:
         return fit
-    model, exact = found.model, copied(found.model, source_covariance=None)
-    at = model.linearised(*model.centred(fit.R[None], fit.t[None]))
+    model, exact = found.model, copy_with(found.model, source_covariance=None)
+    at = model.linearise_about(*model.centred(fit.R[None], fit.t[None]))
     squared, stated = (squared_deviations(one, found.assignment[None], at)[0] for one in (model, exact))
     chi2 = max(float(fit.chi2 + stated - squared), 0.0)
     return replace(fit, chi2=chi2, rms_sigma=math.sqrt(chi2 / fit.dof))
 
 
-def with_shared_errors(found: Finding, fit: Pose, prior: Pose | None) -> Pose:
+def share_errors(found: Finding, fit: Pose, prior: Pose | None) -> Pose:
     """A fit of a finding as it is told: with what first order leaves out of its covariance.
 
     Errors of the source that it has in common with a prediction are counted once.
     """
     own = fit.shared if isinstance(fit, SharedPose) else None
     if own is None and found.model is not None and isinstance(prior, SharedPose):
-        own = errors_by_source(found.model, found.assignment, fit)
-    told = fused_with(prior, whole(fit), own) if isinstance(prior, SharedPose) and own is not None else whole(fit)
-    if told.covariance is None or (covariance := with_curvature(told.covariance)) is told.covariance:
+        own = source_errors(found.model, found.assignment, fit)
+    told = (
+        fuse_prediction(prior, with_whole_covariance(fit), own)
+        if isinstance(prior, SharedPose) and own is not None
+        else with_whole_covariance(fit)
+    )
+    if told.covariance is None or (covariance := add_arc_curvature(told.covariance)) is told.covariance:
         return told
     return replace(told, covariance=covariance)
 
 
-def _about(task: MatchingTask, prior: Pose, near: Pose, centre: Floats) -> Pose:
+def _gaussian_near(task: MatchingTask, prior: Pose, near: Pose, centre: Floats) -> Pose:
     """A prediction with the covariance that `Gaussian` has about a pose: its tails, and axes of either kind."""
     assert prior.covariance is not None
-    place, covariance = about_point(prior.R, prior.t, prior.covariance, centre)
+    place, covariance = pose_about_point(prior.R, prior.t, prior.covariance, centre)
     gaussian = Gaussian(prior.R, place, covariance, freedom=task.prior_freedom)
     at = near.R[None], (near.t + near.R @ centre)[None]
     weight = float(gaussian.tail_weight(replace(gaussian, freedom=math.inf).terms(*at).squared)[0])
     turn = np.kron(np.eye(2), prior.R @ near.R.T)
-    covariance = in_either_axes(gaussian.bounded, turn @ gaussian.bounded @ turn.T) / weight
-    return with_shared(Pose.unchecked(prior.R, *about_point(prior.R, place, covariance, -centre)), prior)
+    covariance = (
+        covariance_in_either_axes(gaussian.bounded_covariance, turn @ gaussian.bounded_covariance @ turn.T) / weight
+    )
+    return copy_shared_errors(Pose.unchecked(prior.R, *pose_about_point(prior.R, place, covariance, -centre)), prior)
 
 
-def about_prediction(task: MatchingTask, k: int) -> MatchingTask:
+def select_prediction(task: MatchingTask, k: int) -> MatchingTask:
     """The same task with one of its predicted poses alone."""
     if not task.rivals.poses:
         return task
     every = [task.prior_pose, *(pose for pose, _ in task.rivals.poses)]
-    return copied(task, prior_pose=every[k], rivals=NONE)
+    return copy_with(task, prior_pose=every[k], rivals=NONE)

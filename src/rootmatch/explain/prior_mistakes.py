@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from rootmatch.explain.mistake import Mistake, corrected
-from rootmatch.explain.prior_validation import Prior, as_attributes
+from rootmatch.explain.mistake import Mistake, make_change
+from rootmatch.explain.prior_validation import Prior, prior_attributes
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_prior import with_vertical
+from rootmatch.problems.pose_fit.pose_prior import update_with_vertical
 
 LENGTHS = {
     1e-3: ("millimetres", "metres"),
@@ -23,29 +23,31 @@ LENGTHS = {
 """Units in which one thing may be given, and in which the others are, by what takes the first to the second."""
 
 
-def of_priors(task: MatchingTask) -> Iterator[Mistake]:
+def list_prior_mistakes(task: MatchingTask) -> Iterator[Mistake]:
     """Mistakes about what is known of the poses of a task."""
     if not task.has_prior:
         return
     remedy = "give x' = R x + t, points to target: pose.inverse()"
-    yield from _changed(task, "the prior is the inverse of the pose", remedy, _inverse)
+    yield from _change_priors(task, "the prior is the inverse of the pose", remedy, _invert_prior)
     for factor, (wrong, right) in LENGTHS.items():
         name = f"the position of the prior is in {wrong}, the points are in {right}"
-        yield from _changed(task, name, "use one unit for points and prior", partial(_scaled, factor))
+        yield from _change_priors(task, name, "use one unit for points and prior", partial(_scale_prior, factor))
     remedy = "check its frame and its σ, or leave prior= out"
     yield Mistake("what is known of the pose is wrong", remedy, MatchingTask.without_priors, if_nothing_fits=True)
 
 
-def _changed(task: MatchingTask, name: str, remedy: str, change: Callable[[Prior], Prior | None]) -> Iterator[Mistake]:
+def _change_priors(
+    task: MatchingTask, name: str, remedy: str, change: Callable[[Prior], Prior | None]
+) -> Iterator[Mistake]:
     """The mistake of all that is known of poses, if any of it can be changed so."""
     one: Prior | None = task.prior_pose or task.known
     each = {label: new for label, known in task.priors.items() if (new := change(known)) is not None}
-    attributes = as_attributes(each if one is None else change(one))
+    attributes = prior_attributes(each if one is None else change(one))
     if any(attributes.values()):
-        yield Mistake(name, remedy, corrected(**attributes))
+        yield Mistake(name, remedy, make_change(**attributes))
 
 
-def _inverse(known: Prior) -> Prior | None:
+def _invert_prior(known: Prior) -> Prior | None:
     """What is known if the inverse was given; None if that tells nothing."""
     if isinstance(known, Pose):
         return known.inverse()
@@ -57,10 +59,10 @@ def _inverse(known: Prior) -> Prior | None:
     both = np.zeros((6, 6))
     both[:3, :3], both[3:, 3:] = covariance, known.place[1]
     pose = Pose(R, known.place[0], both).inverse()
-    return pose if known.vertical is None else with_vertical(pose, *known.vertical)  # type: ignore[arg-type]
+    return pose if known.vertical is None else update_with_vertical(pose, *known.vertical)  # type: ignore[arg-type]
 
 
-def _scaled(factor: float, known: Prior) -> Prior | None:
+def _scale_prior(factor: float, known: Prior) -> Prior | None:
     """What is known with another unit of its position; None if it has none."""
     if isinstance(known, Pose):
         assert known.covariance is not None

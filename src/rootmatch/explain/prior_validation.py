@@ -63,7 +63,7 @@ def check_followed(problem: Problem) -> None:
         )
 
 
-def as_attributes(prior: object) -> dict[str, Any]:
+def prior_attributes(prior: object) -> dict[str, Any]:
     """The attributes of a task that hold a prior, or those of several bodies by label."""
     return {
         "prior_pose": prior if isinstance(prior, Pose) else None,

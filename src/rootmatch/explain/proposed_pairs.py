@@ -15,13 +15,13 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Pace
-from rootmatch.explain.image_hypotheses import model_of
+from rootmatch.explain.image_hypotheses import make_detection_model
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.model.proposals import fitted
+from rootmatch.model.proposals import fit_assignments
 from rootmatch.problems.limits import GATE
-from rootmatch.problems.pose_fit.starts import poses_of_triples
+from rootmatch.problems.pose_fit.starts import solve_triples
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
 
@@ -49,7 +49,7 @@ EDGES = 2_000
 """Hyper-edges of each motion that the tensor holds, as a sample."""
 
 
-def pays(task: MatchingTask) -> bool:
+def is_worth_drawing(task: MatchingTask) -> bool:
     """Whether several motions are to be found among few proposed pairs."""
     if task.allowed is None or task.problem.name not in KNOWN or task.options.chosen_sampler != "auto":
         return False
@@ -57,14 +57,14 @@ def pays(task: MatchingTask) -> bool:
     return count >= LEAST_PAIRS and count <= PAIRS_PER_POINT * int(task.allowed.any(axis=1).sum())
 
 
-def motions_of_pairs(task: MatchingTask) -> tuple[Solution, SampledTensor]:
+def find_pair_motions(task: MatchingTask) -> tuple[Solution, SampledTensor]:
     """Groups of one motion each among the candidates, and a tensor of some of their hyper-edges."""
     search = _Search(task)
     most = math.inf if task.options.motions == "auto" else float(task.options.motions)
     groups: list[Integers] = []
     evidence: list[float] = []
     while len(groups) < most:
-        group, value = search.next_motion()
+        group, value = search.find_next_motion()
         if group is None:
             break
         groups.append(group)
@@ -72,7 +72,7 @@ def motions_of_pairs(task: MatchingTask) -> tuple[Solution, SampledTensor]:
     labels, assignment = np.full(task.shape[0], -1, np.int64), np.full(task.shape[0], -1, np.int64)
     for label, group in enumerate(groups):
         labels[group >= 0], assignment[group >= 0] = label, group[group >= 0]
-    tensor = _sample_of_hyperedges(task, groups, search.rng)
+    tensor = _sample_hyperedges(task, groups, search.rng)
     statistics = {"evidence": float(sum(evidence)), "lead": 1.0 if evidence else 0.0, "against_chance": 1.0}
     solution = Solution(
         one_hot(assignment, task.shape[1]), assignment, float(tensor.weights.sum()), [],
@@ -94,11 +94,11 @@ class _Search:
         self.camera, pixels, sigma = problem.camera.chart(points.target, points.target_noise)
         self.points, self.pixels, self.sigma = points.source[self.source], pixels[self.target], sigma[self.target]
         self.rays = problem.camera.bearings(points.target)[self.target]
-        self.model = model_of(task)
+        self.model = make_detection_model(task)
         self.left = np.ones(len(self.source), np.bool_)
         self.tried = 0
 
-    def next_motion(self) -> tuple[Integers | None, float]:
+    def find_next_motion(self) -> tuple[Integers | None, float]:
         """The assignment (n,) of the motion that most of the pairs left agree with, and its evidence; or None."""
         rows = np.flatnonzero(self.left)
         if len(rows) <= self.task.problem.order or self.task.deadline.passed():
@@ -131,12 +131,12 @@ class _Search:
             triple = triple[((np.diff(i) > 0) & (np.diff(j) > 0)).all(axis=1)]
             if not len(triple):
                 continue
-            rotation, t = poses_of_triples(self.points[triple], self.rays[triple])
+            rotation, t = solve_triples(self.points[triple], self.rays[triple])
             rotation, t = rotation.reshape(-1, 3, 3), t.reshape(-1, 3)
             real = np.isfinite(t).all(axis=1)
             rotation, t = rotation[real], t[real]
             self.tried += len(t)
-            count = self._agree(rotation, t, screened).sum(axis=1)
+            count = self._select_agreeing(rotation, t, screened).sum(axis=1)
             strongest = np.argsort(-count, kind="stable")[:VERIFIED]
             kept_r.append(rotation[strongest])
             kept_t.append(t[strongest])
@@ -147,11 +147,11 @@ class _Search:
         rotation, t, count = np.concatenate(kept_r), np.concatenate(kept_t), np.concatenate(kept_count)
         strongest = np.argsort(-count, kind="stable")[:VERIFIED]
         rotation, t = rotation[strongest], t[strongest]
-        agree = self._agree(rotation, t, rows)
+        agree = self._select_agreeing(rotation, t, rows)
         best = int(np.argmax([len(np.unique(self.target[rows[one]])) for one in agree]))
         return (rotation[best], t[best]), max(float(np.mean(shares)), 1.0 / len(rows))
 
-    def _agree(self, rotation: Floats, t: Floats, rows: Integers) -> Bools:
+    def _select_agreeing(self, rotation: Floats, t: Floats, rows: Integers) -> Bools:
         """Which pairs (R,) lie within the gate of each pose: (K, R)."""
         with np.errstate(all="ignore"):
             placed = self.points[rows] @ rotation.swapaxes(-1, -2) + t[:, None]
@@ -165,21 +165,21 @@ class _Search:
             placed = self.points[rows] @ rotation.T + t
             distance = np.linalg.norm(self.camera.project(placed) - self.pixels[rows], axis=1) / self.sigma[rows]
         distance[~(placed[:, 2] > 0.0)] = np.inf
-        group = self._one_to_one(rows, distance)
+        group = self._match_one_to_one(rows, distance)
         for _ in range(ROUNDS):
             if (group >= 0).sum() <= self.task.problem.order:
                 break
-            _, _, at = fitted(self.model, group[None])
+            _, _, at = fit_assignments(self.model, group[None])
             if not len(at.pixels):
                 break
             offset = at.pixels[0][self.source[rows]] - self.pixels[rows]
             distance = np.linalg.norm(offset, axis=1) / self.sigma[rows]
-            before, group = group, self._one_to_one(rows, distance)
+            before, group = group, self._match_one_to_one(rows, distance)
             if np.array_equal(before, group):
                 break
         return group, rows[distance <= CLAIMED * GATE]
 
-    def _one_to_one(self, rows: Integers, distance: Floats) -> Integers:
+    def _match_one_to_one(self, rows: Integers, distance: Floats) -> Integers:
         """The assignment (n,) of pairs within the gate, the nearest first, each point and detection once."""
         group, used = np.full(self.task.shape[0], -1, np.int64), np.zeros(self.task.shape[1], np.bool_)
         for number in np.argsort(distance, kind="stable"):
@@ -202,7 +202,7 @@ class _Search:
         return pairs * tail - math.log(max(self.tried, 1)) - BEYOND_CHANCE
 
 
-def _sample_of_hyperedges(task: MatchingTask, groups: list[Integers], rng: np.random.Generator) -> AffinityTensor:
+def _sample_hyperedges(task: MatchingTask, groups: list[Integers], rng: np.random.Generator) -> AffinityTensor:
     """Random hyper-edges within each group, with their weights."""
     from rootmatch.backends import cpu
     from rootmatch.hypergraph.random_tuples import permuted_tuples

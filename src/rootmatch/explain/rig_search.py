@@ -12,21 +12,21 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.finding import Finding, empty_tensor
-from rootmatch.explain.image_decision import assessed
-from rootmatch.explain.image_hypotheses import Candidate, is_enough, model_of
-from rootmatch.explain.inexact_points import allowing_for_errors
-from rootmatch.explain.rig_triples import assignments_of_triples
-from rootmatch.explain.sampling import guided_with, sample
+from rootmatch.explain.image_decision import assess_image
+from rootmatch.explain.image_hypotheses import Candidate, is_search_needless, make_detection_model
+from rootmatch.explain.inexact_points import allow_point_errors
+from rootmatch.explain.rig_triples import search_rig_triples
+from rootmatch.explain.sampling import make_guided, sample
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.assignment import one_hot
-from rootmatch.hypergraph.deferred_tensor import joined_tensor, renumbered
+from rootmatch.hypergraph.deferred_tensor import concatenate_tensors, renumber_tensor
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import Evidence, about
-from rootmatch.model.gathering import gathered
+from rootmatch.model.evidence import Evidence, weigh_poses
+from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.pose_density import Gaussian
-from rootmatch.model.prediction import explained, proposals_about
-from rootmatch.model.proposals import Proposals, joined, poses_of_sets, refitted
+from rootmatch.model.prediction import propose_about, score_predictions
+from rootmatch.model.proposals import Proposals, join_proposals, refit_proposals, solve_minimal_sets
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
@@ -55,12 +55,12 @@ def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
     `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
     """
     bounded = LIMITS_OF_BOUNDED if task.search_camera is None else LIMITS_OF_FRAME
-    sampled, whole = _searched(task, model_of(task), LIMITS if task.budget is None else bounded)
-    found = allowing_for_errors(assessed(task, sampled, judging=judging), task, missed=sampled.missed)
-    return copied(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
+    sampled, whole = _search_cameras(task, make_detection_model(task), LIMITS if task.budget is None else bounded)
+    found = allow_point_errors(assess_image(task, sampled, judging=judging), task, missed=sampled.missed)
+    return copy_with(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
-def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]) -> tuple[SampledTensor, bool]:
+def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]) -> tuple[SampledTensor, bool]:
     """Hyper-edges within the cameras, with the verified assignments that hypotheses of single cameras lead to.
 
     The second value says whether every camera's search ended before its budget.
@@ -69,18 +69,18 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     n = task.shape[0]
     guided = task.options.sampler
     if not isinstance(guided, Guided):
-        guided = guided_with(budget=task.budget or BUDGET, hypotheses=limits[0], stopping=IN_PART)
+        guided = make_guided(budget=task.budget or BUDGET, hypotheses=limits[0], stopping=IN_PART)
     hypotheses, evaluated, whole, missed_by = list[Integers](), 0, True, np.ones(len(task.rig.cameras))
     tensors = [empty_tensor(task)]
     searching = task.deadline.part(SEARCHED)
     views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
-    parts = [of_camera(task, k, guided) for k in views]
+    parts = [camera_task(task, k, guided) for k in views]
     for number, (k, own, part) in enumerate(parts):
         if len(own) < task.minimal or searching.passed():
             continue
-        part = copied(part, deadline=searching.part(1.0 / (len(parts) - number)))
+        part = copy_with(part, deadline=searching.part(1.0 / (len(parts) - number)))
         if task.search_camera is not None:
-            by_triples = _by_triples(part, model, k, own, guided)
+            by_triples = _search_triples(part, model, k, own, guided)
             if by_triples is not None:
                 hypotheses += by_triples[0]
                 continue  # triples tell all: a search for four there meets nothing else
@@ -89,7 +89,7 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
         sampled = sample(part)
         evaluated += sampled.evaluated
         whole, missed_by[k] = whole and sampled.evaluated < guided.budget, sampled.missed
-        tensors.append(renumbered(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))
+        tensors.append(renumber_tensor(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))
         for assignment in sampled.assignments if sampled.assignments is not None else []:
             if (assignment >= 0).sum() >= LEAST:
                 one = np.full(task.rows, -1, np.int64)
@@ -98,26 +98,26 @@ def _searched(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
     # otherwise a tracker's search goes on in the next frames: that takes less than narrowing here, and the tracker
     # knows when it has come to enough cameras to have missed nothing
     in_all = task.search_camera is None
-    (verified, log_odds), all_triples = _verified(model, hypotheses, limits, narrowing=in_all), False
+    (verified, log_odds), all_triples = _verify_hypotheses(model, hypotheses, limits, narrowing=in_all), False
     if in_all and not _is_enough(task, model, verified, evaluated):
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
-                led, every = _by_triples(copied(part, deadline=searching), model, k, own, guided) or ([], False)
+                led, every = _search_triples(copy_with(part, deadline=searching), model, k, own, guided) or ([], False)
                 hypotheses += led
                 all_triples |= every
         if len(hypotheses) > met:
-            more, their_odds = _verified(model, hypotheses[met:], limits)
+            more, their_odds = _verify_hypotheses(model, hypotheses[met:], limits)
             verified = np.concatenate([verified, more])[np.argsort(-np.append(log_odds, their_odds), kind="stable")]
-    tensor = joined_tensor(tensors, task.row_shape, task.row_weights)
-    missed = 0.0 if all_triples or not in_all else _missed(verified, missed_by)
+    tensor = concatenate_tensors(tensors, task.row_shape, task.row_weights)
+    missed = 0.0 if all_triples or not in_all else _missed_probability(verified, missed_by)
     return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
 
 
-def _missed(verified: Integers, missed_by: Floats) -> float:
+def _missed_probability(verified: Integers, missed_by: Floats) -> float:
     """Probability that a pose with as many sightings in each camera as the first assignment was missed in all.
 
-    Of one that no camera shows four points of `search_meets` judges, by the triples that were looked at. ``missed_by``:
+    Of one that no camera shows four points of `is_met_by_search` judges, by the triples that were looked at. ``missed_by``:
     (C,) that probability in each camera, if it shows enough of them.
     """
     if not len(verified):
@@ -126,12 +126,12 @@ def _missed(verified: Integers, missed_by: Floats) -> float:
     return float(missed_by[enough].prod()) if enough.any() else 0.0
 
 
-def of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers, MatchingTask]:
+def camera_task(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers, MatchingTask]:
     """One camera, its detections (m,) among all, and the task of these."""
     assert task.rig is not None
     own = np.flatnonzero(task.camera_of == k)
     part = task.subset(np.arange(task.shape[0]), own)
-    part = copied(
+    part = copy_with(
         part,
         problem=task.problem.of_view(task.rig.cameras[k], task.rig.rotations[k]),  # type: ignore[attr-defined]
         points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
@@ -141,13 +141,13 @@ def of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers
     return k, own, part
 
 
-def _by_triples(
+def _search_triples(
     part: MatchingTask, model: DetectionModel, k: int, own: Integers, guided: Guided
 ) -> tuple[list[Integers], bool] | None:
-    """See `assignments_of_triples`; a measured vertical has its say in the model."""
+    """See `search_rig_triples`; a measured vertical has its say in the model."""
     camera = part.problem.camera  # type: ignore[attr-defined]
-    of_triples = part if type(part.problem) is P3P else copied(part, problem=P3P(camera))
-    return assignments_of_triples(of_triples, model, k, own, guided)
+    of_triples = part if type(part.problem) is P3P else copy_with(part, problem=P3P(camera))
+    return search_rig_triples(of_triples, model, k, own, guided)
 
 
 def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, evaluated: int) -> bool:
@@ -159,11 +159,11 @@ def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, ev
     level = false_alarm_level(evaluated, StoppingOptions())
     if not len(told.probabilities) or not float(told.modes.log_mass[0]) > level:
         return False
-    unmet = np.minimum(np.bincount(model.image_of), LEAST - 1).sum()  # what shows more in a camera was met there
-    return is_enough(model, told, task.minimal, of_several=task.budget is not None, unmet=float(unmet))
+    unmet = np.minimum(np.bincount(model.image_indices), LEAST - 1).sum()  # what shows more in a camera was met there
+    return is_search_needless(model, told, task.minimal, of_several=task.budget is not None, unmet=float(unmet))
 
 
-def _verified(
+def _verify_hypotheses(
     model: DetectionModel, hypotheses: list[Integers], limits: tuple[int, int], *, narrowing: bool = True
 ) -> tuple[Integers, Floats]:
     """Assignments (K, n) that the poses of hypotheses gather in all cameras, the most probable first; log-odds (K,).
@@ -175,37 +175,37 @@ def _verified(
     if not hypotheses:
         return np.empty((0, model.shape[0]), np.int64), np.empty(0)
     most, kept = limits
-    sets = poses_of_sets(model, np.array(hypotheses), model.shape[0]).alone
-    led = gathered(model, sets, least=LEAST, most=most)
-    every, found, _ = refitted(model, led)
-    parts = [_best(every, found, kept)]
+    sets = solve_minimal_sets(model, np.array(hypotheses), model.shape[0]).alone
+    led = gather_assignments(model, sets, least=LEAST, most=most)
+    every, found, _ = refit_proposals(model, led)
+    parts = [_select_best(every, found, kept)]
     number = {pose.tobytes(): k for k, pose in enumerate(sets.rotation)}
     own = sets.take(np.array([number[pose.tobytes()] for pose in led.rotation], np.int64))
-    if narrowing and (more := _narrowed(model, own, kept)) is not None:
-        every, found, _ = refitted(model, more)
-        parts.append(_best(every, found, kept))
+    if narrowing and (more := _narrow(model, own, kept)) is not None:
+        every, found, _ = refit_proposals(model, more)
+        parts.append(_select_best(every, found, kept))
     assignments, log_odds = (np.concatenate(each) for each in zip(*parts, strict=True))
     order = np.argsort(-log_odds, kind="stable")
     return assignments[order], log_odds[order]
 
 
-def _best(every: Proposals, found: Evidence, most: int) -> tuple[Integers, Floats]:
+def _select_best(every: Proposals, found: Evidence, most: int) -> tuple[Integers, Floats]:
     """The assignments (K, n) of the highest evidence, and that (K,)."""
     first = np.argsort(-found.log_odds, kind="stable")[:most]
     return every.assignments[first], found.log_odds[first]
 
 
-def _narrowed(model: DetectionModel, sets: Proposals, most: int) -> Proposals | None:
+def _narrow(model: DetectionModel, sets: Proposals, most: int) -> Proposals | None:
     """What the poses of some minimal sets lead to where one match narrows the pose for the next; None for nothing.
 
     Three sightings of a small body in one camera leave several detections for a point in another one. Gathered all at
     once, a single wrong one among them spoils the fit. So many sets as ``most`` are tried, those that explain most as
     far as their poses are known, whatever they gather at once.
     """
-    spread, at = about(model, *sets)
+    spread, at = weigh_poses(model, *sets)
     possible = np.flatnonzero(np.isfinite(spread.covariance).all(axis=(1, 2)))
-    scores = explained(model, at.take(possible), spread.step[possible], spread.covariance[possible])
+    scores = score_predictions(model, at.take(possible), spread.step[possible], spread.covariance[possible])
     first = possible[np.argsort(-scores, kind="stable")[:most]]
     every = zip(sets.rotation[first], sets.position[first], spread.covariance[first], strict=True)
-    there = [one for one in (proposals_about(model, Gaussian(*each)) for each in every) if one is not None]
-    return joined(there) if there else None
+    there = [one for one in (propose_about(model, Gaussian(*each)) for each in every) if one is not None]
+    return join_proposals(there) if there else None

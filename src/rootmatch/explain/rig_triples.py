@@ -12,9 +12,9 @@ import numpy as np
 
 from rootmatch.arrays import Integers
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel, triples_of
-from rootmatch.model.gathering import gathered
-from rootmatch.model.proposals import poses_of_sets
+from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel, count_triples
+from rootmatch.model.gathering import gather_assignments
+from rootmatch.model.proposals import solve_minimal_sets
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.visible_search import VisibleSearch, ranks_triples
 
@@ -30,7 +30,7 @@ FEW, EVALUATIONS = 1024, 600
 which it looks at one: they take about as long. Round values."""
 
 
-def assignments_of_triples(
+def search_rig_triples(
     part: MatchingTask, model: DetectionModel, camera: int, own: Integers, options: GuidedOptions
 ) -> tuple[list[Integers], bool] | None:
     """Assignments of sightings that triples of one camera lead to in all cameras, the most likely first.
@@ -38,14 +38,14 @@ def assignments_of_triples(
     With whether all triples were looked at. None if they cannot be searched: among too many detections, or, without
     normals, of too many points. ``part``: the task of that camera, whose detections (m,) are ``own`` of all.
     """
-    found = _every(part) if part.points.normals is None else _visible(part, options)
+    found = _all_triples(part) if part.points.normals is None else _visible_triples(part, options)
     if found is None:
         return None
     points, images, whole = found
     n = model.shape[0] // len(model.images)
     rows = np.full((len(points), model.shape[0]), -1, np.int64)
     np.put_along_axis(rows, camera * n + points, own[images], axis=1)
-    kept = gathered(model, poses_of_sets(model, rows, 3).alone, least=3 + MORE_SIGHTINGS, most=KEPT)
+    kept = gather_assignments(model, solve_minimal_sets(model, rows, 3).alone, least=3 + MORE_SIGHTINGS, most=KEPT)
     return list(kept.assignments), whole
 
 
@@ -54,16 +54,18 @@ def most_triples(task: MatchingTask) -> int:
     return TRIPLES if task.budget is None else min(max(FEW, task.budget // EVALUATIONS), TRIPLES)
 
 
-def search_meets(task: MatchingTask, model: DetectionModel, assignment: Integers, points: int | None = None) -> bool:
+def is_met_by_search(
+    task: MatchingTask, model: DetectionModel, assignment: Integers, points: int | None = None
+) -> bool:
     """Whether a search meets poses with as many matches as an assignment; of a rig, if of so many ``points`` at least.
 
-    See `DetectionModel.is_met`; one more than a minimal set of points by default.
+    See `DetectionModel.is_searchable`; one more than a minimal set of points by default.
     """
     least = task.minimal + 1 if points is None else points
-    return model.is_met(assignment, task.minimal, least, triples=most_triples(task))
+    return model.is_searchable(assignment, task.minimal, least, triples=most_triples(task))
 
 
-def _visible(part: MatchingTask, options: GuidedOptions) -> tuple[Integers, Integers, bool] | None:
+def _visible_triples(part: MatchingTask, options: GuidedOptions) -> tuple[Integers, Integers, bool] | None:
     """Triples of points (T, 3) that may be visible together, with images (T, 3), and whether these are all.
 
     None among too many detections.
@@ -76,10 +78,10 @@ def _visible(part: MatchingTask, options: GuidedOptions) -> tuple[Integers, Inte
     return part.permutation[points], images, whole
 
 
-def _every(part: MatchingTask) -> tuple[Integers, Integers, bool] | None:
+def _all_triples(part: MatchingTask) -> tuple[Integers, Integers, bool] | None:
     """All triples of points (T, 3) with all images (T, 3); None if they are too many."""
     n, n_target = part.shape
-    if triples_of(n, n_target) > most_triples(part):
+    if count_triples(n, n_target) > most_triples(part):
         return None
     points = np.array(list(combinations(range(n), 3)), np.int64).reshape(-1, 3)
     images = np.array(list(permutations(range(n_target), 3)), np.int64).reshape(-1, 3)

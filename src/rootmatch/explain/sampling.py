@@ -16,7 +16,7 @@ from rootmatch.errors import InputError
 from rootmatch.explain.task import RESERVE, SAMPLED, MatchingTask
 from rootmatch.explain.validation import check_size
 from rootmatch.hypergraph.affinity import NOISE_KINDS
-from rootmatch.hypergraph.deferred_tensor import DeferredTensor, renumbered
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor, renumber_tensor
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
 from rootmatch.problems.capabilities import Capability
@@ -45,14 +45,14 @@ def sample(task: MatchingTask) -> SampledTensor:
         If there are too many, or options do not go together or are not available.
     """
     try:
-        with task.deadline.part(SAMPLED, RESERVE).enforced():
-            sampled, backend = _sampled(task)
+        with task.deadline.part(SAMPLED, RESERVE).enforce():
+            sampled, backend = _sample_tensor(task)
     except OutOfTime:
         nothing = AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), task.shape)
         sampled, backend = SampledTensor(nothing, 0, conclusive=False, partial=True, missed=1.0, unmet=1.0), cpu
     tensor = sampled.tensor
     if task.problem.small_baseline > 0.0:
-        tensor = _with_baseline_prior(task, tensor)
+        tensor = _weigh_baseline(task, tensor)
     assignments, consensus = sampled.assignments, sampled.consensus
     if assignments is not None or consensus is not None:
         place = np.argsort(task.permutation)
@@ -60,20 +60,20 @@ def sample(task: MatchingTask) -> SampledTensor:
         consensus = None if consensus is None else consensus[place]
     if isinstance(tensor, DeferredTensor) and not selection.is_device(backend):
         made = tensor
-        tensor = DeferredTensor.of(lambda: _in_given_order(task, made), task.shape, task.weights)
+        tensor = DeferredTensor.of(lambda: _restore_order(task, made), task.shape, task.weights)
     else:
-        tensor = selection.placed(_in_given_order(task, tensor), backend)
+        tensor = selection.place_tensor(_restore_order(task, tensor), backend)
     return sampled._replace(tensor=tensor, assignments=assignments, consensus=consensus)
 
 
-def swept(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | None:
+def make_sweep(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | None:
     """The task with all hyper-edges, if a quick search led to an untrusted match and no budget is set; else None."""
-    if not sampled.partial or task.budget is not None or not _searched_first(task) or task.deadline.passed():
+    if not sampled.partial or task.budget is not None or not _is_searched_first(task) or task.deadline.passed():
         return None
     return replace(task, options=replace(task.options, sampler="exhaustive"))
 
 
-def affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:
+def keep_affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:
     """The strongest hyper-edges of a tensor, as many as a solver can process by its deadline."""
     size = deadline.part(INDEXED).cut(tensor.size, SECONDS_PER_HYPEREDGE)
     if size >= tensor.size:
@@ -82,7 +82,7 @@ def affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:
     return AffinityTensor.unchecked(tensor.indices[kept], tensor.weights[kept], tensor.shape, tensor.unary)
 
 
-def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
+def _sample_tensor(task: MatchingTask) -> tuple[SampledTensor, Any]:
     """The sampled tensor, and the backend that can contract it."""
     options, sampling = task.options, task.sampling_task
     single = has_single(task.tables, sampling.kind)
@@ -98,7 +98,7 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
                 "rootmatch.samplers.base.SampledTensor"
             )
         if sampled.conclusive or not fallback or sampling.deadline.passed():
-            return sampled, selection.chosen(options.backend, 0.0, single)
+            return sampled, selection.choose_backend(options.backend, 0.0, single)
         searched = sampled.evaluated
     sizes = sampling.tables, sampling.kind, sampling.affinity, sampling.shape, sampling.order
     run: Any = {name: getattr(sampling, name) for name in ("candidates", "progress", "deadline")}
@@ -109,11 +109,11 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
             raise InputError(
                 f"samples: {samples:.3g} given, above the limit of {most:.3g}; take fewer, or raise max_evaluations="
             )
-        backend = _backend(task, samples, single)
+        backend = _choose_backend(task, samples, single)
         tensor, evaluated = random_tensor(*sizes, samples=samples, seed=sampling.seed, backend=backend, **run)
         # hyper-edges that were not drawn are not assumed to agree: a score counts as found
         return SampledTensor(tensor, evaluated), backend
-    backend = _backend(task, sampling.sweep_cost, single)
+    backend = _choose_backend(task, sampling.sweep_cost, single)
     most = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
     most = most if options.max_evaluations is None else options.max_evaluations
     check_size(task.shape, sampling.sweep_cost, most)
@@ -126,36 +126,36 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     options, sampling = task.options, task.sampling_task
     sampler: Any = options.chosen_sampler
     if options.scheduler is not None:
-        return _for_workers(sampler, options.backend), False
+        return _choose_for_workers(sampler, options.backend), False
     automatic = sampler == "auto"
     if automatic and task.budget is not None:
-        searched = pays(sampling) or is_quick(sampling) or _relative_poses_decide(task)
-        return (guided_with(budget=task.budget) if searched else "exhaustive"), False
+        searched = pays(sampling) or is_quick(sampling) or _is_decided_by_views(task)
+        return (make_guided(budget=task.budget) if searched else "exhaustive"), False
     affordable = LIMITS.affordable
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)
     fallback = automatic and options.motions == 1 and sampling.sweep_cost <= affordable
     # to the model of two point sets other hyper-edges tell nothing
-    of_sets = sampling.clouds is not None and _poses_decide(task)
+    of_sets = sampling.clouds is not None and _is_decided_by_poses(task)
     fallback = fallback and not searches_focal_lengths(sampling) and not of_sets
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
-    if (fallback and _searched_first(task)) or (automatic and _relative_poses_decide(task)):
+    if (fallback and _is_searched_first(task)) or (automatic and _is_decided_by_views(task)):
         sampler = "guided"
     elif automatic and pays(sampling):
         on_device = options.backend in selection.ON_CARD and sampling.sweep_cost <= LIMITS.cheap_on_device
         sampler = "exhaustive" if on_device else "guided"
     bounds = {"budget": max(int(sampling.sweep_cost) // LIMITS.per_searched, LIMITS.quick)} if fallback else {}
-    return (guided_with(**bounds) if sampler == "guided" else sampler), fallback
+    return (make_guided(**bounds) if sampler == "guided" else sampler), fallback
 
 
 @lru_cache(maxsize=32)
-def guided_with(**options: Any) -> Guided:
+def make_guided(**options: Any) -> Guided:
     """The guided search with some options: frame after frame the same, and checking them takes 0.1 ms."""
     return Guided(**options)
 
 
-def _searched_first(task: MatchingTask) -> bool:
+def _is_searched_first(task: MatchingTask) -> bool:
     """Whether a quick search precedes a sweep that is itself cheap: yes if poses judge the result."""
     options = task.options
     default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
@@ -163,23 +163,23 @@ def _searched_first(task: MatchingTask) -> bool:
     return default and in_noise and options.backend not in selection.ON_CARD and is_quick(task.sampling_task)
 
 
-def _relative_poses_decide(task: MatchingTask) -> bool:
+def _is_decided_by_views(task: MatchingTask) -> bool:
     """Whether relative poses of two views are searched, however few the hyper-edges are: they judge the result.
 
     The score of all hyper-edges names worse assignments: of 79 pairs of a robot on a floor with seven points and more
     in both images 45 were trusted then, and 74 with the search, none wrong (seeds from 1000).
     """
-    return _poses_decide(task) and task.sampling_task.views is not None
+    return _is_decided_by_poses(task) and task.sampling_task.views is not None
 
 
-def _poses_decide(task: MatchingTask) -> bool:
+def _is_decided_by_poses(task: MatchingTask) -> bool:
     """Whether poses judge the result, where a search can find them."""
     options = task.options
     default = options.solver is None and options.backend not in selection.ON_CARD
     return default and task.affinity.residual.kind in NOISE_KINDS and options.motions == 1
 
 
-def _for_workers(sampler: Any, backend: selection.Name) -> str:
+def _choose_for_workers(sampler: Any, backend: selection.Name) -> str:
     """Which hyper-edges go to a cluster's workers: all, or random ones."""
     if backend in selection.ON_CARD:
         raise InputError(f'scheduler: its workers compute on CPUs; leave backend="{backend}" out, or go without it')
@@ -190,14 +190,14 @@ def _for_workers(sampler: Any, backend: selection.Name) -> str:
     raise InputError('scheduler: a guided search runs in one process; use sampler="exhaustive" or "random"')
 
 
-def _backend(task: MatchingTask, count: float, single: bool) -> Any:
+def _choose_backend(task: MatchingTask, count: float, single: bool) -> Any:
     """The backend for so many hyper-edges."""
     if task.options.scheduler is None:
-        return selection.chosen(task.options.backend, count, single)
+        return selection.choose_backend(task.options.backend, count, single)
     return Cluster(task.options.scheduler, partial(task.problem.tables, task.ordered_points))
 
 
-def _with_baseline_prior(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
+def _weigh_baseline(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
     """The tensor with the prior of views from nearly one position."""
     source, target = np.divmod(tensor.indices.astype(np.int64), task.shape[1])
     raw = cpu.residuals(task.tables, residual_kinds.QR(), source, target)
@@ -206,6 +206,6 @@ def _with_baseline_prior(task: MatchingTask, tensor: AffinityTensor) -> Affinity
     return AffinityTensor.unchecked(tensor.indices[keep], weights[keep], tensor.shape)
 
 
-def _in_given_order(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
+def _restore_order(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
     """The tensor with the source points in the caller's order, and the prior of the candidates."""
-    return renumbered(tensor, (task.permutation, np.arange(tensor.shape[1])), tensor.shape, task.weights)
+    return renumber_tensor(tensor, (task.permutation, np.arange(tensor.shape[1])), tensor.shape, task.weights)

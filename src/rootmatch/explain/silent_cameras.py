@@ -39,7 +39,7 @@ def silent_cameras(finding: Finding) -> list[int]:
     if rig is None or finding.status is Status.UNTRUSTED or told is None or model is None:
         return []
     modes, own = told.modes, slice(finding.mode, finding.mode + 1)
-    at = model.linearised(modes.rotation[own], modes.position[own])
+    at = model.linearise_about(modes.rotation[own], modes.position[own])
     visible = model.visibility(at, np.zeros(1))[0]
     if model.allowed is not None:
         visible = np.where(model.allowed.any(axis=1), visible, 0.0)
@@ -50,7 +50,7 @@ def silent_cameras(finding: Finding) -> list[int]:
             shown = model.target[model.images[k]]
             if len(shown):
                 visible[k] *= ((pixels >= shown.min(axis=0)) & (pixels <= shown.max(axis=0))).all(axis=1)
-    chance = as_few_by_chance(visible, seen, *model.rates)
+    chance = as_few_by_chance(visible, seen, *model.rate_quadrature)
     return [k for k, images in enumerate(model.images) if len(images) and chance[k] < BY_CHANCE]
 
 

@@ -15,22 +15,27 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime, checkpoint
-from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_in_turn, searched_among
-from rootmatch.explain.body_findings import joined
+from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_body_among, search_rounds
+from rootmatch.explain.body_findings import join_findings
 from rootmatch.explain.continued_bodies import LIKELY
-from rootmatch.explain.continued_sets import beside_sets
+from rootmatch.explain.continued_sets import allow_continued_sets
 from rootmatch.explain.decide import TRUST
-from rootmatch.explain.finding import Finding, empty_tensor, nothing_found, unjudged
+from rootmatch.explain.finding import Finding, empty_tensor, make_empty_finding, make_unjudged
 from rootmatch.explain.image_decision import BY_ITS_LAW
-from rootmatch.explain.in_time import last_moment, to_predict
-from rootmatch.explain.point_set_decision import judged_of, model_of, told_by, wholly_predicted
+from rootmatch.explain.in_time import final_deadline, prediction_deadline
+from rootmatch.explain.point_set_decision import (
+    complete_predictions,
+    judge_determined,
+    make_point_set_model,
+    tell_point_sets,
+)
 from rootmatch.explain.task import MatchingTask
-from rootmatch.frozen import copied
-from rootmatch.model.modes import uses_of
-from rootmatch.model.point_set_bodies import joint_posterior, judged_together
+from rootmatch.frozen import copy_with
+from rootmatch.model.modes import used_mask
+from rootmatch.model.point_set_bodies import joint_posterior, judge_jointly
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
-from rootmatch.model.weighed_labellings import Weighed, nothing_weighed, weighed
+from rootmatch.model.weighed_labellings import Weighed, empty_weighed, weigh_labellings
 from rootmatch.samplers.base import SampledTensor
 
 CONFIRMED = 6
@@ -55,7 +60,7 @@ class _Body(SearchedBody):
     enough: bool = False
     """Whether all its points are where it was predicted."""
 
-    def worth_a_search(self, budget: int) -> bool:
+    def is_worth_searching(self, budget: int) -> bool:
         """Whether another search among the free targets, with this budget, may find more than the last one."""
         if self.settled:
             return False
@@ -65,25 +70,25 @@ class _Body(SearchedBody):
 
     def predict(self, judged: Judged) -> None:
         """Add what has a target for each point where the body is predicted, and its neighbours."""
-        _, base = unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
-        self.found = copied(base, scoreless=True)
-        self.weighed = weighed(self.model, judged, of_several=True)
+        _, base = make_unjudged(self.task, SampledTensor(empty_tensor(self.task), 0), None)
+        self.found = copy_with(base, scoreless=True)
+        self.weighed = weigh_labellings(self.model, judged, of_several=True)
 
     @property
     def is_as_predicted(self) -> bool:
         """Whether all its points are where it was predicted: no other motion could explain more."""
         first = self.told.assignments[:1]
         whole = len(first) > 0 and bool((first >= 0).all()) and self.told.motion >= SURE
-        return whole and bool(self.model.judged_one(first[0]).held[0] >= 0)
+        return whole and bool(self.model.judge_one(first[0]).held[0] >= 0)
 
     def beside(self) -> PointSetPosterior | None:
         """What is told of it, where its law may go on in the targets that the others leave; None if time is over."""
         if not len(self.told.assignments):
             return self.told
-        with last_moment().within():
-            first = float(self.model.judged_one(self.told.assignments[0]).log_odds[0])
+        with final_deadline().within():
+            first = float(self.model.judge_one(self.told.assignments[0]).log_odds[0])
             log_total = first - math.log(max(float(self.told.probabilities[0]), 1e-300))
-            return beside_sets(copied(self.told, log_total=log_total), self.model, ~self.free)
+            return allow_continued_sets(copy_with(self.told, log_total=log_total), self.model, ~self.free)
         return None
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
@@ -92,7 +97,9 @@ class _Body(SearchedBody):
         named = list(self.found.named) or self.found.every
         self.named = list({one.tobytes(): one for one in [*self.named, *named]}.values())
         mirrored = np.array(self.found.mirrored, np.int64).reshape(-1, self.task.shape[0])
-        self.weighed = weighed(self.model, judged_of(self.model, np.array(self.named)), mirrored, of_several=True)
+        self.weighed = weigh_labellings(
+            self.model, judge_determined(self.model, np.array(self.named)), mirrored, of_several=True
+        )
 
     def confirm(self, task: MatchingTask, solve: Solve) -> None:
         """Search the targets of a sure body again if its search was cut short before it looked for other motions.
@@ -104,7 +111,7 @@ class _Body(SearchedBody):
         first = self.told.assignments[0]
         if np.count_nonzero(first >= 0) < CONFIRMED:
             return
-        again, _ = searched_among(task, self.number, np.sort(first[first >= 0]), self.budget, solve)
+        again, _ = search_body_among(task, self.number, np.sort(first[first >= 0]), self.budget, solve)
         self.evaluated += again.evaluated
         if again.facts.missed <= TRUST.missed:
             self.found = self.found.with_facts(missed=again.facts.missed)
@@ -116,7 +123,7 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
     ``solve``: from the task of one body to what its search proposes.
     """
     assert task.bodies is not None
-    bodies = [_body(task, k) for k in range(len(task.bodies.names))]
+    bodies = [_make_body(task, k) for k in range(len(task.bodies.names))]
 
     def search(body: _Body, budget: int) -> None:
         body.search(task, solve, budget)
@@ -125,8 +132,8 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
 
     with suppress(OutOfTime):
         _predict(task, bodies)
-        with task.deadline.part(SEARCHED).enforced():
-            search_in_turn(task, bodies, _Body.worth_a_search, search)
+        with task.deadline.part(SEARCHED).enforce():
+            search_rounds(task, bodies, _Body.is_worth_searching, search)
             for body in bodies:
                 body.confirm(task, solve)
     if task.deadline.passed():
@@ -135,27 +142,27 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
     return _finding(task, bodies)
 
 
-def _body(task: MatchingTask, number: int) -> _Body:
+def _make_body(task: MatchingTask, number: int) -> _Body:
     """A body for which nothing has been found yet."""
     own = task.body(number)
-    model = model_of(own)
+    model = make_point_set_model(own)
     assert model is not None
-    nothing = nothing_weighed(own.shape[0])
+    nothing = empty_weighed(own.shape[0])
     told = PointSetPosterior(nothing.assignments, nothing.log_mass)
     free = np.ones(task.shape[1], np.bool_)
     return _Body(
-        number=number, task=own, found=nothing_found(own, None), model=model, weighed=nothing, told=told, free=free
+        number=number, task=own, found=make_empty_finding(own, None), model=model, weighed=nothing, told=told, free=free
     )
 
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted motions; what is wholly there needs no search."""
     named = list[_Body]()
-    with to_predict(task.deadline).within():
+    with prediction_deadline(task.deadline).within():
         for body in bodies:
-            body.named = wholly_predicted(body.model)
+            body.named = complete_predictions(body.model)
         if named := [body for body in bodies if body.named]:
-            every = judged_together([body.model for body in named], [body.named for body in named])
+            every = judge_jointly([body.model for body in named], [body.named for body in named])
             for body, judged in zip(named, every, strict=True):
                 checkpoint()
                 body.predict(judged)
@@ -169,7 +176,7 @@ def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
 
 def _weigh(bodies: list[_Body]) -> None:
     """Weigh all bodies together."""
-    with last_moment().enforced():
+    with final_deadline().enforce():
         told = joint_posterior([body.model for body in bodies], [body.weighed for body in bodies])
     for body, one in zip(bodies, told, strict=True):
         body.told = one
@@ -195,10 +202,10 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     for body in sorted(bodies, key=lambda one: -one.told.motion):
         beside = body.beside()
         own = body.told if beside is None else beside
-        one = told_by(body.found, own, body.model, taken, asked=beside is not None)
-        taken |= uses_of(one.assignment[None], len(taken))[0]
+        one = tell_point_sets(body.found, own, body.model, taken, asked=beside is not None)
+        taken |= used_mask(one.assignment[None], len(taken))[0]
         by_law = body.told.present - own.present > LIKELY
         told = BY_ITS_LAW if by_law else None if len(own.assignments) else body.found.reason
         reason = LATE if body.among < 0 else told
-        found[body.number] = one if one.reason == reason else copied(one, reason=reason)
-    return joined(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))
+        found[body.number] = one if one.reason == reason else copy_with(one, reason=reason)
+    return join_findings(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))

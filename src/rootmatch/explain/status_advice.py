@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
-from rootmatch.explain.inexact_points import error_if_alike
+from rootmatch.explain.inexact_points import alike_error
 from rootmatch.explain.predicted_poses import agrees_with_prior
 from rootmatch.explain.silent_cameras import advice_on_cameras
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import obvious_fault
-from rootmatch.hypergraph.assignment import apart_from
+from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.model.priors import PRESENT_ODDS, probability
 from rootmatch.problems.base import Problem
 from rootmatch.problems.p3p import P3P
@@ -49,7 +49,7 @@ TWICE = 0.5
 """Share of detections beside another from which advice speaks of it: fewer are neighbours by chance. A round value."""
 
 
-def advice_on(status: Status, problem: Problem, to_tell: str | None = None) -> str:
+def general_advice(status: Status, problem: Problem, to_tell: str | None = None) -> str:
     """What a status means, and what can be done about it for a problem, or to tell poses of one task apart."""
     return ADVICE[status].format(to_tell=to_tell or problem.to_tell, to_check=problem.to_check)
 
@@ -67,16 +67,16 @@ def advice(
     if finding.status is Status.UNTRUSTED and (reason := obvious_fault(finding.task) or finding.reason) is not None:
         return f"no trustworthy match: {reason}"
     unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
-    if (of_bodies := _of_bodies(finding)) is not None:
+    if (of_bodies := _bodies_text(finding)) is not None:
         text = of_bodies
     elif finding.status is Status.UNTRUSTED:
-        text = _of_untrusted(finding, stopped_early)
+        text = _untrusted_text(finding, stopped_early)
     elif finding.status is Status.AMBIGUOUS and finding.reason is not None:
         text = f"ambiguous: {finding.reason}; it is trusted once more frames have shown it, or give a `Pose` as `prior`"
     elif finding.status is Status.AMBIGUOUS:
-        text = _of_ambiguous(finding, unsure, stopped_early)
+        text = _ambiguous_text(finding, unsure, stopped_early)
     else:
-        text = advice_on(finding.status, finding.task.problem)
+        text = general_advice(finding.status, finding.task.problem)
         if unsure:
             text += (
                 f"; for {unsure} of the points it is not certain which detection they have, if any: see `confidence`"
@@ -125,11 +125,11 @@ def is_undetermined(poses: Sequence[Pose | None]) -> bool:
     return any(float(one) > UNDETERMINED**2 for one in largest)
 
 
-def _of_bodies(finding: Finding) -> str | None:
+def _bodies_text(finding: Finding) -> str | None:
     """Which of several bodies are not trusted; None if all are, or if none is found at all."""
     parts = finding.parts or {}
     untrusted = {label: part for label, part in parts.items() if part.status is Status.UNTRUSTED}
-    chance = {label: part.probability for label, part in untrusted.items() if _could_be_chance(part)}
+    chance = {label: part.probability for label, part in untrusted.items() if _is_maybe_chance(part)}
     misfits = [label for label, part in untrusted.items() if math.isinf(part.facts.false_alarms) and _is_there(part)]
     found = [label for label, part in parts.items() if part.status is not Status.UNTRUSTED]
     if finding.status is Status.MATCHED or not (chance or found or misfits):
@@ -144,11 +144,11 @@ def _of_bodies(finding: Finding) -> str | None:
     return f"{start}: {', '.join(told)}; see the advice of each in `bodies`"
 
 
-def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
+def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
     """Why a finding is not trusted: the noise, chance, or that nothing was found."""
     task, facts, factor = finding.task, finding.facts, finding.noise_factor
     problem, noise, causes = task.problem, task.noise, CAUSES if task.problem.takes_prior else ""
-    if (error := finding.point_error or error_if_alike(finding)) > 0.0:
+    if (error := finding.point_error or alike_error(finding)) > 0.0:
         return (
             f"no trustworthy match: what was found fits if the points of the body are off by {error:.2g} on each axis, "
             "but something else of nearly its shape, or another pose, explains as much; check the model, and give "
@@ -168,11 +168,11 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
             f"{factor:.1f} times the stated noise, which the residuals suggest, this could be chance; "
             f"check {problem.to_check}; set {told} only if that is realistic{causes}"
         )
-    if _could_be_chance(finding):
-        chance, least = _told_apart(facts.probability or 0.0, facts.min_probability)
+    if _is_maybe_chance(finding):
+        chance, least = _format_distinct(facts.probability or 0.0, facts.min_probability)
         return (
             f"no trustworthy match: what was found could be chance (probability {chance}, "
-            f"`min_probability` {least}); {_given([*_to_give(task), 'fewer stray detections'])}"
+            f"`min_probability` {least}); {_enumerate_inputs([*_missing_inputs(task), 'fewer stray detections'])}"
         )
     if stopped_early:
         return (
@@ -188,9 +188,9 @@ def _of_untrusted(finding: Finding, stopped_early: bool) -> str:
         seen = "" if task.rig is None else "; `diagnose` tries the usual mistakes about a rig"
         return (
             "no trustworthy match: no pose explains more of the points than chance would; "
-            f"check {problem.to_check} and the noise, or {_given([*_to_give(task), 'more points or detections'])}{seen}"
+            f"check {problem.to_check} and the noise, or {_enumerate_inputs([*_missing_inputs(task), 'more points or detections'])}{seen}"
         )
-    return advice_on(Status.UNTRUSTED, problem)
+    return general_advice(Status.UNTRUSTED, problem)
 
 
 def _is_there(finding: Finding) -> bool:
@@ -198,48 +198,48 @@ def _is_there(finding: Finding) -> bool:
     return finding.facts.present is not None and finding.facts.present >= finding.facts.min_probability
 
 
-def _could_be_chance(finding: Finding) -> bool:
+def _is_maybe_chance(finding: Finding) -> bool:
     """Whether what was found may be there, with less than the probability that was asked for."""
     facts, chance = finding.facts, finding.facts.probability or 0.0
     return facts.present is not None and not _is_there(finding) and chance >= NOTED
 
 
-def _told_apart(less: float, more: float) -> tuple[str, str]:
+def _format_distinct(less: float, more: float) -> tuple[str, str]:
     """Two probabilities with as many digits as it takes to see that they differ."""
     digits = next((k for k in range(3, 17) if f"{less:.{k}g}" != f"{more:.{k}g}"), 17)
     return f"{less:.{digits}g}", f"{more:.{digits}g}"
 
 
-def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
+def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
     """Why a finding is ambiguous: what the search left out, doubtful points, several poses, or copies."""
     task = finding.task
-    to_give, to_tell = _to_give(task), _to_tell(task)
+    to_give, to_tell = _missing_inputs(task), _disambiguation_text(task)
     if finding.facts.incomplete:
         motions = len(np.unique(finding.motion_labels[finding.motion_labels >= 0]))
         return (
             f"ambiguous: {motions} of {task.options.motions} motions were found, and points of another one may be "
-            f"among what is left; see `confidence`, {_given([*to_give, 'more detections'])}, or ask for fewer motions"
+            f"among what is left; see `confidence`, {_enumerate_inputs([*to_give, 'more detections'])}, or ask for fewer motions"
         )
     if _is_unexcluded(finding):
         missed = "another pose that explains as much"
         if stopped_early:
             return (
                 f"ambiguous: max_seconds ended the search before it could exclude {missed}; "
-                f"{_given(['more time', *to_give])}"
+                f"{_enumerate_inputs(['more time', *to_give])}"
             )
         if np.count_nonzero(finding.assignment >= 0) <= task.minimal:
             return (
                 "ambiguous: nothing better was found, but no search meets every pose that explains so few points; "
-                f"{_given([*to_give, 'more detections'])}"
+                f"{_enumerate_inputs([*to_give, 'more detections'])}"
             )
         more = "raise `search_budget` in `TrackingOptions`" if finding.is_cut else "evaluate more hyper-edges"
         return (
             f"ambiguous: nothing better was found, but the search ended before it could exclude {missed}; "
-            f"{_given([*to_give, 'fewer stray detections'])}, or {more}"
+            f"{_enumerate_inputs([*to_give, 'fewer stray detections'])}, or {more}"
         )
-    prior = ", or give a `prior`" if PRIOR in to_give and to_tell != _given([PRIOR]) else ""
+    prior = ", or give a `prior`" if PRIOR in to_give and to_tell != _enumerate_inputs([PRIOR]) else ""
     of, where = ("points", "`confidence`") if unsure else ("sightings", "`sightings`")  # of points that others show
-    every = np.ones(1) if finding.every_confidence is None else finding.every_confidence
+    every = np.ones(1) if finding.all_confidence is None else finding.all_confidence
     unsure = unsure or int((every < MIN_PROBABILITY).sum())
     if unsure and _is_pose_certain(finding):
         return (
@@ -258,18 +258,18 @@ def _of_ambiguous(finding: Finding, unsure: int, stopped_early: bool) -> str:
             "ambiguous: the matches are certain, but several poses fit them, as where the points are nearly flat; "
             f"see `other_poses`, {'' if prior else 'or '}{to_tell}{prior}"
         )
-    return advice_on(Status.AMBIGUOUS, task.problem, to_tell)
+    return general_advice(Status.AMBIGUOUS, task.problem, to_tell)
 
 
-def _to_tell(task: MatchingTask) -> str:
+def _disambiguation_text(task: MatchingTask) -> str:
     """What may tell apart what the status calls ambiguous, of what the task lacks."""
     if not task.problem.takes_normals:
         return task.problem.to_tell
-    lacking = _to_give(task)
-    return _given([one for one in lacking if one != PRIOR] or lacking or ["more detections"])
+    lacking = _missing_inputs(task)
+    return _enumerate_inputs([one for one in lacking if one != PRIOR] or lacking or ["more detections"])
 
 
-def _to_give(task: MatchingTask) -> list[str]:
+def _missing_inputs(task: MatchingTask) -> list[str]:
     """What would tell poses apart and was not given."""
     problem, lacking = task.problem, []
     if problem.takes_normals and task.points.normals is None:
@@ -282,7 +282,7 @@ def _to_give(task: MatchingTask) -> list[str]:
     return lacking
 
 
-def _given(things: list[str]) -> str:
+def _enumerate_inputs(things: list[str]) -> str:
     """An enumeration of what to give."""
     return "give " + ", or ".join([", ".join(things[:-1]), things[-1]] if len(things) > 1 else things)
 
@@ -298,7 +298,7 @@ def _is_pose_with_larger_noise(finding: Finding) -> bool:
     factor, log_odds = finding.noise_factor, finding.log_odds
     if factor is None or log_odds is None:
         return True
-    odds = PRESENT_ODDS + Misfit(factor**2, factor, finding.noise_dof).log_odds_if_larger(log_odds)
+    odds = PRESENT_ODDS + Misfit(factor**2, factor, finding.noise_dof).rescaled_log_odds(log_odds)
     return probability(odds) >= finding.facts.min_probability
 
 
@@ -318,7 +318,7 @@ def _is_elsewhere(finding: Finding) -> bool:
     """Whether the best alternative has none of the same detections."""
     first, problem = finding.assignment, finding.task.problem
     known = (problem.takes_prior or problem.takes_motion_prior) and len(finding.others) and (first >= 0).any()
-    return bool(known and apart_from(np.array(finding.others[:1]), first)[0])
+    return bool(known and are_targets_disjoint(np.array(finding.others[:1]), first)[0])
 
 
 def _is_assignment_certain(finding: Finding) -> bool:

@@ -17,20 +17,20 @@ from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.explain.prior_validation import Prior, as_attributes, check_predicted
+from rootmatch.explain.prior_validation import Prior, check_predicted, prior_attributes
 from rootmatch.explain.rivals import NONE, Rivals
 from rootmatch.explain.validation import check_not_exact, check_problem, noise_of_cameras, split_candidates
-from rootmatch.frozen import copied, once
+from rootmatch.frozen import copy_with, once
 from rootmatch.hypergraph.affinity import Affinity
-from rootmatch.hypergraph.enumeration import wide_first
+from rootmatch.hypergraph.enumeration import farthest_point_order
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.points import CheckedSource, PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
-from rootmatch.problems.pose_fit.rig_fit import sightings_in
-from rootmatch.problems.residual_dispatch import kinds_of
+from rootmatch.problems.pose_fit.rig_fit import list_sightings
+from rootmatch.problems.residual_dispatch import residual_kinds_of_tables
 from rootmatch.samplers.base import SamplingTask
 
 EXACT = 0.01
@@ -167,7 +167,7 @@ class MatchingTask:
             allowed=allowed,
             weights=weights,
             bodies=labels,
-            **as_attributes(prior),
+            **prior_attributes(prior),
             **told,
         )
 
@@ -204,9 +204,9 @@ class MatchingTask:
 
     @once
     def sightings(self) -> tuple[RigImage, PointSets]:
-        """The images of a rig in one plane, and its sightings; see `sightings_in`."""
+        """The images of a rig in one plane, and its sightings; see `list_sightings`."""
         assert self.rig is not None
-        return sightings_in(self.rig, self.points)
+        return list_sightings(self.rig, self.points)
 
     @once
     def row_weights(self) -> NDArray[np.float64] | None:
@@ -225,7 +225,7 @@ class MatchingTask:
         """Which detections are of the camera of each row of an assignment, (rows, n')."""
         return np.asarray(np.arange(self.rows)[:, None] // self.shape[0] == self.camera_of)
 
-    def sightings_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
+    def sighting_rows(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Rows (…, C m) of an assignment for points (…, m), those of the first camera first; −1 for a point −1."""
         if self.rig is None:
             return points
@@ -244,7 +244,7 @@ class MatchingTask:
 
     def without_priors(self) -> Self:
         """A copy of the task without any knowledge of poses."""
-        return copied(self, rivals=NONE, rivals_of={}, **as_attributes(None))
+        return copy_with(self, rivals=NONE, rivals_of={}, **prior_attributes(None))
 
     @once
     def image(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -260,7 +260,7 @@ class MatchingTask:
         """
         if self.options.is_paper and self.options.chosen_sampler in ("random", "exhaustive"):
             return np.arange(self.shape[0])
-        return wide_first(self.points.source)
+        return farthest_point_order(self.points.source)
 
     @once
     def ordered_points(self) -> PointSets:
@@ -276,7 +276,7 @@ class MatchingTask:
     def sampling_task(self) -> SamplingTask:
         """What a sampler is given, the source points in `permutation`."""
         kind = self.affinity.residual.kernel_kind(self.problem.pair_count)
-        Capability.RESIDUAL.require(type(kind) in kinds_of(self.tables), self.problem.name)
+        Capability.RESIDUAL.require(type(kind) in residual_kinds_of_tables(self.tables), self.problem.name)
         return SamplingTask(
             problem=self.problem.name, tables=self.tables,
             kind=kind, affinity=self.affinity,
@@ -295,18 +295,18 @@ class MatchingTask:
     def with_noise(self, sigma: float) -> Self:
         """A copy of the task with an estimate of the noise of all points, that of a measured model aside."""
         points = self.problem.with_noise(self.points, sigma)
-        return copied(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
+        return copy_with(self, points=points, noise=sigma, estimates_noise=False, noise_is_estimated=True)
 
     def body(self, k: int) -> Self:
         """The task of one of the bodies and all detections, with its predicted pose."""
-        return self._of_bodies[k]
+        return self._body_tasks[k]
 
     @cached_property
-    def _of_bodies(self) -> list[Self]:
+    def _body_tasks(self) -> list[Self]:
         assert self.bodies is not None
         every = []
         for k, name in enumerate(self.bodies.names):
-            told = as_attributes(self.priors.get(name)) | {"present": self.present_of.get(name)}
+            told = prior_attributes(self.priors.get(name)) | {"present": self.present_of.get(name)}
             told["rivals"] = self.rivals_of.get(name, NONE)
             every.append(self.subset(self.bodies.points_of(k), np.arange(self.shape[1]), **told))
         return every
@@ -322,10 +322,10 @@ class MatchingTask:
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
             return None if whole is None else np.ascontiguousarray(whole[np.ix_(source, target)])
 
-        return copied(
+        return copy_with(
             self,
             points=self.problem.in_image(self.points.subset(source, target)),
-            options=self.options.in_process,
+            options=self.options.local_options,
             allowed=of_pairs(self.allowed),
             weights=of_pairs(self.weights),
             bodies=None,

@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.evidence import most_evidence
+from rootmatch.model.evidence import max_log_evidence
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.up2p import UP2P
 
@@ -34,4 +34,4 @@ def are_too_few(task: MatchingTask, log_share: float = 0.0) -> bool:
     if share == 0.0:
         return False
     sets = math.log(math.comb(n, minimal)) + math.log(math.perm(n_target, minimal)) + minimal * math.log(share)
-    return most_evidence(Candidate.modelled(task), minimal) + log_share < sets
+    return max_log_evidence(Candidate.make_model(task), minimal) + log_share < sets

@@ -15,24 +15,24 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import TRUST, Facts, Status
-from rootmatch.explain.finding import Finding, unjudged
-from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit, doubted_by_fit
+from rootmatch.explain.finding import Finding, make_unjudged
+from rootmatch.explain.goodness_of_fit import Misfit, discount_misfit, is_misfit
 from rootmatch.explain.image_decision import KEPT
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
-from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
+from rootmatch.model.clutter import Clutter, clutter_areas, estimate_clutter
 from rootmatch.model.detection_model import HIGHEST_RATE
-from rootmatch.model.posterior import right_together, surest
+from rootmatch.model.posterior import joint_probabilities, surest_matches
 from rootmatch.model.priors import COPY, PRESENT
-from rootmatch.model.two_view_displaced import displaced
-from rootmatch.model.two_view_fit import distinct, fitted
-from rootmatch.model.two_view_losses import log_chance_of_losses
+from rootmatch.model.two_view_displaced import displaced_labellings
+from rootmatch.model.two_view_fit import drop_similar, fit_relative_poses
+from rootmatch.model.two_view_losses import log_loss_probability
 from rootmatch.model.two_view_model import TwoViewModel
-from rootmatch.model.two_view_places import at_their_places
-from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
-from rootmatch.model.two_view_samples import likeliest_fits, log_values
+from rootmatch.model.two_view_places import reweigh_by_crowding
+from rootmatch.model.two_view_posterior import TwoViewPosterior, sample_two_view_posterior
+from rootmatch.model.two_view_samples import fit_log_evidence, likeliest_fits
 from rootmatch.samplers.base import SampledTensor
-from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared
+from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared_match_share
 from rootmatch.solvers.base import Solution
 
 LEAST = math.log(1e-6)
@@ -45,7 +45,7 @@ AGREED = 0.5
 """Probability from which the likeliest assignment is told; else the one with the most matches expected to be right."""
 
 
-def model_of(task: MatchingTask) -> TwoViewModel | None:
+def make_two_view_model(task: MatchingTask) -> TwoViewModel | None:
     """The model of a task of two views and one motion, in units of the noise; None for every other one."""
     in_noise = task.affinity.residual.kind in NOISE_KINDS
     if not in_noise or task.options.is_paper or task.options.packs_motions:
@@ -85,23 +85,25 @@ def _crowds(camera: CameraModel, points: Floats, noise: Floats) -> tuple[Clutter
     """How points of an image crowd, and their σ in it."""
     pixels, sigma = camera.chart(points, noise)[1:]
     areas = camera.image_areas(points)
-    return clutter_of(pixels, sigma, clutter_areas(pixels, sigma) if areas is None else areas), sigma
+    return estimate_clutter(pixels, sigma, clutter_areas(pixels, sigma) if areas is None else areas), sigma
 
 
-def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, solution: Solution | None) -> Finding:
+def assess_two_views(
+    task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, solution: Solution | None
+) -> Finding:
     """The finding of what a search named, or a solver: judged by the model of two views."""
-    named, base = unjudged(task, sampled, solution)
+    named, base = make_unjudged(task, sampled, solution)
     every = np.array(named, np.int64).reshape(-1, task.shape[0])
     try:
-        told = at_their_places(posterior(model, every, task.options.seed))
-        rivals = rivals_of(model, told, every if sampled.repeated else every[:0], task.options.seed)
+        told = reweigh_by_crowding(sample_two_view_posterior(model, every, task.options.seed))
+        rivals = rival_labellings(model, told, every if sampled.repeated else every[:0], task.options.seed)
     except OutOfTime:
         return base
-    found = told_by(base, told, sampled.missed, rivals)
+    found = tell_two_views(base, told, sampled.missed, rivals)
     return replace(found, named=named) if sampled.repeated else found
 
 
-def rivals_of(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> Rivals:
+def rival_labellings(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed: int = 0) -> Rivals:
     """Labellings (K, n) that may be right and not the one reported, a period away or half a turn, and their odds (K,).
 
     Of what a search named (M, n), those that have little in common with it, and it displaced along the scene. If the
@@ -110,77 +112,77 @@ def rivals_of(model: TwoViewModel, told: TwoViewPosterior, named: Integers, seed
     odds r of those losses, the odds of a rival are r κ B / (1 + κ B), B less where what is displaced fits worse, and of
     all together no more than 1.
     """
-    first = reported(told)
+    first = reported_assignment(told)
     own = np.flatnonzero(first >= 0)
     if not len(own) or not len(named):
         return named[:0], np.zeros(0)
     drawn, weights, _ = told.parts[0]
-    along = displaced(model, drawn.poses.take(np.array([weights.argmax()])), first)
-    elsewhere = named[shared(named, first) <= OTHER]
+    along = displaced_labellings(model, drawn.poses.take(np.array([weights.argmax()])), first)
+    elsewhere = named[shared_match_share(named, first) <= OTHER]
     if not len(elsewhere) and not len(along):
         return elsewhere, np.zeros(0)
     log_weights = np.zeros(model.shape) if model.log_weights is None else model.log_weights.copy()
     log_weights[own, first[own]] = -np.inf
-    rest = np.concatenate([distinct(elsewhere)[:BESIDE].reshape(-1, len(first)), along, elsewhere])
+    rest = np.concatenate([drop_similar(elsewhere)[:BESIDE].reshape(-1, len(first)), along, elsewhere])
     rest = np.where(rest == first, -1, rest)
     # the search compares poses fitted to the points, and without the volume of all others even one of four by accident
     # looks as if it were there
-    other = posterior(replace(model, log_weights=log_weights), rest, seed, alike=False)
+    other = sample_two_view_posterior(replace(model, log_weights=log_weights), rest, seed, alike=False)
     copy = other.log_evidence + math.log(COPY)
     if copy < LEAST:
         return elsewhere[:0], np.zeros(0)
     # what is displaced is there by as much as it fits worse than the best
     along = np.concatenate([other.proposals[:1], along])
-    fits = fitted(model, along)
-    value = log_values(model, fits.take(likeliest_fits(model, fits, len(along))))
+    fits = fit_relative_poses(model, along)
+    value = fit_log_evidence(model, fits.take(likeliest_fits(model, fits, len(along))))
     copies = np.concatenate([copy + np.minimum(value - value[0], 0.0), np.full(len(elsewhere), copy)])
     elsewhere = np.concatenate([along, elsewhere])[copies > LEAST]
-    lost = log_chance_of_losses(model, np.array([first, *elsewhere]))
+    lost = log_loss_probability(model, np.array([first, *elsewhere]))
     odds = np.exp(np.minimum(lost[1:] - lost[0], 0.0)) / (1.0 + np.exp(-copies[copies > LEAST]))
     return elsewhere, odds / max(float(odds.sum()), 1.0)
 
 
-def reported(told: TwoViewPosterior) -> Integers:
+def reported_assignment(told: TwoViewPosterior) -> Integers:
     """The assignment (n,) that a posterior with proposals tells."""
     if not len(told.proposals):
         return np.full(told.model.shape[0], -1, np.int64)
     return told.proposals[0] if told.shares[0] >= AGREED else told.likeliest_pairs
 
 
-def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
+def tell_two_views(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior and `rivals_of` it tell them."""
     least = base.task.options.least_probability
-    present = min(told.present_each)
+    present = min(told.presences)
     facts = Facts(present=present, contested=True, min_probability=least, missed=missed)
-    first = reported(told)
+    first = reported_assignment(told)
     if not len(told.proposals):
         nothing = first
         return replace(
             base,
             assignment=nothing,
             others=[],
-            facts=replace(facts, probability=told.probability_of(nothing), lead=0.0),
+            facts=replace(facts, probability=told.assignment_probability(nothing), lead=0.0),
             scores=[0.0],
             confidence=told.confidence_in(nothing),
         )
     share = 1.0 / (1.0 + float(rivals[1].sum()))
-    probability = share * told.probability_of(first)
+    probability = share * told.assignment_probability(first)
     confidence = told.confidence_in(first) * np.where(first >= 0, share, 1.0)
-    fault = Misfit.of(*told.chi2_of(first))
+    fault = Misfit.of(*told.chi2_and_dof(first))
     matched = np.flatnonzero(first >= 0)
     # matches of one motion do not depend on the presence of others
     beside = told.present / present if present > 0.0 else 1.0
-    kept = matched[surest(confidence[matched] / beside, 1.0 - least / beside)]
-    motions = told.motions_of(first)
-    counts = [(int((motions[some] == m).sum()) for some in (kept, matched)) for m in range(len(told.present_each))]
+    kept = matched[surest_matches(confidence[matched] / beside, 1.0 - least / beside)]
+    motions = told.label_motions(first)
+    counts = [(int((motions[some] == m).sum()) for some in (kept, matched)) for m in range(len(told.presences))]
     enough = all(sure >= max(base.task.problem.minimal + 1, KEPT * own) for sure, own in counts)
     if enough and missed <= TRUST.missed:
         facts = replace(facts, contested=False, sure_of_the_rest=True)
-    facts = replace(facts, false_alarms=math.inf if does_not_fit(fault) else -math.inf)
+    facts = replace(facts, false_alarms=math.inf if is_misfit(fault) else -math.inf)
     if replace(base, facts=facts).status is Status.MATCHED:
         # of a large assignment more are known than are right together
         highest = float(confidence[kept].max())
-        few = share * told.present * right_together(confidence[kept] / highest, least)
+        few = share * told.present * joint_probabilities(confidence[kept] / highest, least)
         while (together := max(share * told.together(first, kept), float(few[-1]))) < least and len(kept) > 1:
             kept, few = kept[:-1], few[:-1]
         sure = np.full_like(first, -1)
@@ -188,7 +190,9 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals
         probability = together if len(kept) < len(matched) else max(probability, together)
         first, confidence = sure, np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
     different = ((told.proposals >= 0) & (told.proposals != first)).any(axis=1)
-    others = [(other, share * told.probability_of(other)) for other in told.proposals[different][: TRUST.alternatives]]
+    others = [
+        (other, share * told.assignment_probability(other)) for other in told.proposals[different][: TRUST.alternatives]
+    ]
     others += [(other, share * odds * told.present) for other, odds in zip(*rivals, strict=True)]
     others.sort(key=lambda one: -one[1])
     found = replace(
@@ -199,8 +203,8 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float, rivals: Rivals
         facts=replace(facts, probability=probability),
         soft=told.present * told.marginals if base.soft is None else base.soft,
         confidence=confidence,
-        log_odds=told.log_odds_of(first),
+        log_odds=told.assignment_log_odds(first),
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
     )
-    return doubted_by_fit(found, fault)
+    return discount_misfit(found, fault)

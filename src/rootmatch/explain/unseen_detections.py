@@ -12,17 +12,17 @@ from weakref import WeakSet
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_identity
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_identity
 from rootmatch.cameras.base import CameraModel
-from rootmatch.cameras.pinhole import Camera, outside_of_circle
+from rootmatch.cameras.pinhole import Camera, describe_outside_circle
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputWarning, UnseenPixelError
-from rootmatch.explain.body_findings import among_all
+from rootmatch.explain.body_findings import restore_columns
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.zoom_hypotheses import candidate_of
-from rootmatch.frozen import copied
-from rootmatch.model.views import rays_of
+from rootmatch.explain.zoom_hypotheses import make_candidate
+from rootmatch.frozen import copy_with
+from rootmatch.model.views import unproject_detections
 
 INNER = 0.8
 """Part of the radius of the image circle within which no detection is asked whether the lens shows it: the inverse of a
@@ -33,21 +33,21 @@ MOST = 0.5
 _warned: WeakSet[Camera] = WeakSet()
 
 
-def seen_alone(task: MatchingTask, explain: Callable[[MatchingTask], Finding]) -> Finding:
+def explain_seen(task: MatchingTask, explain: Callable[[MatchingTask], Finding]) -> Finding:
     """The finding of a task by the detections that a lens can show; its indices are those of all.
 
     Raises `UnseenPixelError` if that is none of them, or, where no pose is predicted, less than half.
     """
-    unseen = _unseen(task)
+    unseen = _find_unseen(task)
     if unseen is None:
         return explain(task)
     _report(task, unseen, wrong=bool(unseen.all() or (not task.is_predicted and unseen.mean() > MOST)))
     columns = np.flatnonzero(~unseen)
-    return _among_all(explain(_among(task, columns)), task, columns)
+    return _restore_detections(explain(_restrict_task(task, columns)), task, columns)
 
 
-@kept_by_identity(16)
-def _edges(sensor: CameraModel | None) -> tuple[dict[int, Camera], Floats]:
+@cache_by_identity(16)
+def _lens_edges(sensor: CameraModel | None) -> tuple[dict[int, Camera], Floats]:
     """The cameras that have a lens with an edge, by their numbers; rows (C, 5) of what tells what is near the edge.
 
     Principal point, focal lengths, and the squared distance in these from which a detection is asked for.
@@ -64,9 +64,9 @@ def _sensor(task: MatchingTask) -> CameraModel | None:
     return None if task.problem.source_is_image else task.problem.sensor
 
 
-def _unseen(task: MatchingTask) -> Bools | None:
+def _find_unseen(task: MatchingTask) -> Bools | None:
     """Which detections (n',) lie where a lens shows nothing; None if none does."""
-    edges, rows = _edges(_sensor(task))
+    edges, rows = _lens_edges(_sensor(task))
     if not edges:
         return None
     pixels, of = task.points.target[:, :2], rows[task.camera_of]
@@ -76,19 +76,19 @@ def _unseen(task: MatchingTask) -> Bools | None:
     unseen = np.zeros(len(outer), np.bool_)
     for k, camera in edges.items():
         own = np.flatnonzero(outer & (task.camera_of == k))
-        unseen[own] = ~np.isfinite(rays_of(camera, pixels[own])).all(axis=1)
+        unseen[own] = ~np.isfinite(unproject_detections(camera, pixels[own])).all(axis=1)
     return unseen if unseen.any() else None
 
 
 def _report(task: MatchingTask, unseen: Bools, *, wrong: bool) -> None:
     """Warn of the detections that are left out, once for each camera, or refuse them."""
     of_rig = task.rig is not None
-    for k, camera in _edges(_sensor(task))[0].items():
+    for k, camera in _lens_edges(_sensor(task))[0].items():
         own = np.flatnonzero(task.camera_of == k)
         if not unseen[own].any() or (camera in _warned and not wrong):
             continue
         of = " of its camera" if of_rig else ""
-        told = outside_of_circle(camera, task.points.target[own, :2], unseen[own], own, f"detection{{}}{of}")
+        told = describe_outside_circle(camera, task.points.target[own, :2], unseen[own], own, f"detection{{}}{of}")
         if wrong:
             raise UnseenPixelError(
                 f"target: {told}: this is hardly the lens that took the image; check its calibration and its size"
@@ -97,22 +97,24 @@ def _report(task: MatchingTask, unseen: Bools, *, wrong: bool) -> None:
         warnings.warn(f"target: {told}, where nothing of the scene is seen: left out", InputWarning, stacklevel=5)
 
 
-def _among(task: MatchingTask, columns: Integers) -> MatchingTask:
+def _restrict_task(task: MatchingTask, columns: Integers) -> MatchingTask:
     """The task of some of the detections, with all that is known."""
 
     def of_columns(pairs: Any) -> Any:
         return None if pairs is None else np.ascontiguousarray(pairs[:, columns])
 
     points = task.problem.in_image(task.points.subset(target=columns))
-    return copied(task, points=points, allowed=of_columns(task.allowed), weights=of_columns(task.weights))
+    return copy_with(task, points=points, allowed=of_columns(task.allowed), weights=of_columns(task.weights))
 
 
-def _among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
+def _restore_detections(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
     """A finding among some detections, and those of its bodies, as one among all."""
     if found.task.noise_is_estimated and not task.noise_is_estimated:
         task = task.with_noise(found.task.noise)
-    whole = copied(found.task, points=task.points, allowed=task.allowed, weights=task.weights)
+    whole = copy_with(found.task, points=task.points, allowed=task.allowed, weights=task.weights)
     each = None if found.parts is None else enumerate(found.parts.items())
-    parts = None if each is None else {label: _among_all(one, task.body(k), columns) for k, (label, one) in each}
-    model = None if found.model is None else candidate_of(whole, []).model
-    return copied(among_all(found, whole, columns), model=model, parts=parts, left=None)
+    parts = (
+        None if each is None else {label: _restore_detections(one, task.body(k), columns) for k, (label, one) in each}
+    )
+    model = None if found.model is None else make_candidate(whole, []).model
+    return copy_with(restore_columns(found, whole, columns), model=model, parts=parts, left=None)

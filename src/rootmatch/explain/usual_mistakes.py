@@ -18,9 +18,9 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.explain.displaced_cameras import displaced_cameras
-from rootmatch.explain.mistake import Change, Mistake, corrected, noisier
-from rootmatch.explain.point_set_mistakes import of_point_sets
-from rootmatch.explain.prior_mistakes import LENGTHS, of_priors
+from rootmatch.explain.mistake import Change, Mistake, make_change, scale_noise
+from rootmatch.explain.point_set_mistakes import list_point_set_mistakes
+from rootmatch.explain.prior_mistakes import LENGTHS, list_prior_mistakes
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.wrong_calibration import wrong_calibration
 from rootmatch.problems.checks import are_collinear
@@ -86,25 +86,25 @@ def obvious_fault(task: MatchingTask) -> str | None:
 
 def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     """Possible mistakes, the commonest first; one about the points is tried without what is known of the pose."""
-    yield from of_priors(given)
+    yield from list_prior_mistakes(given)
     problem, points = given.problem, given.points
 
     def pointed(**changes: Any) -> Change:
-        return corrected(points=replace(points, **changes))
+        return make_change(points=replace(points, **changes))
 
     def posed(**changes: Any) -> Change:
-        return corrected(problem=replace(problem, **changes))  # type: ignore[type-var]
+        return make_change(problem=replace(problem, **changes))  # type: ignore[type-var]
 
     names = [name for name in ("camera", "camera2") if getattr(problem, name, None) is not None]
     cameras = {name: getattr(problem, name) for name in names}
 
     def filmed(change: Callable[[Camera], Camera]) -> Change:
-        return posed(**{name: _changed(camera, change) for name, camera in cameras.items()})
+        return posed(**{name: _change_camera(camera, change) for name, camera in cameras.items()})
 
     if isinstance(problem, Similarity):  # Rigid too
-        yield from of_point_sets(problem, points)
+        yield from list_point_set_mistakes(problem, points)
     else:
-        yield from _of_axes(given, cameras, pointed, posed)
+        yield from _axis_mistakes(given, cameras, pointed, posed)
     if points.normals is not None:
         if points.view_cosine is not None and (np.arccos(points.view_cosine) < math.pi / 2.0).any():
             remedy = "leave it out, or give a larger one"
@@ -118,8 +118,8 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     if hasattr(problem, "axis2"):
         upside = tuple(-np.asarray(problem.axis2, float))
         yield Mistake("one of the axes is reversed", "negate axis or axis2", posed(axis2=upside))
-    yield from _of_coordinates(points, cameras, pointed, filmed)
-    yield from _of_lenses(cameras, filmed)
+    yield from _coordinate_mistakes(points, cameras, pointed, filmed)
+    yield from _lens_mistakes(cameras, filmed)
     yield from wrong_calibration(given)
     if not given.estimates_noise:
         if any(isinstance(camera, UnitRays) for camera in cameras.values()):
@@ -128,18 +128,18 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
             yield Mistake("the noise is in degrees", remedy, pointed(target_noise=unit * points.target_noise))
         of_both = problem.noisy_source
         for mistake, factor in NOISIER.items():
-            remedy = f"give noise={_so_much(given.noise, factor)}{factor:g} times as large"
-            yield Mistake(mistake, remedy, corrected(points=noisier(points, factor if of_both else 1.0, factor)))
+            remedy = f"give noise={_format_scaled(given.noise, factor)}{factor:g} times as large"
+            yield Mistake(mistake, remedy, make_change(points=scale_noise(points, factor if of_both else 1.0, factor)))
 
 
-def _so_much(noise: Any, factor: float) -> str:
+def _format_scaled(noise: Any, factor: float) -> str:
     """A number or two, so many times as large, before how many times that is."""
     if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
         return f"({', '.join(f'{factor * one:.3g}' for one in noise)}), "
     return f"{factor * noise:.3g}, " if isinstance(noise, int | float) else " "
 
 
-def _of_axes(
+def _axis_mistakes(
     task: MatchingTask, cameras: dict[str, Any], pointed: Callable[..., Change], posed: Callable[..., Change]
 ) -> Iterator[Mistake]:
     """Axes of images and models; a pose cannot tell a mirrored image from a mirrored model."""
@@ -172,7 +172,9 @@ def _of_axes(
             name = f"the model is in {wrong}, the rig in {right}"
             remedy = "use one unit for the points and the rig's translations"
             yield Mistake(
-                name, remedy, corrected(points=replace(noisier(points, factor, 1.0), source=factor * points.source))
+                name,
+                remedy,
+                make_change(points=replace(scale_noise(points, factor, 1.0), source=factor * points.source)),
             )
         yield from displaced_cameras(task)
         return
@@ -199,7 +201,7 @@ def _of_axes(
         )
 
 
-def _of_coordinates(
+def _coordinate_mistakes(
     points: PointSets, cameras: dict[str, Any], pointed: Callable[..., Change], filmed: Callable[..., Change]
 ) -> Iterator[Mistake]:
     """Images in other coordinates than pixels: those of normalised rays, x/z and y/z, or fractions of the image."""
@@ -232,7 +234,7 @@ def _of_coordinates(
     if distorted:  # what normalises takes the lens out, as a rule
         bare, told = filmed(lambda own: replace(own, lens=None)), f"{remedy}, and the camera without its lens"
         for k, change in enumerate(raw):
-            without = partial(_both, change, bare)
+            without = partial(_apply_both, change, bare)
             yield Mistake(name, f"{told}{in_unit if k else ''}", without, if_nothing_fits=k > 0)
     for k, change in enumerate(raw):
         yield Mistake(name, f"{remedy}{in_unit if k else ''}", change, if_nothing_fits=k > 0 or distorted)
@@ -245,7 +247,7 @@ def _of_coordinates(
             yield Mistake("the image is in fractions of its size", told, change, if_nothing_fits=sigma_too)
 
 
-def _both(first: Change, second: Change, task: MatchingTask) -> MatchingTask:
+def _apply_both(first: Change, second: Change, task: MatchingTask) -> MatchingTask:
     return second(first(task))
 
 
@@ -265,18 +267,20 @@ def _scales(camera: Any, rows: Floats, sizes: Any = None) -> tuple[Floats, Float
     return own[which, :2], own[which, 2:]
 
 
-def _of_lenses(cameras: dict[str, Any], filmed: Callable[[Callable[[Camera], Camera]], Change]) -> Iterator[Mistake]:
+def _lens_mistakes(
+    cameras: dict[str, Any], filmed: Callable[[Callable[[Camera], Camera]], Change]
+) -> Iterator[Mistake]:
     if not any(isinstance(camera, Camera | Rig) for camera in cameras.values()):
         return
     for factor, size in ((2.0, "half"), (0.5, "twice")):
         mistake = f"the camera was calibrated at {size} the size of the image"
-        yield Mistake(mistake, f"multiply fx, fy, cx and cy by {factor:g}", filmed(partial(_scaled, factor)))
+        yield Mistake(mistake, f"multiply fx, fy, cx and cy by {factor:g}", filmed(partial(_scale_camera, factor)))
     lenses = [one.lens for camera in cameras.values() for one in getattr(camera, "cameras", (camera,))]
     if any(isinstance(lens, Brown) and len(lens.values) in (4, 5) for lens in lenses):
         remedy = "use Camera.from_opencv_fisheye(K, D)"
-        yield Mistake("the lens' coefficients are those of a fisheye", remedy, filmed(_as_fisheye))
+        yield Mistake("the lens' coefficients are those of a fisheye", remedy, filmed(_to_fisheye))
     if any(isinstance(lens, KannalaBrandt) for lens in lenses):
-        yield Mistake("the lens' coefficients are Brown's", "use Camera.from_opencv(K, dist)", filmed(_as_brown))
+        yield Mistake("the lens' coefficients are Brown's", "use Camera.from_opencv(K, dist)", filmed(_to_brown))
     if any(lens is not None for lens in lenses):
         remedy = "give raw pixels, or leave the lens out"
         yield Mistake("the detections were undistorted already", remedy, filmed(lambda own: replace(own, lens=None)))
@@ -285,15 +289,15 @@ def _of_lenses(cameras: dict[str, Any], filmed: Callable[[Callable[[Camera], Cam
     shifts = [(x, y) for x in (0.5, -0.5) for y in (0.5, -0.5)]
     for half in (0.5, -0.5):
         remedy = f"add {half:g} to cx and cy: OpenCV counts the first pixel's centre as (0, 0), COLMAP as (0.5, 0.5)"
-        rivals = tuple(filmed(partial(_shifted, by)) for by in shifts if by != (half, half))
-        change = filmed(partial(_shifted, (half, half)))
+        rivals = tuple(filmed(partial(_shift_centre, by)) for by in shifts if by != (half, half))
+        change = filmed(partial(_shift_centre, (half, half)))
         yield Mistake("the principal point is off by half a pixel", remedy, change, rivals=rivals)
 
 
-def _changed(camera: Any, change: Callable[[Camera], Camera]) -> Any:
+def _change_camera(camera: Any, change: Callable[[Camera], Camera]) -> Any:
     """A camera, or each camera of a rig, with a change; anything but a `Camera` stays as it is."""
     if isinstance(camera, Rig):
-        return Rig([(_changed(own, change), R, t) for own, R, t in camera.views], camera.sizes)
+        return Rig([(_change_camera(own, change), R, t) for own, R, t in camera.views], camera.sizes)
     return change(camera) if isinstance(camera, Camera) else camera
 
 
@@ -305,19 +309,19 @@ def _centre(camera: Any, task: MatchingTask) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def _scaled(factor: float, camera: Camera) -> Camera:
+def _scale_camera(factor: float, camera: Camera) -> Camera:
     fx, fy, cx, cy = (factor * one for one in camera.numbers)
     size = None if camera.size is None else (factor * camera.size[0], factor * camera.size[1])
     return Camera(fx, fy, cx, cy, camera.lens, size=size)
 
 
-def _shifted(by: tuple[float, float], camera: Camera) -> Camera:
+def _shift_centre(by: tuple[float, float], camera: Camera) -> Camera:
     return replace(camera, cx=camera.cx + by[0], cy=camera.cy + by[1])
 
 
-def _as_fisheye(camera: Camera) -> Camera:
+def _to_fisheye(camera: Camera) -> Camera:
     return replace(camera, lens=KannalaBrandt(camera.lens.values[:4])) if isinstance(camera.lens, Brown) else camera
 
 
-def _as_brown(camera: Camera) -> Camera:
+def _to_brown(camera: Camera) -> Camera:
     return replace(camera, lens=Brown(camera.lens.values)) if isinstance(camera.lens, KannalaBrandt) else camera

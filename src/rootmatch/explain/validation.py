@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, Integers, as_floats
 from rootmatch.cameras.rig import Rig
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 from rootmatch.problems.base import Problem
 from rootmatch.problems.noise import as_covariances
 
@@ -66,7 +66,7 @@ def noise_of_cameras(rig: Rig | None, noise: Any, target: ArrayLike) -> Any:
     return joined
 
 
-def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> Integers:
+def check_indices(indices: ArrayLike, points: int, order: int, name: str) -> Integers:
     """Indices (E, order) of points, distinct within each hyper-edge."""
     array = np.asarray(indices)
     if array.ndim != 2 or array.shape[1] != order or not np.issubdtype(array.dtype, np.integer):
@@ -128,7 +128,7 @@ def check_problem(problem: Any) -> None:
             raise InputError(
                 f"problem: the class {problem.__name__} was given; pass an instance, such as rootmatch.P3P(camera)"
             )
-        raise InputError(f"problem: {quoted(problem)} given; give a problem such as rootmatch.P3P(camera)")
+        raise InputError(f"problem: {quote_value(problem)} given; give a problem such as rootmatch.P3P(camera)")
 
 
 def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
@@ -141,7 +141,7 @@ def check_motions(motions: Any) -> None:
     """Refuse anything but a positive whole number or ``"auto"``."""
     whole = isinstance(motions, Integral) and not isinstance(motions, bool) and int(motions) >= 1
     if not whole and not (isinstance(motions, str) and motions == "auto"):
-        raise InputError(f'motions: {quoted(motions)} given; give a whole number of at least 1, or "auto"')
+        raise InputError(f'motions: {quote_value(motions)} given; give a whole number of at least 1, or "auto"')
 
 
 def check_count(name: str, value: Any, least: int = 1) -> None:
@@ -149,7 +149,7 @@ def check_count(name: str, value: Any, least: int = 1) -> None:
     if value is None:
         return
     if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
-        raise InputError(f"{name}: {quoted(value)} given; give a whole number of at least {least}")
+        raise InputError(f"{name}: {quote_value(value)} given; give a whole number of at least {least}")
 
 
 def check_positive(name: str, value: Any) -> None:
@@ -157,17 +157,17 @@ def check_positive(name: str, value: Any) -> None:
     if value is None:
         return
     if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < float("inf"):
-        raise InputError(f"{name}: {quoted(value)} given; give a positive number")
+        raise InputError(f"{name}: {quote_value(value)} given; give a positive number")
 
 
 def check_probability(name: str, value: Any) -> None:
     """Refuse anything but a number above 0 and at most 1; None passes."""
     check_positive(name, value)
     if value is not None and float(value) > 1.0:
-        raise InputError(f"{name}: {quoted(value)} given; give a probability, at most 1")
+        raise InputError(f"{name}: {quote_value(value)} given; give a probability, at most 1")
 
 
 def check_callable(name: str, value: Any, purpose: str) -> None:
     """Refuse anything that cannot be called, classes included; None passes."""
     if value is not None and (isinstance(value, type) or not callable(value)):
-        raise InputError(f"{name}: {quoted(value)} given; give {purpose}")
+        raise InputError(f"{name}: {quote_value(value)} given; give {purpose}")

@@ -16,7 +16,7 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import Status
 from rootmatch.explain.explain import explain
-from rootmatch.explain.mistake import Mistake, noisier
+from rootmatch.explain.mistake import Mistake, scale_noise
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
 
@@ -69,7 +69,7 @@ def _calibrate(unknowns: int, given: MatchingTask) -> MatchingTask:
             camera: Camera | None = task.problem.camera  # type: ignore[attr-defined]
             for coarser in (factor, AFTER):
                 changed = replace(body.problem, camera=camera)  # type: ignore[type-var]
-                found = explain(replace(body, problem=changed, points=noisier(body.points, 1.0, coarser)))
+                found = explain(replace(body, problem=changed, points=scale_noise(body.points, 1.0, coarser)))
                 camera = _fit_camera(body, found.assignment, found.pose, unknowns)
                 if camera is None:
                     break

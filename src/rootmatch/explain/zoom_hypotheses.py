@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.explain.image_hypotheses import Candidate, best_of, symmetries, with_poses
+from rootmatch.explain.image_hypotheses import Candidate, best_proposals, select_determined, symmetry_images
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.model.depth_reversal import reversed_in_depth
+from rootmatch.model.depth_reversal import reverse_depths
 from rootmatch.model.evidence import Evidence
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
-from rootmatch.model.proposals import Proposals, joined, look_alikes, no_proposals, refitted
-from rootmatch.model.zoom_model import ZoomModel, unstored
+from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals, look_alikes, refit_proposals
+from rootmatch.model.zoom_model import ZoomModel, decode_zoom
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.zoom_pose import ZoomFits, zoom_fits, zoom_starts
@@ -32,7 +32,7 @@ def has_image_model(problem: Problem) -> bool:
     return problem.takes_prior or isinstance(problem, UP2PF)
 
 
-def candidate_of(task: MatchingTask, assignments: list[Integers], tensor: AffinityTensor | None = None) -> Candidate:
+def make_candidate(task: MatchingTask, assignments: list[Integers], tensor: AffinityTensor | None = None) -> Candidate:
     """`Candidate.of` a task, by the model of its problem."""
     kind = ZoomCandidate if isinstance(task.problem, UP2PF) else Candidate
     return kind.of(task, assignments, tensor)
@@ -44,7 +44,7 @@ class ZoomCandidate(Candidate):
     model: ZoomModel
 
     @staticmethod
-    def modelled(task: MatchingTask) -> ZoomModel:
+    def make_model(task: MatchingTask) -> ZoomModel:
         """See `Candidate.modelled`."""
         problem, points = task.problem, task.points
         assert isinstance(problem, UP2PF)
@@ -57,40 +57,40 @@ class ZoomCandidate(Candidate):
     def poses_of(self, rows: Integers) -> Proposals:
         """See `Candidate.poses_of`: of whole hyper-edges, as three matches have hardly fewer poses than a body."""
         if not len(rows):
-            return no_proposals(self.task.rows)
-        return self._posed(
+            return empty_proposals(self.task.rows)
+        return self._pose_fits(
             rows, zoom_starts(self.task.points, *self._camera, rows, usual=self.model.camera.focal, most=1)
         )
 
     def proposals(self, assignments: Sequence[Integers]) -> Proposals:
         """See `Candidate.proposals`: the lowest fits of each."""
-        rows = with_poses(self.task, assignments)
+        rows = select_determined(self.task, assignments)
         if not len(rows):
-            return no_proposals(self.task.rows)
-        return self._posed(
+            return empty_proposals(self.task.rows)
+        return self._pose_fits(
             rows, zoom_fits(self.task.points, *self._camera, rows, usual=self.model.camera.focal, most=VALLEYS)
         )
 
     def fitted(self, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
         """See `Candidate.fitted`: each at several poses."""
-        return refitted(self.model, self.proposals(list(assignments)))
+        return refit_proposals(self.model, self.proposals(list(assignments)))
 
     def twins(self, modes: Modes) -> Proposals:
         """See `Candidate.twins`: at the focal lengths of the poses that they are twins of."""
-        upright, best = self.model.upright, best_of(modes)
-        log_zoom, level = unstored(upright, best.rotation)
-        images, parts = symmetries(self.task), [no_proposals(self.task.rows)]
+        upright, best = self.model.upright, best_proposals(modes)
+        log_zoom, level = decode_zoom(upright, best.rotation)
+        images, parts = symmetry_images(self.task), [empty_proposals(self.task.rows)]
         for k in range(len(level)):
             first = best._replace(rotation=level).take(slice(k, k + 1))
-            twins = [reversed_in_depth(self.model, first)]
+            twins = [reverse_depths(self.model, first)]
             twins += [look_alikes(first, self.model.points, self.model.points, image[None]) for image in images]
-            every = joined(twins)
+            every = join_proposals(twins)
             along = (every.rotation @ upright.world[1] * upright.camera[1]).sum(axis=1)
             every = every.take(np.flatnonzero(along >= np.cos(UPRIGHT)))
             log_focal = np.full(len(every.rotation), log_zoom[k] + np.log(self.model.camera.focal))
-            own = self.model.at_focal(unstored(upright, every.rotation)[1], log_focal)
+            own = self.model.encode_focal(decode_zoom(upright, every.rotation)[1], log_focal)
             parts.append(every._replace(rotation=own))
-        return joined(parts)
+        return join_proposals(parts)
 
     @property
     def _camera(self) -> tuple[Floats, Upright]:
@@ -98,8 +98,8 @@ class ZoomCandidate(Candidate):
         assert isinstance(self.task.problem, UP2PF)
         return np.array(self.task.problem.centre), self.task.problem.upright
 
-    def _posed(self, rows: Integers, fits: ZoomFits) -> Proposals:
+    def _pose_fits(self, rows: Integers, fits: ZoomFits) -> Proposals:
         """Assignments (K, n) with those of their fits that there are."""
         of, which = np.nonzero(np.isfinite(fits.chi2))
-        rotation = self.model.at_focal(fits.rotation[of, which], fits.log_focal[of, which])
+        rotation = self.model.encode_focal(fits.rotation[of, which], fits.log_focal[of, which])
         return Proposals(rows[of], rotation, fits.position[of, which])

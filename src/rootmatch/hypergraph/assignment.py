@@ -19,7 +19,7 @@ INVALID, UNCLEAR, CLEAR = 0, 1, 2
 """What `assign_clear` says of a soft assignment."""
 
 
-def apart_from(assignments: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.bool_]:
+def are_targets_disjoint(assignments: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which assignments (K, n) share no target with another one (n,)."""
     taken = np.zeros(max(int(assignments.max(initial=-1)), int(other.max(initial=-1))) + 2, np.bool_)
     taken[other] = True
@@ -57,7 +57,7 @@ def discretise(soft: ArrayLike) -> NDArray[np.int64]:
         checkpoint(SECONDS_PER_STEP * value.size * min(value.shape))
         # A common scale changes nothing, and keeps sums of huge values finite.
         largest = value.max(initial=0.0)
-        return largest_total(value / largest if largest > 0 else value, 0.0)
+        return maximise_total(value / largest if largest > 0 else value, 0.0)
     return assignment
 
 
@@ -94,7 +94,7 @@ def assign_clear(soft, assignment, taken):  # type: ignore[no-untyped-def]
     return CLEAR
 
 
-def largest_total(value: NDArray[np.float64], above: float | NDArray[np.float64] = -np.inf) -> NDArray[np.int64]:
+def maximise_total(value: NDArray[np.float64], above: float | NDArray[np.float64] = -np.inf) -> NDArray[np.int64]:
     """The one-to-one assignment (n,) with the largest total of values (n, n'), of the pairs ``above`` some value.
 
     ``above`` may differ from row to row, (n,).

@@ -8,7 +8,7 @@ from rootmatch.jit.decorators import driver, part
 
 
 @part
-def _listed(columns, gain, count, change, value):  # type: ignore[no-untyped-def]
+def _enter_change(columns, gain, count, change, value):  # type: ignore[no-untyped-def]
     """Enter a change if there is room; returns the number of changes with it."""
     if count < gain.size:
         for column in range(4):
@@ -18,7 +18,7 @@ def _listed(columns, gain, count, change, value):  # type: ignore[no-untyped-def
 
 
 @part
-def listed_changes(assignment, gains, least, columns, gain):  # type: ignore[no-untyped-def]
+def enumerate_changes(assignment, gains, least, columns, gain):  # type: ignore[no-untyped-def]
     """As `list_changes`."""
     n, n_target = gains.shape
     free = np.ones(n_target, np.bool_)
@@ -31,24 +31,24 @@ def listed_changes(assignment, gains, least, columns, gain):  # type: ignore[no-
     for i in range(n):
         for j in range(n_target):
             if free[j] and gains[i, j] - own[i] > least:
-                count = _listed(columns, gain, count, (i, j, -1, -1), gains[i, j] - own[i])
+                count = _enter_change(columns, gain, count, (i, j, -1, -1), gains[i, j] - own[i])
     for i in range(n):
         if assignment[i] >= 0 and -own[i] > least:
-            count = _listed(columns, gain, count, (i, -1, -1, -1), -own[i])
+            count = _enter_change(columns, gain, count, (i, -1, -1, -1), -own[i])
     for other in range(n):
         if assignment[other] >= 0:
             continue
         for i in range(n):
             j = assignment[i]
             if j >= 0 and gains[other, j] - own[i] > least:
-                count = _listed(columns, gain, count, (i, -1, other, j), gains[other, j] - own[i])
+                count = _enter_change(columns, gain, count, (i, -1, other, j), gains[other, j] - own[i])
     for i in range(n):
         for other in range(i):
             j, k = assignment[i], assignment[other]
             if j >= 0 and k >= 0:
                 value = (gains[i, k] - own[i]) + (gains[other, j] - own[other])
                 if value > least:
-                    count = _listed(columns, gain, count, (i, k, other, j), value)
+                    count = _enter_change(columns, gain, count, (i, k, other, j), value)
     return count
 
 
@@ -58,4 +58,4 @@ def list_changes(assignment, gains, least, columns, gain):  # type: ignore[no-un
 
     Returns how many there are, in the order of `rootmatch.hypergraph.neighbourhood.likely_changes`.
     """
-    return listed_changes(assignment, gains, least, columns, gain)
+    return enumerate_changes(assignment, gains, least, columns, gain)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
-from rootmatch.jit.threads import chunk_bounds, in_threads, threads_worth
+from rootmatch.jit.internal import internal_function
+from rootmatch.jit.threads import chunk_bounds, run_in_threads, worthwhile_threads
 
 CHUNK = 32768
 """Hyper-edges a chunk: about a tenth of a millisecond, which outweighs the start of a thread
@@ -32,7 +32,7 @@ USUALLY_INSIDE = 4096
 
 def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Contraction v (n n',) of the hyper-edges (E, d) by x (n n',)."""
-    chunks = chunks_of(weights.size, x.size)
+    chunks = chunk_count(weights.size, x.size)
     tables = np.zeros((chunks, 2, x.size))
     if chunks == 1:
         _scatter(indices, weights, x, 0, weights.size, tables[0])
@@ -44,11 +44,11 @@ def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArra
         for chunk in range(first, last):
             _scatter(indices, weights, x, bounds[chunk], bounds[chunk + 1], tables[chunk])
 
-    in_threads(add, chunks, threads_worth(chunks))
+    run_in_threads(add, chunks, worthwhile_threads(chunks))
     return np.asarray(tables.sum(axis=1).sum(axis=0))
 
 
-def chunks_of(hyperedges: int, correspondences: int) -> int:
+def chunk_count(hyperedges: int, correspondences: int) -> int:
     """Chunks of a contraction: enough to share among threads, few enough that clearing their tables costs nothing."""
     return max(1, min(hyperedges // CHUNK, MOST_CHUNKS, hyperedges // correspondences))
 
@@ -59,7 +59,7 @@ def _scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untyp
     scatter(indices, weights, x, first, last, tables)
 
 
-@internal(error_model="numpy")
+@internal_function(error_model="numpy")
 def scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untyped-def]
     """Add the contraction of hyper-edges first…last−1 into the sum of two tables (2, n n').
 
@@ -101,7 +101,7 @@ def scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untype
                 product *= x[a]
 
 
-def inside(indices: NDArray[np.int32], chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def find_inside(indices: NDArray[np.int32], chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Hyper-edges all of whose correspondences are chosen, (A, n n') for A assignments.
 
     Returns the numbers of assignments and of hyper-edges, assignment by assignment.
@@ -109,13 +109,13 @@ def inside(indices: NDArray[np.int32], chosen: NDArray[np.bool_]) -> tuple[NDArr
     count = min(len(chosen) * len(indices), USUALLY_INSIDE)
     while True:
         which, edges = np.empty(count, np.int64), np.empty(count, np.int64)
-        count = int(_inside(indices, chosen, which, edges))
+        count = int(_find_inside(indices, chosen, which, edges))
         if count <= edges.size:
             return which[:count], edges[:count]
 
 
 @driver(nogil=True)
-def _inside(indices, chosen, which, edges):  # type: ignore[no-untyped-def]
+def _find_inside(indices, chosen, which, edges):  # type: ignore[no-untyped-def]
     """Fill in what is inside as far as the arrays reach, and count all of it."""
     count = 0
     for s in range(chosen.shape[0]):
@@ -139,7 +139,7 @@ def first_fault(indices: NDArray[np.int32], weights: NDArray[np.float64], n: int
         if verdict != VALID:
             found.append((int(edge), int(verdict)))
 
-    in_threads(look, weights.size, threads_worth(weights.size // CHUNK))
+    run_in_threads(look, weights.size, worthwhile_threads(weights.size // CHUNK))
     edge, verdict = min(found, default=(-1, VALID))
     return verdict, edge
 

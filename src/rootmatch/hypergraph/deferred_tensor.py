@@ -37,7 +37,7 @@ class DeferredTensor(AffinityTensor):
         return {"indices": self.indices, "weights": self.weights, "shape": self.shape, "unary": self.unary}
 
 
-def renumbered(
+def renumber_tensor(
     tensor: AffinityTensor,
     places: tuple[NDArray[np.integer], NDArray[np.integer]],
     shape: tuple[int, int],
@@ -50,7 +50,7 @@ def renumbered(
     return AffinityTensor.unchecked(indices, np.asarray(tensor.weights), shape, unary)
 
 
-def joined_tensor(
+def concatenate_tensors(
     parts: Sequence[AffinityTensor], shape: tuple[int, int], unary: NDArray[np.float64] | None
 ) -> AffinityTensor:
     """The hyper-edges of several tensors of the same points, one tensor after the other."""

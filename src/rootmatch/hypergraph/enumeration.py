@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import kept_by_values
+from rootmatch.arrays import cache_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.random_tuples import distinct_tuples
@@ -140,7 +140,7 @@ def shuffled_arrangements(rng: np.random.Generator, n_target: int, length: int) 
     return distinct_tuples(rng, MOST_SHUFFLED, n_target, length, np.int32)
 
 
-def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
+def farthest_point_order(points: NDArray[np.float64]) -> NDArray[np.int64]:
     """Order of points (n, k), each the farthest from all before it; the first is the farthest from the mean.
 
     The first points of a hyper-edge are its minimal set: solved from points far apart, it predicts best.
@@ -148,25 +148,25 @@ def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
     places = np.ascontiguousarray(points, np.float64)
     if len(places) <= KEPT_POINTS:
         return _kept_order(places).copy()
-    return _wide_first(places)
+    return _farthest_point_order(places)
 
 
-@kept_by_values(16)
+@cache_by_values(16)
 def _kept_order(places: NDArray[np.float64]) -> NDArray[np.int64]:
     """The order of few points."""
-    return _wide_first(places.copy())  # what is read-only is another type to a kernel
+    return _farthest_point_order(places.copy())  # what is read-only is another type to a kernel
 
 
-def _wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """See `wide_first`."""
+def _farthest_point_order(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """See `farthest_point_order`."""
     from rootmatch.hypergraph.farthest_first import farthest_first  # takes Numba
-    from rootmatch.jit.threads import in_pieces
+    from rootmatch.jit.threads import run_in_pieces
 
     order = np.empty(len(points), dtype=np.int64)
     distance = ((points - points.sum(axis=0) / len(points)) ** 2).sum(axis=1)
     order[0] = distance.argmax()
     nearest = np.full(len(points), np.inf)
-    in_pieces(lambda first, last: farthest_first(points, first, last, order, nearest), len(points))
+    run_in_pieces(lambda first, last: farthest_first(points, first, last, order, nearest), len(points))
     return order
 
 

@@ -146,7 +146,7 @@ def nearest_hyperedges(
     """
     from scipy.spatial import cKDTree  # slow to import
 
-    chosen = _chosen(invariant)
+    chosen = _choose_invariant(invariant)
     dimension = np.shape(np.asarray(source))[-1] if np.ndim(source) == 2 else 0
     if dimension not in chosen.dimensions:
         raise InputError(
@@ -156,8 +156,8 @@ def nearest_hyperedges(
     first = check_points(source, dimension, "source", chosen.order, of="this invariant")
     second = check_points(target, dimension, "target", chosen.order, of="this invariant")
     n, n_target = len(first), len(second)
-    wanted = _count(tuples, n * n_target, "tuples")
-    near = _count(neighbours, n * n_target, "neighbours")
+    wanted = _check_count(tuples, n * n_target, "tuples")
+    near = _check_count(neighbours, n * n_target, "neighbours")
     rng = np.random.default_rng(seed)
     of_source = _tuples(n, chosen.order, wanted, rng)
     of_target = _tuples(n_target, chosen.order, TARGET_TUPLES, rng)
@@ -224,7 +224,7 @@ def invariant_affinities(
     return indices[kept], weights[kept], (len(np.asarray(source)), n_target)
 
 
-def _chosen(invariant: str | Invariant) -> Invariant:
+def _choose_invariant(invariant: str | Invariant) -> Invariant:
     if isinstance(invariant, Invariant):
         return invariant
     if invariant not in INVARIANTS:
@@ -232,7 +232,7 @@ def _chosen(invariant: str | Invariant) -> Invariant:
     return INVARIANTS[invariant]
 
 
-def _count(given: int | None, default: int, name: str) -> int:
+def _check_count(given: int | None, default: int, name: str) -> int:
     if given is None:
         return default
     if int(given) != given or given < 1:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.rows import one_to_one
+from rootmatch.hypergraph.rows import are_one_to_one
 
 Layout = Literal["row", "column"]
 """Row: i·n' + i', as in `AffinityTensor`; column: i'·n + i, as in pygmtools and MATLAB."""
 
 
-def row_major(flat: NDArray[np.int64], shape: tuple[int, int], layout: Layout | None) -> NDArray[np.int64]:
+def to_row_major(flat: NDArray[np.int64], shape: tuple[int, int], layout: Layout | None) -> NDArray[np.int64]:
     """Indices (E, d) of entries as this package has them, i·n' + i'.
 
     In the other layout the same numbers are another problem. Where the layout is not given it is taken as ``"row"``,
@@ -29,8 +29,8 @@ def row_major(flat: NDArray[np.int64], shape: tuple[int, int], layout: Layout | 
         raise InputError(f'layout: {layout!r} given; give "row" for i·n\' + i\', or "column" for i\'·n + i')
     several = (np.diff(np.sort(flat, axis=1), axis=1) > 0).all(axis=1)  # weights of single pairs fit any layout
     rows, columns = flat[several], other[several]
-    if layout is None and not np.array_equal(rows, columns) and one_to_one(columns, n_target).all():
-        if not one_to_one(rows, n_target).all():
+    if layout is None and not np.array_equal(rows, columns) and are_one_to_one(columns, n_target).all():
+        if not are_one_to_one(rows, n_target).all():
             raise InputError(
                 'layout: the entries fit layout="column", i\'·n + i as in pygmtools and MATLAB, and not "row", the '
                 "default; give the layout"

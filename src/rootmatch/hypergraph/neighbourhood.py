@@ -26,7 +26,7 @@ class Changes(NamedTuple):
         """A subset of the changes."""
         return Changes(*(column[which] for column in self))
 
-    def applied_to(self, assignment: Integers) -> Integers:
+    def apply_to(self, assignment: Integers) -> Integers:
         """The changed assignments, (K, n)."""
         changed = np.repeat(assignment[None], len(self.source), axis=0)
         rows, second = np.arange(len(changed)), self.other >= 0

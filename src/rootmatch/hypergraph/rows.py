@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from rootmatch.hypergraph.contraction import CHUNK
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.threads import in_threads, threads_worth
+from rootmatch.jit.threads import run_in_threads, worthwhile_threads
 
 
 def sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
     """Copy of the rows (E, d) with the entries of each in ascending order."""
     out = indices.copy()
-    in_threads(lambda first, last: _sort_rows(out, first, last), len(out), threads_worth(len(out) // CHUNK))
+    run_in_threads(lambda first, last: _sort_rows(out, first, last), len(out), worthwhile_threads(len(out) // CHUNK))
     return out
 
 
@@ -37,13 +37,13 @@ def unique_rows(rows: NDArray[Any], base: int) -> tuple[NDArray[np.intp], NDArra
 
     Entries lie in 0 … base − 1.
     """
-    _, first, group = np.unique(**_comparable(rows, base), return_index=True, return_inverse=True)
+    _, first, group = np.unique(**_unique_arguments(rows, base), return_index=True, return_inverse=True)
     return first, group.reshape(-1)
 
 
 def first_rows(rows: NDArray[Any], base: int) -> NDArray[np.intp]:
     """Row number of the first of each distinct row, as `unique_rows` gives it, for callers that need no groups."""
-    first: NDArray[np.intp] = np.unique(**_comparable(rows, base), return_index=True)[1]
+    first: NDArray[np.intp] = np.unique(**_unique_arguments(rows, base), return_index=True)[1]
     return first
 
 
@@ -55,14 +55,14 @@ def row_keys(rows: NDArray[Any], base: int) -> NDArray[np.int64]:
     return keys
 
 
-def _comparable(rows: NDArray[Any], base: int) -> dict[str, Any]:
+def _unique_arguments(rows: NDArray[Any], base: int) -> dict[str, Any]:
     """Arguments of `numpy.unique`: rows as one integer each where they fit, which compares ten times as fast."""
     if float(base) ** rows.shape[1] >= 2.0**63:
         return {"ar": rows, "axis": 0}
     return {"ar": row_keys(rows, base)}
 
 
-def one_to_one(rows: NDArray[Any], n_target: int) -> NDArray[np.bool_]:
+def are_one_to_one(rows: NDArray[Any], n_target: int) -> NDArray[np.bool_]:
     """Whether the correspondences of each row have distinct source points and distinct target points, (E,)."""
     source, target = np.sort(rows // n_target, axis=1), np.sort(rows % n_target, axis=1)
     distinct = (np.diff(source, axis=1) > 0) & (np.diff(target, axis=1) > 0)

@@ -40,19 +40,19 @@ def drop_unsupported(
         As `AffinityTensor.score`.
     """
     kept = assignments.copy()
-    return kept, _weighed(tensor, kept, float(fraction))
+    return kept, _score_and_drop(tensor, kept, float(fraction))
 
 
-def scores_of(tensor: AffinityTensor, assignments: NDArray[np.int64]) -> NDArray[np.float64]:
+def score_assignments(tensor: AffinityTensor, assignments: NDArray[np.int64]) -> NDArray[np.float64]:
     """Scores (K,) of assignments (K, n), as `AffinityTensor.score`, in one call."""
-    return _weighed(tensor, np.array(assignments, np.int64), ALL_STAY)
+    return _score_and_drop(tensor, np.array(assignments, np.int64), ALL_STAY)
 
 
 ALL_STAY = -1.0
 """Stands in place of a fraction: no entry of the assignment changes."""
 
 
-def _weighed(tensor: AffinityTensor, kept: NDArray[np.int64], fraction: float) -> NDArray[np.float64]:
+def _score_and_drop(tensor: AffinityTensor, kept: NDArray[np.int64], fraction: float) -> NDArray[np.float64]:
     """Scores of assignments, in which points are unmatched in place."""
     scores, edges = np.zeros(len(kept)), np.empty(len(tensor.indices), np.int64)
     unary = np.empty((0, 0)) if tensor.unary is None else tensor.unary

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import contraction
-from rootmatch.hypergraph.layouts import Layout, row_major
-from rootmatch.hypergraph.rows import one_to_one, sorted_rows, unique_rows
+from rootmatch.hypergraph.layouts import Layout, to_row_major
+from rootmatch.hypergraph.rows import are_one_to_one, sorted_rows, unique_rows
 
 _FAULTS = {
     contraction.OUT_OF_RANGE: "a correspondence is outside 0 … n·n'−1; flat indices are a = i·n' + i'",
@@ -57,7 +57,7 @@ class AffinityTensor:
     unary: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        n, n_target = self._checked_shape()
+        n, n_target = self._check_shape()
         given = np.asarray(self.indices)
         if given.ndim != 2 or given.shape[1] < 2 or not (np.issubdtype(given.dtype, np.integer) or given.size == 0):
             raise InputError(
@@ -79,13 +79,13 @@ class AffinityTensor:
         if fault != contraction.VALID:
             pairs = [divmod(int(a), n_target) for a in indices[edge]]
             raise InputError(f"hyper-edge {edge}, (i, i') = {pairs}, weight {weights[edge]:g}: {_FAULTS[fault]}")
-        self._set(indices, weights, (n, n_target), self._checked_unary(n, n_target))
+        self._set(indices, weights, (n, n_target), self._check_unary(n, n_target))
 
     def _set(self, *values: Any) -> None:
         for name, value in zip(("indices", "weights", "shape", "unary"), values, strict=True):
             object.__setattr__(self, name, value)
 
-    def _checked_shape(self) -> tuple[int, int]:
+    def _check_shape(self) -> tuple[int, int]:
         try:
             n, n_target = (int(m) for m in self.shape)
         except (TypeError, ValueError):
@@ -94,7 +94,7 @@ class AffinityTensor:
             raise InputError(f"shape: got {(n, n_target)}; expected n, n' ≥ 1 and n·n' < 2³¹")
         return n, n_target
 
-    def _checked_unary(self, n: int, n_target: int) -> NDArray[np.float64] | None:
+    def _check_unary(self, n: int, n_target: int) -> NDArray[np.float64] | None:
         if self.unary is None:
             return None
         unary = _float_array("unary", self.unary)
@@ -138,11 +138,11 @@ class AffinityTensor:
         For a binary x this is what each correspondence adds, or would add, to the score. The result does not depend on
         the number of threads. Tensors above 64 k hyper-edges use `numba.get_num_threads()` threads.
         """
-        soft = self._checked_soft(x)
+        soft = self._check_soft(x)
         v = contraction.contract(self.indices, self.weights, soft.ravel()).reshape(self.shape)
         return v if self.unary is None else v + self.unary
 
-    def _checked_soft(self, x: ArrayLike) -> NDArray[np.float64]:
+    def _check_soft(self, x: ArrayLike) -> NDArray[np.float64]:
         soft = _float_array("x", x)
         if soft.shape != self.shape:
             raise InputError(f"x: got shape {soft.shape}; expected (n, n') = {self.shape}")
@@ -156,14 +156,14 @@ class AffinityTensor:
     def score(self, assignment: ArrayLike) -> float:
         """Objective of an assignment (n,): the target of each source point, each once at most; −1 where unmatched."""
         chosen = self._indicator(assignment)
-        _, edges = contraction.inside(self.indices, chosen.reshape(1, -1))
+        _, edges = contraction.find_inside(self.indices, chosen.reshape(1, -1))
         score = float(self.weights[edges].sum())
         return score if self.unary is None else score + float(self.unary[chosen].sum())
 
     def inside(self, assignment: ArrayLike) -> AffinityTensor:
         """The hyper-edges inside an assignment, which make up its score, as a small tensor."""
         chosen = self._indicator(assignment)
-        _, edges = contraction.inside(self.indices, chosen.reshape(1, -1))
+        _, edges = contraction.find_inside(self.indices, chosen.reshape(1, -1))
         unary = None if self.unary is None else np.where(chosen, self.unary, 0.0)
         return AffinityTensor.unchecked(self.indices[edges], self.weights[edges], self.shape, unary)
 
@@ -240,7 +240,7 @@ class AffinityTensor:
         if flat.size and (flat.min() < 0 or flat.max() >= n * n_target):
             raise InputError(f"coordinates: got {flat.min()} … {flat.max()}; expected 0 … {n * n_target - 1}")
         flat, value = flat[value != 0], value[value != 0]
-        flat = row_major(flat, (n, n_target), layout)
+        flat = to_row_major(flat, (n, n_target), layout)
         unary = None
         if flat.shape[1] == 2:
             diagonal = flat[:, 0] == flat[:, 1]
@@ -249,7 +249,7 @@ class AffinityTensor:
                 np.add.at(unary.ravel(), flat[diagonal, 0], value[diagonal])
                 flat, value = flat[~diagonal], value[~diagonal]
         if conflicts == "drop":
-            ok = one_to_one(flat, n_target)
+            ok = are_one_to_one(flat, n_target)
             flat, value = flat[ok], value[ok]
         given = cls(flat.astype(np.int32), value, (n, n_target), unary)
         merged = given.merged("max")
@@ -333,7 +333,7 @@ def _float_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
         raise InputError(f"{name}: expected an array of numbers, got {type(value).__name__}") from None
 
 
-def strongest(tensor: AffinityTensor, shape: tuple[int, int], most: int) -> NDArray[np.int64]:
+def strongest_assignments(tensor: AffinityTensor, shape: tuple[int, int], most: int) -> NDArray[np.int64]:
     """Assignments (K, n) of the hyper-edges with the largest weights, each alone; ``shape``: (n, n')."""
     order = np.argsort(-np.asarray(tensor.weights), kind="stable")[:most]
     i, j = np.divmod(tensor.indices[order].astype(np.int64), shape[1])

@@ -8,10 +8,10 @@ from __future__ import annotations
 from rootmatch.io.calibrations.native import DIRECTIONS
 from rootmatch.io.camera_files import (
     Calibration,
-    camera_file,
     parse_camera,
     parse_direction,
     parse_numbers,
+    path_of_camera_text,
     read_camera,
     write_camera,
 )
@@ -21,11 +21,11 @@ from rootmatch.io.known_files import prior_of_frame, read_known
 from rootmatch.io.outputs import (
     check_output,
     check_output_folder,
-    folder_written_whole,
     is_standard_output,
-    sent_through,
-    write_text_whole,
-    written_whole,
+    is_written_through,
+    write_atomically,
+    write_folder_atomically,
+    write_text_atomically,
 )
 from rootmatch.io.point_files import (
     PointSet,
@@ -36,17 +36,17 @@ from rootmatch.io.point_files import (
     write_matches,
     write_points,
 )
-from rootmatch.io.pose_files import finite, pose_format, pose_record, read_prior, write_poses
+from rootmatch.io.pose_files import finite_or_none, pose_format, pose_record, read_prior, write_poses
 
 __all__ = [
     "DIRECTIONS",
     "Calibration",
     "PointSet",
-    "camera_file",
+    "path_of_camera_text",
     "check_output",
     "check_output_folder",
-    "finite",
-    "folder_written_whole",
+    "finite_or_none",
+    "write_folder_atomically",
     "is_standard_output",
     "parse_camera",
     "parse_direction",
@@ -62,12 +62,12 @@ __all__ = [
     "read_points",
     "read_prior",
     "read_truth",
-    "sent_through",
+    "is_written_through",
     "write_camera",
     "write_matches",
     "write_points",
     "write_poses",
     "write_table",
-    "write_text_whole",
-    "written_whole",
+    "write_text_atomically",
+    "write_atomically",
 ]

@@ -15,8 +15,8 @@ from io import FileIO, StringIO
 from pathlib import Path
 from typing import Any
 
-from rootmatch.errors import InputError, quoted
-from rootmatch.io.outputs import Writable, opened_through, sent_through, write_all
+from rootmatch.errors import InputError, quote_value
+from rootmatch.io.outputs import Writable, is_written_through, open_sink, write_all
 
 try:
     import fcntl
@@ -73,14 +73,14 @@ class AppendedTable:
         self._open = ExitStack()
         with ExitStack() as on_error:
             on_error.callback(self.close)
-            if sent_through(path):
+            if is_written_through(path):
                 if resume:
                     raise InputError(f"{path}: it is no file that can be continued; leave --resume out")
-                self._stream: Writable = self._open.enter_context(opened_through(path))
+                self._stream: Writable = self._open.enter_context(open_sink(path))
             else:
                 self._place = Path(os.path.realpath(path))
-                self._stream = self._open.enter_context(self._alone(self._place))
-                self._begin(self._stream, self._place, resume)
+                self._stream = self._open.enter_context(self._open_locked(self._place))
+                self._resume_or_clear(self._stream, self._place, resume)
             on_error.pop_all()
 
     def write(self, rows: Iterable[Sequence[Any]]) -> None:
@@ -90,7 +90,7 @@ class AppendedTable:
         content = text.getvalue().encode()
         try:
             if not self._begun:
-                self._note_settings()
+                self._write_settings()
                 content = self._header + content
                 self._begun = True
             write_all(self._stream, content)
@@ -109,7 +109,7 @@ class AppendedTable:
                 self._place.unlink()
         self._open.close()
 
-    def _alone(self, place: Path) -> FileIO:
+    def _open_locked(self, place: Path) -> FileIO:
         """The file opened, and locked for as long as this process lives."""
         try:
             while True:
@@ -120,7 +120,7 @@ class AppendedTable:
                     handle = os.open(place, os.O_RDWR)
                     self._made = False
                 stream = FileIO(handle, "r+")
-                if not _locked(handle):
+                if not _try_lock(handle):
                     stream.close()
                     self._made = False
                     raise InputError(f"{self.path}: another process is writing to it; wait, or give another file")
@@ -131,7 +131,7 @@ class AppendedTable:
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written ({error.strerror}); choose another location") from None
 
-    def _begin(self, stream: FileIO, place: Path, resume: bool) -> None:
+    def _resume_or_clear(self, stream: FileIO, place: Path, resume: bool) -> None:
         """See what is there, and cut off what is not whole."""
         if self._header.startswith(stream.read(len(self._header) + 1)):
             stream.seek(0)  # nothing, or a header without rows
@@ -142,12 +142,12 @@ class AppendedTable:
             raise InputError(f"{self.path}: it already exists, with rows of an earlier run; remove it, or {other}")
         self._check_settings(_settings_file(place))
         stream.seek(0)
-        end = self._end_of_whole_frames(stream)
+        end = self._find_last_frame(stream)
         stream.seek(end)
         stream.truncate()
         self._begun = True
 
-    def _end_of_whole_frames(self, stream: FileIO) -> int:
+    def _find_last_frame(self, stream: FileIO) -> int:
         """Position at which the last frame begins; earlier frames are complete."""
         begin = position = 0
         last = -1
@@ -159,7 +159,7 @@ class AppendedTable:
                         raise InputError(f"{self.path}: its header is not {expected}…; give another file")
                     begin = len(line)
                 elif line.endswith(b"\n"):
-                    frame = self._frame_of(row, line)
+                    frame = self._parse_frame(row, line)
                     if frame < last:
                         raise InputError(
                             f"{self.path}, row {row}: frame {frame} after frame {last}; give the file as it was written"
@@ -171,14 +171,14 @@ class AppendedTable:
         self.done.discard(-1)
         return begin
 
-    def _frame_of(self, row: int, line: bytes) -> int:
+    def _parse_frame(self, row: int, line: bytes) -> int:
         text = line.rstrip(b"\n").decode(errors="replace")
         cell, comma, _ = text.partition(",")
         if not comma or not cell.isascii() or not cell.isdigit() or len(cell) > MOST_DIGITS or "\ufffd" in text:
-            raise InputError(f"{self.path}, row {row}: {quoted(text)} is no row of a frame; remove it")
+            raise InputError(f"{self.path}, row {row}: {quote_value(text)} is no row of a frame; remove it")
         return int(cell)
 
-    def _note_settings(self) -> None:
+    def _write_settings(self) -> None:
         """Before the first row; what a kill leaves of it is not read, as there is no row yet."""
         if self.settings is not None and self._place is not None:
             text = json.dumps(dict(self.settings), indent=1) + "\n"
@@ -199,7 +199,7 @@ class AppendedTable:
         for name in {**self.settings, **known}:
             old, new = known.get(name), self.settings.get(name)
             if old != new:
-                told = f"{quoted(new)} given, and it was begun with {quoted(old)}"
+                told = f"{quote_value(new)} given, and it was begun with {quote_value(old)}"
                 raise InputError(f"{self.path}: {name}: {told}; give the same again, or another file")
 
 
@@ -207,7 +207,7 @@ def _settings_file(place: Path) -> Path:
     return place.with_name(place.name + SETTINGS_SUFFIX)
 
 
-def _locked(handle: int) -> bool:
+def _try_lock(handle: int) -> bool:
     """Take the lock on an open file; False where another process has it."""
     if fcntl is None:
         return True

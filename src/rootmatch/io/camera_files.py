@@ -15,12 +15,12 @@ from rootmatch.arrays import Floats
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import unit_direction
-from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.native import DIRECTIONS, camera_entry, camera_of
+from rootmatch.errors import InputError, quote_value
+from rootmatch.io.calibrations.native import DIRECTIONS, camera_entry, camera_from_entry
 from rootmatch.io.calibrations.opencv import is_opencv
 from rootmatch.io.calibrations.reading import SUFFIXES, load_json, read_cameras, read_small_text
-from rootmatch.io.inputs import rereadable
-from rootmatch.io.outputs import write_text_whole
+from rootmatch.io.inputs import make_rereadable
+from rootmatch.io.outputs import write_text_atomically
 
 
 @dataclass(frozen=True)
@@ -50,21 +50,21 @@ def read_camera(path: Path, name: str | None = None) -> Calibration:
     name : str, optional
         Which of several cameras.
     """
-    with rereadable(path) as file:
+    with make_rereadable(path) as file:
         content = load_json(file, read_small_text(file)) if file.suffix.lower() == ".json" else None
         ours = content if isinstance(content, dict) and not is_opencv(content) else None
         if ours is not None and "cameras" not in ours and name is None:
-            camera = camera_of(file, ours, ("camera2", *DIRECTIONS))
-            camera2 = camera_of(file, ours["camera2"], ()) if ours.get("camera2") is not None else None
-            return Calibration(camera, camera2, **_directions(file, ours))
+            camera = camera_from_entry(file, ours, ("camera2", *DIRECTIONS))
+            camera2 = camera_from_entry(file, ours["camera2"], ()) if ours.get("camera2") is not None else None
+            return Calibration(camera, camera2, **_read_directions(file, ours))
         found = read_cameras(file)
         if name is None and len(found) > 1:
             hint = f"choose one by its name, such as {file}#{next(iter(found))}"
-            raise InputError(f"{file}: cameras {_listed(found)}; {hint}")
+            raise InputError(f"{file}: cameras {_list_names(found)}; {hint}")
         if name is not None and name not in found:
-            raise InputError(f"{file}: no camera is named {quoted(name)}; it has {_listed(found)}")
+            raise InputError(f"{file}: no camera is named {quote_value(name)}; it has {_list_names(found)}")
         chosen = next(iter(found.values())) if name is None else found[name]
-        return Calibration(chosen, None, **_directions(file, ours or {}))
+        return Calibration(chosen, None, **_read_directions(file, ours or {}))
 
 
 def write_camera(path: Path, calibration: Calibration) -> None:
@@ -75,7 +75,7 @@ def write_camera(path: Path, calibration: Calibration) -> None:
     for name in DIRECTIONS:
         if getattr(calibration, name) is not None:
             content[name] = np.asarray(getattr(calibration, name), dtype=float).tolist()
-    write_text_whole(path, json.dumps(content, indent=2) + "\n")
+    write_text_atomically(path, json.dumps(content, indent=2) + "\n")
 
 
 def parse_numbers(text: str, count: int, name: str, example: str) -> list[float]:
@@ -86,7 +86,7 @@ def parse_numbers(text: str, count: int, name: str, example: str) -> list[float]
         values = []
     if len(values) != count or not all(math.isfinite(value) for value in values):
         raise InputError(
-            f"{name}: {quoted(text)} given; give {count} finite numbers separated by commas, such as {example}"
+            f"{name}: {quote_value(text)} given; give {count} finite numbers separated by commas, such as {example}"
         )
     return values
 
@@ -98,7 +98,7 @@ def parse_direction(text: str, name: str) -> Floats:
 
 def parse_camera(text: str, name: str) -> Calibration:
     """Parse ``"FX,FY,CX,CY"`` in pixels, or read the camera file of that name, a camera of several as ``FILE#NAME``."""
-    file, chosen = _file_and_name(text)
+    file, chosen = _split_file_and_name(text)
     if file is not None:
         return read_camera(file, chosen)
     try:
@@ -109,12 +109,12 @@ def parse_camera(text: str, name: str) -> Calibration:
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ').removeprefix('camera: ')}{hint}") from None
 
 
-def camera_file(text: str) -> Path | None:
+def path_of_camera_text(text: str) -> Path | None:
     """The file that `parse_camera` reads for a text; None for numbers."""
-    return _file_and_name(text)[0]
+    return _split_file_and_name(text)[0]
 
 
-def _file_and_name(text: str) -> tuple[Path | None, str | None]:
+def _split_file_and_name(text: str) -> tuple[Path | None, str | None]:
     if os.path.exists(text):  # unlike Path.exists, no error for over-long texts
         return Path(text), None
     file, mark, chosen = text.rpartition("#")
@@ -123,18 +123,18 @@ def _file_and_name(text: str) -> tuple[Path | None, str | None]:
     return (Path(text) if text.lower().endswith(SUFFIXES) else None), None
 
 
-def _listed(found: dict[str, CameraModel]) -> str:
-    names = [quoted(name)[1:-1] for name in found]
+def _list_names(found: dict[str, CameraModel]) -> str:
+    names = [quote_value(name)[1:-1] for name in found]
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
-def _directions(path: Path, content: dict[str, Any]) -> dict[str, Floats]:
+def _read_directions(path: Path, content: dict[str, Any]) -> dict[str, Floats]:
     """The measured directions of a JSON object."""
     directions: dict[str, Floats] = {}
     for name in DIRECTIONS:
         if content.get(name) is not None:
             value = content[name]
             if not isinstance(value, list) or not all(isinstance(number, int | float) for number in value):
-                raise InputError(f"{path}: {name} is {quoted(value)}; give three numbers such as [0, 1, 0]")
+                raise InputError(f"{path}: {name} is {quote_value(value)}; give three numbers such as [0, 1, 0]")
             directions[name] = unit_direction(value, f"{path}: {name}")
     return directions

@@ -14,9 +14,9 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 from rootmatch.io.inputs import LARGEST, read_bytes
-from rootmatch.io.outputs import written_whole
+from rootmatch.io.outputs import write_atomically
 
 OTHER_NAMES = {
     "t": ("time",), "stamp": ("time",), "seconds": ("time",), "index": ("frame",), "image": ("frame",),
@@ -36,7 +36,7 @@ def read_text(path: Path, most: int = LARGEST, remedy: str = "split it") -> str:
 def read_table(path: Path, needed: Sequence[str], known: Sequence[str]) -> list[tuple[int, dict[str, str]]]:
     """Rows of a table as (row number, {column: stripped text}); blank lines are ignored."""
     lines = io.StringIO(read_text(path), newline="")
-    rows = [row for row in table_rows(path, lines, lambda header: needed, known) if row[1]]
+    rows = [row for row in iterate_rows(path, lines, lambda header: needed, known) if row[1]]
     if not rows:
         raise InputError(f"{path}: the file is empty; give a header row {','.join(needed)} and one row per point")
     if len(rows) == 1:
@@ -44,7 +44,7 @@ def read_table(path: Path, needed: Sequence[str], known: Sequence[str]) -> list[
     return rows[1:]
 
 
-def table_rows(
+def iterate_rows(
     path: Path, lines: Iterable[str], needed: Callable[[list[str]], Sequence[str]], known: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, str]]]:
     """Each row as (row number, {column: stripped text}), the header first; a blank line has no columns.
@@ -66,7 +66,7 @@ def table_rows(
                 yield reader.line_num, {}
                 continue
             if not header:
-                first, cells = cells[0], header_names(cells)
+                first, cells = cells[0], parse_header(cells)
                 header, expected = cells, ",".join(needed(cells))
                 _refuse_separators(where(), cells, known, f"under a header row {expected}")
                 if first.startswith("#") and not set(header) <= set(known):
@@ -85,7 +85,7 @@ def table_rows(
         raise InputError(f"{where()}: not comma-separated values ({error}); check the quotes") from None
 
 
-def header_names(cells: Iterable[str]) -> list[str]:
+def parse_header(cells: Iterable[str]) -> list[str]:
     """The names of the columns in the cells of a header, in lower case; a # before the first is none of its name."""
     names = [cell.strip().strip('"').lower() for cell in cells]
     return [names[0].removeprefix("#").strip(), *names[1:]]
@@ -93,30 +93,30 @@ def header_names(cells: Iterable[str]) -> list[str]:
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Write a CSV table in UTF-8, moved into place when complete."""
-    with written_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+    with write_atomically(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
 
 
-def number(path: Path, row: int, column: str, text: str) -> float:
+def parse_number(path: Path, row: int, column: str, text: str) -> float:
     """Parse the finite number of a cell, or raise an error that names it."""
     where = f"{path}, row {row}"
     if not text:
         raise InputError(f"{where}: {column} is empty; give a number, or remove the row")
     if not _is_number(text) or "_" in text:
-        raise InputError(f"{where}: {column} is {quoted(text)}, which is not a number; give one such as 12.5")
+        raise InputError(f"{where}: {column} is {quote_value(text)}, which is not a number; give one such as 12.5")
     value = float(text)
     if not math.isfinite(value):
-        raise InputError(f"{where}: {column} is {quoted(text)}; give a finite number, or remove the row")
+        raise InputError(f"{where}: {column} is {quote_value(text)}; give a finite number, or remove the row")
     return value
 
 
-def positive(path: Path, row: int, column: str, text: str) -> float:
+def parse_nonnegative(path: Path, row: int, column: str, text: str) -> float:
     """Parse the number of a cell, 0 or more, such as a standard deviation."""
-    value = number(path, row, column, text)
+    value = parse_number(path, row, column, text)
     if value < 0.0:
-        raise InputError(f"{path}, row {row}: {column} is {quoted(text)}; give a number of 0 or more")
+        raise InputError(f"{path}, row {row}: {column} is {quote_value(text)}; give a number of 0 or more")
     return value
 
 
@@ -141,30 +141,32 @@ def check_header(path: Path, row: int, header: list[str], needed: Sequence[str],
         raise InputError(f"{where}: numbers instead of column names; add a header row {expected}")
     repeated = [name for name in header if header.count(name) > 1]
     if repeated:
-        raise InputError(f"{where}: the column {quoted(repeated[0])} is named twice; name each column once")
+        raise InputError(f"{where}: the column {quote_value(repeated[0])} is named twice; name each column once")
     unknown = [name for name in header if name not in known]
     if unknown == ["z"]:
         raise InputError(f"{where}: a column z in an image, which has {expected}; are the two files swapped?")
     missing = [name for name in needed if name not in header]
     if missing:
-        hint = "; is it an image, and are the two files swapped?" if missing == ["z"] else _meant(unknown, known)
+        hint = (
+            "; is it an image, and are the two files swapped?" if missing == ["z"] else _suggest_columns(unknown, known)
+        )
         raise InputError(f"{where}: the column {missing[0]!r} is missing, the header must name {expected}{hint}")
     if unknown:
         of_points = {"x", "y"} <= set(unknown)
-        hint = "; is it a file of points or detections?" if of_points else _meant(unknown[:1], known)
+        hint = "; is it a file of points or detections?" if of_points else _suggest_columns(unknown[:1], known)
         raise InputError(
-            f"{where}: the column {quoted(unknown[0])} is unknown; known columns are {', '.join(known)}{hint}"
+            f"{where}: the column {quote_value(unknown[0])} is unknown; known columns are {', '.join(known)}{hint}"
         )
 
 
-def _meant(unknown: Sequence[str], known: Sequence[str]) -> str:
+def _suggest_columns(unknown: Sequence[str], known: Sequence[str]) -> str:
     """Which columns unknown names probably stand for: those of other programs, and misspelt ones."""
     from difflib import get_close_matches
 
     for name in unknown:
         likely = [one for one in OTHER_NAMES.get(name, get_close_matches(name, known, 1)) if one in known]
         if likely:
-            return f"; rename {quoted(name)} to {likely[0]}{', in seconds' if likely == ['time'] else ''}?"
+            return f"; rename {quote_value(name)} to {likely[0]}{', in seconds' if likely == ['time'] else ''}?"
     return ""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.io.outputs import write_text_whole
+from rootmatch.io.outputs import write_text_atomically
 from rootmatch.problems.pose_fit.pose import Pose
 
 ROS_ORDER = (3, 4, 5, 0, 1, 2)
@@ -47,7 +47,7 @@ def ros_record(
             "frame_id": frame_id,
         },
         "child_frame_id": child_frame_id,
-        "transform": {"translation": _named(pose.t), "rotation": _named(pose.quaternion)},
+        "transform": {"translation": _name_components(pose.t), "rotation": _name_components(pose.quaternion)},
         "covariance": covariance,
     }
 
@@ -58,7 +58,7 @@ def openxr_record(pose: Pose) -> dict[str, Any]:
     Lengths are metres in OpenXR, and so they must be in the model.
     """
     turned = pose.in_axes("openxr")
-    return {"orientation": _named(turned.quaternion), "position": _named(turned.t)}
+    return {"orientation": _name_components(turned.quaternion), "position": _name_components(turned.t)}
 
 
 def write_trajectory(path: Path | str, times: Sequence[float], poses: Iterable[Pose | None]) -> None:
@@ -78,7 +78,7 @@ def write_trajectory(path: Path | str, times: Sequence[float], poses: Iterable[P
             raise InputError(f"times: {time} given; give seconds")
         if pose is not None:
             lines.append(" ".join(map(repr, trajectory_row(time, pose))))
-    write_text_whole(Path(path), "".join(f"{line}\n" for line in lines))
+    write_text_atomically(Path(path), "".join(f"{line}\n" for line in lines))
 
 
 def trajectory_row(time: float, pose: Pose) -> list[float]:
@@ -87,5 +87,5 @@ def trajectory_row(time: float, pose: Pose) -> list[float]:
     return [float(time), *back.t.tolist(), *back.quaternion.tolist()]
 
 
-def _named(values: NDArray[np.float64]) -> dict[str, float]:
+def _name_components(values: NDArray[np.float64]) -> dict[str, float]:
     return dict(zip("xyzw", values.tolist(), strict=False))

@@ -13,12 +13,12 @@ from typing import Any, TextIO
 import numpy as np
 
 from rootmatch.arrays import Floats
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 from rootmatch.io.appended_table import MOST_DIGITS
-from rootmatch.io.csv_tables import header_names, number, table_rows
-from rootmatch.io.inputs import unreadable_named
-from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
-from rootmatch.io.noise_columns import COVARIANCE, noise_columns, noise_of_row, noise_of_rows
+from rootmatch.io.csv_tables import iterate_rows, parse_header, parse_number
+from rootmatch.io.inputs import name_unreadable
+from rootmatch.io.known_files import COLUMNS, KnownInImage, has_known_columns
+from rootmatch.io.noise_columns import COVARIANCE, find_noise_columns, noise_array, parse_row_noise
 
 STANDARD_INPUT = Path("-")
 MOST_DETECTIONS = 100_000
@@ -53,10 +53,10 @@ def has_frames(path: Path) -> bool:
         return True
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            header = next((line for line in _lines(path, stream) if line.strip()), "")
+            header = next((line for line in _iterate_lines(path, stream) if line.strip()), "")
     except (OSError, ValueError):
         return False  # who reads it as one image says what is wrong
-    return not {"frame", "time"}.isdisjoint(header_names(header.split(",")))
+    return not {"frame", "time"}.isdisjoint(parse_header(header.split(",")))
 
 
 def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False, skipping: bool = False) -> Iterator[Frame]:
@@ -81,9 +81,9 @@ def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False, skippin
         `Frame.fault`.
     """
     name = Path("standard input") if path == STANDARD_INPUT else path
-    with _opened(path) as stream:
+    with _open_input(path) as stream:
         axes = ("x", "y", "camera") if of_rig else ("x", "y", "z")[:dimension]
-        yield from _frames(name, stream, axes, skipping)
+        yield from _iterate_frames(name, stream, axes, skipping)
 
 
 class _Frames:
@@ -93,20 +93,20 @@ class _Frames:
         self.path, self.axes, self.skipping = path, axes, skipping
         self.fault: str | None = None
         self.numbered, self.timed = (name in header for name in ("frame", "time"))
-        self.noisy = noise_columns(path, header)
+        self.noisy = find_noise_columns(path, header)
         self.key: tuple[int, float | None] | None = None
         self._latest: tuple[int, float | None] | None = None
         self.ended = True
         self._points: list[list[float]] = []
         self._sigma: list[list[float]] = []
-        self._known = KnownInImage(path) if check_groups(path, header) else None
+        self._known = KnownInImage(path) if has_known_columns(path, header) else None
 
     def take(self, row: int, cells: dict[str, str]) -> Iterator[Frame]:
         """Add a row; yield the frame that ends before it."""
         where = f"{self.path}, row {row}"
-        time = number(self.path, row, "time", cells["time"]) if self.timed else None
+        time = parse_number(self.path, row, "time", cells["time"]) if self.timed else None
         if self.numbered:
-            key = _frame_number(self.path, row, cells["frame"]), time
+            key = _parse_frame_number(self.path, row, cells["frame"]), time
         else:  # the time alone tells frames apart
             key = 0 if self.key is None else self.key[0] + (time != self.key[1]), time
         if key != self.key:
@@ -128,19 +128,19 @@ class _Frames:
             self._known.take(row, cells)
         if self.fault is None and any(cells[axis] for axis in self.axes):
             try:
-                self._take_detection(row, cells)
+                self._add_detection(row, cells)
             except InputError as error:
                 if not self.skipping:
                     raise
                 self.fault = str(error)
 
-    def _take_detection(self, row: int, cells: dict[str, str]) -> None:
+    def _add_detection(self, row: int, cells: dict[str, str]) -> None:
         assert self.key is not None
         where, key = f"{self.path}, row {row}", self.key
         if len(self._points) == MOST_DETECTIONS:
             raise InputError(f"{where}: more than {MOST_DETECTIONS:,} detections in {self._name(*key)}")
-        point = [number(self.path, row, axis, cells[axis]) for axis in self.axes]
-        self._sigma.append(noise_of_row(self.path, row, self.noisy, cells))
+        point = [parse_number(self.path, row, axis, cells[axis]) for axis in self.axes]
+        self._sigma.append(parse_row_noise(self.path, row, self.noisy, cells))
         self._points.append(point)
 
     def end(self) -> Iterator[Frame]:
@@ -149,7 +149,7 @@ class _Frames:
             return
         self.ended = True
         points = np.array(self._points).reshape(-1, len(self.axes))
-        sigma = noise_of_rows(self.noisy, self._sigma)
+        sigma = noise_array(self.noisy, self._sigma)
         self._points, self._sigma, fault, self.fault = [], [], self.fault, None
         known = None if self._known is None else self._known.end()
         yield Frame(self.key[0], points, self.key[1], sigma=sigma, known=known, fault=fault)
@@ -170,14 +170,14 @@ class _Frames:
         return f"frame {frame}" if self.numbered else f"time {time:g}"
 
 
-def _frames(path: Path, stream: TextIO, axes: tuple[str, ...], skipping: bool) -> Iterator[Frame]:
+def _iterate_frames(path: Path, stream: TextIO, axes: tuple[str, ...], skipping: bool) -> Iterator[Frame]:
     def needed(header: list[str]) -> tuple[str, ...]:
         return ("time" if "time" in header and "frame" not in header else "frame", *axes)
 
     known = ("frame", "time", *axes, "sigma", *COVARIANCE, *COLUMNS)
     frames: _Frames | None = None
     try:
-        for row, cells in table_rows(path, _lines(path, stream), needed, known):
+        for row, cells in iterate_rows(path, _iterate_lines(path, stream), needed, known):
             if frames is None:
                 frames = _Frames(path, list(cells), axes, skipping) if cells else None
             else:
@@ -192,7 +192,7 @@ def _frames(path: Path, stream: TextIO, axes: tuple[str, ...], skipping: bool) -
     yield from frames.end()
 
 
-def _lines(path: Path, stream: TextIO) -> Iterator[str]:
+def _iterate_lines(path: Path, stream: TextIO) -> Iterator[str]:
     """The lines, with a bound on their length."""
     while line := stream.readline(LONGEST_LINE):
         if len(line) == LONGEST_LINE:
@@ -200,17 +200,17 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
         yield line
 
 
-def _frame_number(path: Path, row: int, text: str) -> int:
+def _parse_frame_number(path: Path, row: int, text: str) -> int:
     if text.isascii() and text.isdigit() and len(text) <= MOST_DIGITS:
         return int(text)
     with suppress(ValueError):  # `numpy.savetxt` writes 7 as 7.000000000000000000e+00
         value = float(text)
         if value.is_integer() and 0.0 <= value <= EXACT and "_" not in text:
             return int(value)
-    raise InputError(f"{path}, row {row}: frame is {quoted(text)}; give a whole number, 0 or more")
+    raise InputError(f"{path}, row {row}: frame is {quote_value(text)}; give a whole number, 0 or more")
 
 
-def _standard_input() -> Iterator[TextIO]:
+def _open_standard_input() -> Iterator[TextIO]:
     """Standard input as UTF-8 with or without a byte-order mark, whatever the locale."""
     if sys.stdin is None or sys.stdin.closed:
         raise InputError("standard input: it is closed; give a file, or frames in a pipe")
@@ -225,11 +225,11 @@ def _standard_input() -> Iterator[TextIO]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[TextIO]:
+def _open_input(path: Path) -> Iterator[TextIO]:
     if path == STANDARD_INPUT:
-        yield from _standard_input()
+        yield from _open_standard_input()
         return
-    with unreadable_named(path):
+    with name_unreadable(path):
         stream = path.open(encoding="utf-8-sig", newline="")
     with stream:
         yield stream

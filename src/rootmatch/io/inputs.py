@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 
 LARGEST = 100_000_000
 """Maximum size of a table of points in bytes; a million points take less."""
@@ -16,7 +16,7 @@ LARGEST = 100_000_000
 
 def read_bytes(path: Path, most: int = LARGEST, remedy: str = "split it") -> bytes:
     """The content of a file, pipe or device of at most ``most`` bytes."""
-    with unreadable_named(path):
+    with name_unreadable(path):
         if path.is_dir():
             raise InputError(f"{path}: it is a folder; give the name of a file")
         with path.open("rb") as stream:
@@ -27,13 +27,13 @@ def read_bytes(path: Path, most: int = LARGEST, remedy: str = "split it") -> byt
 
 
 @contextmanager
-def unreadable_named(path: Path) -> Iterator[None]:
+def name_unreadable(path: Path) -> Iterator[None]:
     """Errors of opening and reading a file as one line that names it."""
     try:
         yield
     except OSError as error:
         if str(path).lstrip().startswith(("{", "[")):
-            told = quoted(str(path))
+            told = quote_value(str(path))
             raise InputError(f"{told}: no file has this name; write the JSON to a file, and give its name") from None
         if not isinstance(error, FileNotFoundError):
             raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
@@ -45,7 +45,7 @@ def unreadable_named(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def rereadable(path: Path) -> Iterator[Path]:
+def make_rereadable(path: Path) -> Iterator[Path]:
     """Yield a path that can be read again and again: of a pipe a copy, whose errors name the pipe."""
     try:
         mode = path.stat().st_mode

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.errors import InputError, InputWarning, quoted
-from rootmatch.io.calibrations.values import errors_at
-from rootmatch.io.csv_tables import number, positive, read_table, refuse_repeats
-from rootmatch.problems.pose_fit.pose_checks import rotation_of_quaternion
+from rootmatch.errors import InputError, InputWarning, quote_value
+from rootmatch.io.calibrations.values import prefix_errors
+from rootmatch.io.csv_tables import parse_nonnegative, parse_number, read_table, refuse_repeats
+from rootmatch.problems.pose_fit.pose_checks import quaternion_to_rotation
 from rootmatch.problems.pose_fit.pose_prior import WIDEST, PosePrior
 
 ROTATION = ("qx", "qy", "qz", "qw", "q_sigma")
@@ -110,14 +110,14 @@ class KnownPoses:
         return None
 
     @property
-    def interpolated(self) -> str | None:
+    def interpolation_note(self) -> str | None:
         """A sentence on the frames that are between rows; None if there are none."""
         if not self._between:
             return None
         return f"{self.path}: interpolated at the times of {self._between} of {len(self._asked)} frames"
 
     @property
-    def unused(self) -> str | None:
+    def mismatch_note(self) -> str | None:
         """A sentence on rows and frames that do not meet; None if the file is merely longer than they."""
         if not self._asked or self.column is None:
             return None
@@ -159,19 +159,19 @@ def read_known(path: Path, labels: Collection[str] | None = None) -> KnownPoses:
     """
     rows = read_table(path, (), ("frame", "time", "body", *COLUMNS))
     columns = rows[0][1]
-    check_groups(path, columns)
+    has_known_columns(path, columns)
     if "frame" in columns and "time" in columns:
         raise InputError(f"{path}: columns frame and time; give one of them")
     column = next((name for name in ("frame", "time") if name in columns), None)
     known: dict[str | None, list[KnownRow]] = {}
     keys, empty = [], False
     for row, cells in rows:
-        when = math.nan if column is None else number(path, row, column, cells[column])
+        when = math.nan if column is None else parse_number(path, row, column, cells[column])
         body = cells.get("body")
         if body is not None:
             _check_label(f"{path}, row {row}", body, labels)
         keys.append((row, (body, None if column is None else when)))
-        told = known_in_row(path, row, cells)
+        told = parse_known_row(path, row, cells)
         empty |= told is None
         if told is not None:
             known.setdefault(body, []).append(KnownRow(when, row, told))
@@ -183,14 +183,16 @@ def read_known(path: Path, labels: Collection[str] | None = None) -> KnownPoses:
 
 def _check_label(where: str, body: str, labels: Collection[str] | None) -> None:
     if labels is None:
-        raise InputError(f"{where}: body is {quoted(body)}, and the model has no column body; leave the column out")
+        raise InputError(
+            f"{where}: body is {quote_value(body)}, and the model has no column body; leave the column out"
+        )
     if body not in labels:
         raise InputError(
-            f"{where}: body is {quoted(body)}; the bodies of the model are {', '.join(sorted(set(labels)))}"
+            f"{where}: body is {quote_value(body)}; the bodies of the model are {', '.join(sorted(set(labels)))}"
         )
 
 
-def check_groups(path: Path, columns: Collection[str]) -> bool:
+def has_known_columns(path: Path, columns: Collection[str]) -> bool:
     """Whether a file has columns of what is known."""
     for group in GROUPS.values():
         missing = [name for name in group if name not in columns]
@@ -199,12 +201,12 @@ def check_groups(path: Path, columns: Collection[str]) -> bool:
     return any(name in columns for name in COLUMNS)
 
 
-def known_in_row(path: Path, row: int, cells: Mapping[str, str]) -> PosePrior | None:
+def parse_known_row(path: Path, row: int, cells: Mapping[str, str]) -> PosePrior | None:
     """What a row tells of a pose; None if all of its cells are empty."""
-    given = {name: _group(path, row, cells, group) for name, group in GROUPS.items()}
-    with errors_at(f"{path}, row {row}"), warnings.catch_warnings():
+    given = {name: _parse_group(path, row, cells, group) for name, group in GROUPS.items()}
+    with prefix_errors(f"{path}, row {row}"), warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)  # of degrees for radians: these are degrees
-        values = {name: _value(name, group) for name, group in given.items() if group is not None}
+        values = {name: _prior_argument(name, group) for name, group in given.items() if group is not None}
         return PosePrior(**values) if values else None  # type: ignore[arg-type]
 
 
@@ -222,7 +224,7 @@ class KnownInImage:
             value = cells.get(name, "")
             if value and (before := self._cells.setdefault(name, value)) != value:
                 raise InputError(
-                    f"{self.path}, row {row}: {name} is {quoted(value)}, and {quoted(before)} in a row of the image "
+                    f"{self.path}, row {row}: {name} is {quote_value(value)}, and {quote_value(before)} in a row of the image "
                     "before; give one value for each image, in one of its rows or in all"
                 )
             self._row = self._row if not value else row
@@ -231,7 +233,7 @@ class KnownInImage:
         """What is known of the image; the next one begins."""
         cells, row = dict.fromkeys(COLUMNS, "") | self._cells, self._row
         self._cells, self._row = {}, 0
-        return known_in_row(self.path, row, cells)
+        return parse_known_row(self.path, row, cells)
 
 
 def prior_of_frame(
@@ -245,22 +247,22 @@ def prior_of_frame(
     return known.of(frame, time)
 
 
-def _group(path: Path, row: int, cells: Mapping[str, str], group: tuple[str, ...]) -> list[float] | None:
+def _parse_group(path: Path, row: int, cells: Mapping[str, str], group: tuple[str, ...]) -> list[float] | None:
     """The numbers of a group; None if all of its cells are empty."""
     if not any(cells.get(name) for name in group):
         return None
     *values, name = group
-    sigma = positive(path, row, name, cells[name])
+    sigma = parse_nonnegative(path, row, name, cells[name])
     if name != "t_sigma" and sigma > math.degrees(WIDEST):
         raise InputError(f"{path}, row {row}: {name} is {sigma:g}; give degrees up to {math.degrees(WIDEST):.0f}")
-    return [*(number(path, row, one, cells[one]) for one in values), sigma]
+    return [*(parse_number(path, row, one, cells[one]) for one in values), sigma]
 
 
-def _value(name: str, cells: list[float]) -> tuple[object, ...]:
+def _prior_argument(name: str, cells: list[float]) -> tuple[object, ...]:
     """An argument of `PosePrior`."""
     *values, sigma = cells
     if name == "rotation":
-        return rotation_of_quaternion(values, "xyzw"), math.radians(sigma)
+        return quaternion_to_rotation(values, "xyzw"), math.radians(sigma)
     if name == "position":
         return np.array(values), sigma
     return np.array(values[3:]), np.array(values[:3]), math.radians(sigma)

@@ -12,13 +12,13 @@ import numpy as np
 
 from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
-from rootmatch.io.csv_tables import number, positive
+from rootmatch.io.csv_tables import parse_nonnegative, parse_number
 
 DEVIATIONS = ("sx", "sy", "sz")
 COVARIANCE = ("sxx", "sxy", "syy")
 
 
-def noise_columns(path: Path, header: Collection[str]) -> tuple[str, ...]:
+def find_noise_columns(path: Path, header: Collection[str]) -> tuple[str, ...]:
     """Those of a table; none if it has none of them.
 
     Raises
@@ -26,7 +26,7 @@ def noise_columns(path: Path, header: Collection[str]) -> tuple[str, ...]:
     InputError
         If it has a part of them, or two that say the same.
     """
-    several = [names for names in (DEVIATIONS, COVARIANCE) if whole(path, header, names)]
+    several = [names for names in (DEVIATIONS, COVARIANCE) if has_all_columns(path, header, names)]
     if "sigma" not in header:
         return several[0] if several else ()
     if several:
@@ -36,7 +36,7 @@ def noise_columns(path: Path, header: Collection[str]) -> tuple[str, ...]:
     return ("sigma",)
 
 
-def whole(path: Path, header: Collection[str], names: tuple[str, ...]) -> bool:
+def has_all_columns(path: Path, header: Collection[str], names: tuple[str, ...]) -> bool:
     """Whether a table has all of some columns; an error if it has but a part of them."""
     given = [name for name in names if name in header]
     if given and len(given) < len(names):
@@ -47,12 +47,12 @@ def whole(path: Path, header: Collection[str], names: tuple[str, ...]) -> bool:
     return bool(given)
 
 
-def noise_of_row(path: Path, row: int, names: tuple[str, ...], cells: dict[str, str]) -> list[float]:
+def parse_row_noise(path: Path, row: int, names: tuple[str, ...], cells: dict[str, str]) -> list[float]:
     """The numbers that a row has in such columns."""
-    return [(number if name == "sxy" else positive)(path, row, name, cells[name]) for name in names]
+    return [(parse_number if name == "sxy" else parse_nonnegative)(path, row, name, cells[name]) for name in names]
 
 
-def noise_of_rows(names: tuple[str, ...], numbers: list[list[float]]) -> Floats | None:
+def noise_array(names: tuple[str, ...], numbers: list[list[float]]) -> Floats | None:
     """σ of each point (m,), of each on each axis (m, 3), or covariances (m, 2, 2); None without columns."""
     if not names:
         return None
@@ -62,8 +62,8 @@ def noise_of_rows(names: tuple[str, ...], numbers: list[list[float]]) -> Floats 
     return array[:, 0] if len(names) == 1 else array
 
 
-def noise_table(noise: Floats) -> tuple[tuple[str, ...], Floats]:
-    """Names and numbers (m, c) of the columns in which `noise_of_rows` finds a noise."""
+def tabulate_noise(noise: Floats) -> tuple[tuple[str, ...], Floats]:
+    """Names and numbers (m, c) of the columns in which `noise_array` finds a noise."""
     if noise.ndim == 3:
         return COVARIANCE, noise.reshape(-1, 4)[:, [0, 1, 3]]
     return (("sigma",), noise[:, None]) if noise.ndim == 1 else (DEVIATIONS, noise)

@@ -38,7 +38,7 @@ _REFUSED = (
 def check_output(path: Path, name: str, others: Iterable[Path] = ()) -> None:
     """Refuse, before any work, an output that cannot be written or is one of ``others``, inputs or other outputs."""
     try:
-        through = sent_through(path)
+        through = is_written_through(path)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
     if not through:
@@ -47,19 +47,19 @@ def check_output(path: Path, name: str, others: Iterable[Path] = ()) -> None:
             raise InputError(f"{name}: the folder {path.parent} does not exist; create it first")
         if not os.access(folder, os.W_OK):
             raise InputError(f"{name}: the folder {path.parent} cannot be written to; choose another")
-    elif _descriptor(path) is None and stat.S_ISCHR(path.stat().st_mode):
+    elif _find_descriptor(path) is None and stat.S_ISCHR(path.stat().st_mode):
         return  # /dev/null takes any number of outputs
     for other in others:
-        if same_file(path, other):
+        if is_same_file(path, other):
             raise InputError(f"{name}: {path} is also an input or another output; choose another name")
 
 
-def sent_through(path: Path) -> bool:
+def is_written_through(path: Path) -> bool:
     """Whether content is sent to what stands at a path, as to a device, instead of a new file being moved there.
 
     Raises `InputError` if nothing can be written there: a folder, a socket, a disk, something that is read-only.
     """
-    if _descriptor(path) is not None:
+    if _find_descriptor(path) is not None:
         return True
     try:
         mode = os.stat(path).st_mode
@@ -79,13 +79,13 @@ def sent_through(path: Path) -> bool:
 
 def is_standard_output(path: Path) -> bool:
     """Whether a path names standard output, or the file or pipe that standard output is."""
-    return _descriptor(path) == 1
+    return _find_descriptor(path) == 1
 
 
-def same_file(one: Path, other: Path) -> bool:
+def is_same_file(one: Path, other: Path) -> bool:
     """Whether two paths lead to one file, whatever links are between."""
-    if _descriptor(one) is not None or _descriptor(other) is not None:
-        return _descriptor(one) == _descriptor(other)
+    if _find_descriptor(one) is not None or _find_descriptor(other) is not None:
+        return _find_descriptor(one) == _find_descriptor(other)
     if os.path.realpath(one) == os.path.realpath(other):
         return True
     try:
@@ -95,17 +95,17 @@ def same_file(one: Path, other: Path) -> bool:
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def write_atomically(path: Path) -> Iterator[Path]:
     """Yield a temporary path; its content gets to ``path`` at the end, and nothing is left after an error."""
     temporary = None
     try:
-        through = sent_through(path)
+        through = is_written_through(path)
         folder = Path(tempfile.gettempdir() if through else os.path.dirname(os.path.realpath(path)))
         temporary = folder / f".{path.stem[:40]}-{secrets.token_hex(4)}{path.suffix[:20]}"
         if through:  # for the eyes of nobody else meanwhile
             os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         yield temporary
-        _bring(temporary, path)
+        _move_or_send(temporary, path)
     except InputError as error:  # of what is written inside, which only knows the temporary name
         raise InputError(str(error).replace(str(temporary), str(path))) from None
     except BrokenPipeError:
@@ -119,16 +119,16 @@ def written_whole(path: Path) -> Iterator[Path]:
             _discard(temporary)
 
 
-def write_text_whole(path: Path, text: str) -> None:
+def write_text_atomically(path: Path, text: str) -> None:
     """Write a text in UTF-8, moved into place when complete."""
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 @contextmanager
-def opened_through(path: Path) -> Iterator[Writable]:
+def open_sink(path: Path) -> Iterator[Writable]:
     """Yield the device, pipe or file at a path for writing, standard output in order with what is printed."""
-    number = _descriptor(path)
+    number = _find_descriptor(path)
     stream: Any = {1: sys.stdout, 2: sys.stderr}.get(number or 0)
     if stream is not None and hasattr(stream, "buffer"):
         stream.flush()
@@ -163,7 +163,7 @@ def check_output_folder(path: Path, force: bool = False) -> None:
 
 
 @contextmanager
-def folder_written_whole(path: Path, force: bool = False) -> Iterator[Path]:
+def write_folder_atomically(path: Path, force: bool = False) -> Iterator[Path]:
     """Yield a temporary folder next to ``path``, moved there at the end, or removed on any error.
 
     An existing folder is kept: files of the same name are replaced one by one, others are left alone.
@@ -177,9 +177,9 @@ def folder_written_whole(path: Path, force: bool = False) -> Iterator[Path]:
         if place.is_dir():
             files = sorted(temporary.iterdir())
             for file in files:  # all of them before the first is replaced
-                sent_through(place / file.name)
+                is_written_through(place / file.name)
             for file in files:
-                _bring(file, place / file.name)
+                _move_or_send(file, place / file.name)
         else:
             os.replace(temporary, place)
     except OSError as error:
@@ -191,7 +191,7 @@ def folder_written_whole(path: Path, force: bool = False) -> Iterator[Path]:
             shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _descriptor(path: Path) -> int | None:
+def _find_descriptor(path: Path) -> int | None:
     """The open file that a path stands for, if it does; files and pipes that standard output or error goes to count."""
     if path == STANDARD_OUTPUT or str(path) == "/dev/stdout":
         return 1
@@ -213,15 +213,15 @@ def _descriptor(path: Path) -> int | None:
     return None
 
 
-def _bring(content: Path, path: Path) -> None:
+def _move_or_send(content: Path, path: Path) -> None:
     """Bring a finished file to a path: moved there with the mode and owner of what it replaces, or sent through."""
-    if sent_through(path):
+    if is_written_through(path):
         _send(content, path)
         return
     place = os.path.realpath(path)
     try:
         if os.path.exists(place):
-            _take_after(content, os.stat(place))
+            _copy_owner_and_mode(content, os.stat(place))
         os.replace(content, place)
     except OSError as error:
         # of another user, or mounted by itself as in a container: it keeps its place
@@ -230,7 +230,7 @@ def _bring(content: Path, path: Path) -> None:
         _send(content, path)
 
 
-def _take_after(content: Path, old: os.stat_result) -> None:
+def _copy_owner_and_mode(content: Path, old: os.stat_result) -> None:
     """Give a file the owner and mode of another one."""
     new = os.stat(content)
     if (new.st_uid, new.st_gid) != (old.st_uid, old.st_gid):
@@ -240,7 +240,7 @@ def _take_after(content: Path, old: os.stat_result) -> None:
 
 
 def _send(content: Path, path: Path) -> None:
-    with content.open("rb") as source, opened_through(path) as sink:
+    with content.open("rb") as source, open_sink(path) as sink:
         while part := source.read(PART):
             write_all(sink, part)
 

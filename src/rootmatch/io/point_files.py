@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.errors import InputError, quoted
-from rootmatch.io.csv_tables import header_names, number, read_table, read_text, refuse_repeats, write_table
-from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
+from rootmatch.errors import InputError, quote_value
+from rootmatch.io.csv_tables import parse_header, parse_number, read_table, read_text, refuse_repeats, write_table
+from rootmatch.io.known_files import COLUMNS, KnownInImage, has_known_columns
 from rootmatch.io.noise_columns import (
     COVARIANCE,
     DEVIATIONS,
-    noise_columns,
-    noise_of_row,
-    noise_of_rows,
-    noise_table,
-    whole,
+    find_noise_columns,
+    has_all_columns,
+    noise_array,
+    parse_row_noise,
+    tabulate_noise,
 )
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
@@ -58,7 +58,7 @@ class PointSet:
 def point_dimension(path: Path) -> int:
     """3 if the header of a file of points has a column ``z``, else 2."""
     header = next((line for line in read_text(path).splitlines() if line.strip(" ,\t")), "")
-    return 3 if "z" in header_names(header.split(",")) else 2
+    return 3 if "z" in parse_header(header.split(",")) else 2
 
 
 def read_points(
@@ -85,39 +85,39 @@ def read_points(
     known = ("id", *needed, "sigma", *((*NORMALS, "body", *DEVIATIONS) if dimension == 3 and not of_rig else ()))
     rows = read_table(path, needed, (*known, *((*COVARIANCE, *COLUMNS) if of_image else ())))
     told, columns = KnownInImage(path), rows[0][1]
-    if of_image and check_groups(path, columns):
+    if of_image and has_known_columns(path, columns):
         for row, cells in rows:
             told.take(row, cells)
-    with_normals, noisy = whole(path, columns, NORMALS), noise_columns(path, columns)
-    points = np.array([[number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
-    bodies = _labels(path, rows, "body", "label") if "body" in columns else None
+    with_normals, noisy = has_all_columns(path, columns, NORMALS), find_noise_columns(path, columns)
+    points = np.array([[parse_number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
+    bodies = _read_labels(path, rows, "body", "label") if "body" in columns else None
     if dimension == 3 or not of_image:  # a detection may be reported twice: both stay unmatched
         owners = bodies or ("",) * len(rows)
         each = zip(rows, points.tolist(), owners, strict=True)
         refuse_repeats(path, [(row, (owner, *point)) for (row, _), point, owner in each], "point")
     normals = None
     if with_normals:
-        normals = np.array([[number(path, row, name, cells[name]) for name in NORMALS] for row, cells in rows])
+        normals = np.array([[parse_number(path, row, name, cells[name]) for name in NORMALS] for row, cells in rows])
         for (row, _), length in zip(rows, np.linalg.norm(normals, axis=1).tolist(), strict=True):
             if length < 1e-12:
                 raise InputError(f"{path}, row {row}: a normal of length 0; give the surface's outward direction")
-    ids = _labels(path, rows, "id", "name") if "id" in columns else None
+    ids = _read_labels(path, rows, "id", "name") if "id" in columns else None
     if ids is not None:
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
-    sigma = noise_of_rows(noisy, [noise_of_row(path, row, noisy, cells) for row, cells in rows])
+    sigma = noise_array(noisy, [parse_row_noise(path, row, noisy, cells) for row, cells in rows])
     if len(points) < least:
         raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
     return PointSet(points, ids, normals, bodies, sigma=sigma, known=told.end())
 
 
-def _labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, verb: str) -> tuple[str, ...]:
+def _read_labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, verb: str) -> tuple[str, ...]:
     """Names of the points from a column, as they are printed and drawn."""
     for row, cells in rows:
         if not cells[column]:
             raise InputError(f"{path}, row {row}: the {column} is empty; {verb} every point, or leave the column out")
         if not cells[column].isprintable():
             raise InputError(
-                f"{path}, row {row}: the {column} {quoted(cells[column])} has a line break or control character; "
+                f"{path}, row {row}: the {column} {quote_value(cells[column])} has a line break or control character; "
                 "remove it"
             )
     return tuple(cells[column] for _, cells in rows)
@@ -133,7 +133,7 @@ def read_truth(path: Path, source: PointSet, target: PointSet) -> Integers:
     refuse_repeats(path, [(row, cells["source"]) for row, cells in rows], "source")
     visible = [(row, cells) for row, cells in rows if cells["target"]]
     refuse_repeats(path, [(row, cells["target"]) for row, cells in visible], "target")
-    for i, j in _indices(path, visible, source, target):
+    for i, j in _find_indices(path, visible, source, target):
         truth[i] = j
     return truth
 
@@ -147,15 +147,15 @@ def read_candidates(path: Path, source: PointSet, target: PointSet) -> Bools | F
     refuse_repeats(path, [(row, (cells["source"], cells["target"])) for row, cells in rows], "correspondence")
     weighted = "weight" in rows[0][1]
     weights = np.zeros((len(source.points), len(target.points)))
-    for (i, j), (row, cells) in zip(_indices(path, rows, source, target), rows, strict=True):
-        weights[i, j] = number(path, row, "weight", cells["weight"]) if weighted else 1.0
+    for (i, j), (row, cells) in zip(_find_indices(path, rows, source, target), rows, strict=True):
+        weights[i, j] = parse_number(path, row, "weight", cells["weight"]) if weighted else 1.0
         if weights[i, j] < 0.0:
-            given = quoted(cells["weight"])
+            given = quote_value(cells["weight"])
             raise InputError(f"{path}, row {row}: weight is {given}; give a positive number, or 0 to forbid")
     return weights if weighted else weights > 0.0
 
 
-def _indices(
+def _find_indices(
     path: Path, rows: Sequence[tuple[int, dict[str, str]]], source: PointSet, target: PointSet
 ) -> list[tuple[int, int]]:
     """Indices of the source and target points that each row names."""
@@ -166,7 +166,7 @@ def _indices(
     for row, cells in rows:
         for side, indices in sides.items():
             if cells[side] not in indices:
-                given = quoted(cells[side])
+                given = quote_value(cells[side])
                 raise InputError(f"{path}, row {row}: no {side} point is named {given}; give its id or number")
     return [(sides["source"][cells["source"]], sides["target"][cells["target"]]) for _, cells in rows]
 
@@ -183,7 +183,7 @@ def write_points(path: Path, points: PointSet) -> None:
         header.append("body")
         columns.append(points.bodies)
     if points.sigma is not None:
-        names, numbers = noise_table(points.sigma)
+        names, numbers = tabulate_noise(points.sigma)
         header += names
         columns += numbers.T.tolist()
     write_table(path, header, zip(*columns, strict=True))

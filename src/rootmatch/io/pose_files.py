@@ -10,12 +10,12 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 from rootmatch.io.calibrations.reading import load_json, read_small_text
-from rootmatch.io.calibrations.values import errors_at
+from rootmatch.io.calibrations.values import prefix_errors
 from rootmatch.io.csv_tables import write_table
 from rootmatch.io.exports import openxr_record, ros_record
-from rootmatch.io.outputs import is_standard_output, write_text_whole
+from rootmatch.io.outputs import is_standard_output, write_text_atomically
 from rootmatch.problems.pose_fit.pose import Pose
 
 PoseFormat = Literal["csv", "json", "ros", "openxr", "colmap"]
@@ -35,7 +35,7 @@ def pose_format(path: Path, given: str | None) -> PoseFormat:
     if given is not None:
         if given in FORMATS:
             return given
-        raise InputError(f"pose_format: {quoted(given)} given; give csv, json, ros, openxr or colmap")
+        raise InputError(f"pose_format: {quote_value(given)} given; give csv, json, ros, openxr or colmap")
     if is_standard_output(path):  # as `rootmatch track` prints them
         return "csv"
     if path.suffix.lower() not in SUFFIXES:
@@ -59,12 +59,12 @@ def pose_record(pose: Pose) -> dict[str, Any]:
         "quaternion": pose.quaternion.tolist() if in_space and not pose.mirrored else None,
         "scale": pose.scale,
         "focal": pose.focal,
-        "parameters": list(_parameters(pose)[:size]),
+        "parameters": list(_parameter_names(pose)[:size]),
         "covariance": None if pose.covariance is None else pose.covariance.tolist(),
-        "chi2": finite(pose.chi2),
+        "chi2": finite_or_none(pose.chi2),
         "dof": pose.dof,
-        "rms": finite(pose.rms),
-        "rms_sigma": finite(pose.rms_sigma),
+        "rms": finite_or_none(pose.rms),
+        "rms_sigma": finite_or_none(pose.rms_sigma),
         "points": None if pose.points is None else pose.points.tolist(),
         "residuals": None if pose.residuals is None else pose.residuals.tolist(),
         "inliers": None if pose.inliers is None else pose.inliers.tolist(),
@@ -89,7 +89,7 @@ def _read_pose(path: Path, record: Any) -> Pose:
     missing = [name for name in ("R", "t", "covariance") if not isinstance(record, dict) or record.get(name) is None]
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing; give an object with R, t and covariance")
-    with errors_at(path):
+    with prefix_errors(path):
         return Pose(record["R"], record["t"], record["covariance"], scale=record.get("scale", 1.0))
 
 
@@ -104,22 +104,22 @@ def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> N
     known = [(motion, pose) for motion, pose in enumerate(poses) if pose is not None]
     if form == "json":
         records = [None if pose is None else {"motion": k, **pose_record(pose)} for k, pose in enumerate(poses)]
-        write_text_whole(path, json.dumps(records, allow_nan=False, indent=1) + "\n")
+        write_text_atomically(path, json.dumps(records, allow_nan=False, indent=1) + "\n")
         return
     if form in ("ros", "openxr") and any(len(pose.R) == 2 for _, pose in known):
         raise InputError(f"pose_format: {form} is for poses in space, but these are in a plane; give csv or json")
     if form in ("ros", "openxr"):
         record: Callable[[Pose], dict[str, Any]] = ros_record if form == "ros" else openxr_record
         others = [None if pose is None else record(pose) for pose in poses]
-        write_text_whole(path, json.dumps(others, allow_nan=False, indent=1) + "\n")
+        write_text_atomically(path, json.dumps(others, allow_nan=False, indent=1) + "\n")
         return
     in_plane = any(len(pose.R) == 2 for _, pose in known)
     turn, shift = (("angle",), ("tx", "ty")) if in_plane else (("qx", "qy", "qz", "qw"), ("tx", "ty", "tz"))
-    names = _parameters(known[0][1]) if known else IN_SPACE
+    names = _parameter_names(known[0][1]) if known else IN_SPACE
     pairs = upper_triangle(len(names))
     header = ["motion", *turn, *shift, "scale", "focal", "rms", "rms_sigma", "inliers", "points"]
     header += covariance_columns(names)
-    write_table(path, header, ([motion, *_row(pose, pairs)] for motion, pose in known))
+    write_table(path, header, ([motion, *_pose_cells(pose, pairs)] for motion, pose in known))
 
 
 def upper_triangle(size: int) -> list[tuple[int, int]]:
@@ -132,7 +132,7 @@ def covariance_columns(names: Sequence[str]) -> list[str]:
     return [f"cov_{names[a]}_{names[b]}" for a, b in upper_triangle(len(names))]
 
 
-def _row(pose: Pose, pairs: Sequence[tuple[int, int]]) -> list[Any]:
+def _pose_cells(pose: Pose, pairs: Sequence[tuple[int, int]]) -> list[Any]:
     """The cells of one pose after its motion; empty for what is absent."""
     if len(pose.R) == 3:
         turn = pose.quaternion.tolist()
@@ -140,17 +140,20 @@ def _row(pose: Pose, pairs: Sequence[tuple[int, int]]) -> list[Any]:
         turn = [math.atan2(pose.R[1, 0], pose.R[0, 0])]
     counts = ["" if part is None else len(part) for part in (pose.inliers, pose.points)]
     spread = ["" if pose.covariance is None else float(pose.covariance[a, b]) for a, b in pairs]
-    numbers = ["" if value is None else value for value in (pose.focal, finite(pose.rms), finite(pose.rms_sigma))]
+    numbers = [
+        "" if value is None else value
+        for value in (pose.focal, finite_or_none(pose.rms), finite_or_none(pose.rms_sigma))
+    ]
     return [*turn, *pose.t.tolist(), pose.scale, *numbers, *counts, *spread]
 
 
-def _parameters(pose: Pose) -> tuple[str, ...]:
+def _parameter_names(pose: Pose) -> tuple[str, ...]:
     """Names of the rows of the covariance."""
     names = IN_SPACE if len(pose.R) == 3 else IN_PLANE
     size = len(names) if pose.covariance is None else len(pose.covariance)
     return names if size == len(names) else (*names, "scale" if pose.focal is None else "focal")
 
 
-def finite(value: float | None) -> float | None:
+def finite_or_none(value: float | None) -> float | None:
     """A number that JSON can hold, or None."""
     return float(value) if value is not None and np.isfinite(value) else None

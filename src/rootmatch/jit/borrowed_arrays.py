@@ -16,7 +16,7 @@ from numba import types
 from rootmatch.jit.fallback import MISSING, warn_lost
 
 
-def borrowed(value: Any) -> Any:
+def borrow(value: Any) -> Any:
     """An array or a (named) tuple of them as it is; in compiled code one whose references are not counted.
 
     To be called at the beginning of a driver, on its arguments alone: an array that the function itself makes would be
@@ -25,7 +25,7 @@ def borrowed(value: Any) -> Any:
     return value
 
 
-def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+def _drop_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """LLVM's value without the pointers to what counts references."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value=value)
@@ -34,12 +34,12 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     if isinstance(kind, types.BaseTuple):
         parts: list[Any] = list(kind)  # type: ignore[call-overload]
         for position, part in enumerate(parts):
-            stripped = _without_owner(context, builder, part, builder.extract_value(value, position))
+            stripped = _drop_owner(context, builder, part, builder.extract_value(value, position))
             value = builder.insert_value(value, stripped, position)
     return value
 
 
-def _as_extension() -> None:
+def _register_extension() -> None:
     """Make it known to Numba as typing and lowering of its own.
 
     Not as an overload, which would be a function to compile for each combination of types, a tenth of a second each;
@@ -54,23 +54,23 @@ def _as_extension() -> None:
     _ = cpu.CPUContext.make_array
     insides.default_manager.lookup(types.Array(types.float64, 1, "C")).get_field_position("meminfo")
 
-    @type_callable(borrowed)
+    @type_callable(borrow)
     def typed(context: Any) -> Callable[[Any], Any]:
         def type_of(value: Any) -> Any:
             return value
 
         return type_of
 
-    @lower_builtin(borrowed, types.Any)  # type: ignore[no-untyped-call]
+    @lower_builtin(borrow, types.Any)  # type: ignore[no-untyped-call]
     def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _without_owner(context, builder, signature.args[0], arguments[0])
+        return _drop_owner(context, builder, signature.args[0], arguments[0])
 
 
-def _as_overload() -> None:
+def _register_overload() -> None:
     """Make it known as a function that hands its argument back."""
     from numba.extending import overload
 
-    @overload(borrowed)
+    @overload(borrow)
     def same(value: Any) -> Callable[[Any], Any]:
         def implementation(value: Any) -> Any:
             return value
@@ -79,7 +79,7 @@ def _as_overload() -> None:
 
 
 try:
-    _as_extension()
+    _register_extension()
 except MISSING as error:
-    _as_overload()
+    _register_overload()
     warn_lost("references are counted in the innermost loops: sweeps and the ascent are slower", error)

@@ -27,13 +27,13 @@ from rootmatch.jit import prebuilt
 from rootmatch.jit.fallback import MISSING, warn_lost
 from rootmatch.jit.locks import FileLock
 from rootmatch.jit.options import FOR_PYTHON_ALONE
-from rootmatch.jit.signals import signals_wait
+from rootmatch.jit.signals import defer_signals
 
 LOG = logging.getLogger("rootmatch")
 
 
 @contextmanager
-def interrupts_kept() -> Iterator[None]:
+def keep_interrupts() -> Iterator[None]:
     """Raise an interrupt that was lost while C called Python: at the end of the block, or in the place of its error.
 
     LLVM hands what it has compiled to a function of Numba. An exception in that is printed and forgotten, and what
@@ -77,16 +77,16 @@ class Settings:
     """Whether to do without what is prebuilt, and compile for this very processor."""
 
 
-def _described(kind: Any) -> str:
+def _describe_type(kind: Any) -> str:
     """A description of a Numba type: the same in every process, and different for every type."""
     made_of = getattr(kind, "instance_class", None)
     if made_of is None:
         return str(kind)
-    parts = ", ".join(_described(part) for part in kind)
-    return f"{made_of.__module__}.{made_of.__qualname__}[{kind}]({parts}){_outside(made_of)}"
+    parts = ", ".join(_describe_type(part) for part in kind)
+    return f"{made_of.__module__}.{made_of.__qualname__}[{kind}]({parts}){_outside_digest(made_of)}"
 
 
-def _outside(made_of: type) -> str:
+def _outside_digest(made_of: type) -> str:
     """Digest of the file of a class from outside this package, whose kernels `sources` does not know; else empty."""
     if made_of.__module__.partition(".")[0] == "rootmatch":
         return ""
@@ -108,7 +108,7 @@ def _announce(driver: str) -> None:
     _announce_once.append(driver)
     line = (
         "compiling kernels for this machine, which is done once and takes a minute at most "
-        f"({prebuilt.misfit() or 'a rare one is not prebuilt'}); `rootmatch warmup` does it ahead"
+        f"({prebuilt.reason_for_misfit() or 'a rare one is not prebuilt'}); `rootmatch warmup` does it ahead"
     )
     LOG.info(line)
     if sys.stderr is not None and sys.stderr.isatty():
@@ -180,7 +180,7 @@ try:
         def _name(self, sig: Any, processor: Any) -> str:
             """The name of an overload's file: the driver, a digest of the sources, and a digest of all else."""
             arguments, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
-            types = "; ".join(map(_described, arguments))
+            types = "; ".join(map(_describe_type, arguments))
             key = _digest(f"{types}\n{processor}\n{prebuilt.interpreter()}\n{self._code}")
             return f"{self._stem}.{prebuilt.stamp()}.{key}{SUFFIX}"
 
@@ -213,7 +213,7 @@ try:
                 data = path.read_bytes()
             except OSError:
                 return None
-            with signals_wait():  # a symbol may be missing else, and to write to its address ends the process
+            with defer_signals():  # a symbol may be missing else, and to write to its address ends the process
                 try:
                     if HASH_SECRET in data:
                         target_context.refresh()
@@ -255,7 +255,7 @@ try:
 
             Without garbage collection: a compiler makes millions of objects and few cycles, a tenth of its time.
             """
-            with global_compiler_lock, interrupts_kept():
+            with global_compiler_lock, keep_interrupts():
                 held, collecting = len(self._cache.locks), gc.isenabled()
                 gc.disable()
                 try:
@@ -283,7 +283,7 @@ except MISSING as error:
     warn_lost("kernels that come with it cannot be used, and a damaged cache of compiled code ends a match", error)
 
 
-def kept_on_disk(options: dict[str, Any]) -> Callable[[Callable[..., Any]], Any]:
+def keep_on_disk(options: dict[str, Any]) -> Callable[[Callable[..., Any]], Any]:
     """Decorator as `numba.njit` with ``cache=True``; without a cache where no folder for it can be written."""
 
     def decorated(function: Callable[..., Any]) -> Any:

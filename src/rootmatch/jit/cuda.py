@@ -23,7 +23,7 @@ SIMULATED: bool = bool(cuda.config.ENABLE_CUDASIM) if hasattr(cuda, "config") el
 _known: set[Any] = set()
 
 
-def make_known() -> None:
+def register_kernels() -> None:
     """Tell numba-cuda which kernel serves which types.
 
     Raises `InputError` where numba-cuda cannot be told: a kernel has to be chosen by type, so nothing runs on the card;
@@ -37,7 +37,7 @@ def make_known() -> None:
         from numba.cuda.extending import overload
 
         if not _known:
-            _know_root()
+            _register_root()
         for function, choice in OVERLOADS:
             if function not in _known:
                 overload(function)(choice)
@@ -50,7 +50,7 @@ def make_known() -> None:
         ) from error
 
 
-def _know_root() -> None:
+def _register_root() -> None:
     """numba-cuda knows the root of `math` only."""
     from numba.cuda.extending import lower_builtin
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rootmatch.jit.cache import kept_on_disk
-from rootmatch.jit.internal import internal
+from rootmatch.jit.cache import keep_on_disk
+from rootmatch.jit.internal import internal_function
 from rootmatch.jit.options import FORCED
 
 FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
@@ -16,11 +16,11 @@ FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
 """
 
 
-scalar = internal(fastmath=FASTMATH, error_model="numpy", **FORCED)
+scalar = internal_function(fastmath=FASTMATH, error_model="numpy", **FORCED)
 """Decorator of scalar kernels: straight-line arithmetic that LLVM inlines, and vectorises in the loop around it."""
 
 
-kernel = internal(fastmath=FASTMATH, error_model="numpy", **FORCED)
+kernel = internal_function(fastmath=FASTMATH, error_model="numpy", **FORCED)
 """Decorator of what loops: row kernels and large scalars.
 
 Inlined too, into the driver: a function of its own would be there twice, optimised apart, and a process that has just
@@ -28,10 +28,10 @@ compiled the driver would call the other copy than one that found it on disk, wh
 """
 
 
-part = internal(fastmath=FASTMATH, error_model="numpy")
+part = internal_function(fastmath=FASTMATH, error_model="numpy")
 """Decorator of what LLVM may inline or call: pieces of the search, whose loop a large body would slow by two thirds."""
 
 
 def driver(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator of what Python calls: as `numba.njit` with these options, kept on disk (`rootmatch.jit.cache`)."""
-    return kept_on_disk(options)
+    return keep_on_disk(options)

@@ -20,17 +20,17 @@ OVERLOADS: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
 """Functions that choose a kernel by type, each with its choice; a backend of another target makes them known there."""
 
 
-def chooses(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def choose_by_types(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Decorate the choice of what ``function`` is in compiled code, on processors and on every other target."""
 
     def known(choice: Callable[..., Any]) -> Callable[..., Any]:
         OVERLOADS.append((function, choice))
-        return _overloaded(function, choice)
+        return _overload_function(function, choice)
 
     return known
 
 
-def calls(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def call_by_types(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Decorate the choice, by types, of the kernel that ``function`` is in compiled code on processors.
 
     Unlike an overload there is no function between the two, which would be optimised for itself once more.
@@ -38,31 +38,31 @@ def calls(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callab
 
     def known(choice: Callable[..., Any]) -> Callable[..., Any]:
         if CALLED_DIRECTLY:
-            _replaced(function, choice)
+            _replace_call(function, choice)
         else:
-            _overloaded(function, _calling(choice))
+            _overload_function(function, _make_calling_choice(choice))
         return choice
 
     return known
 
 
-def kernel_of(kernels: Callable[[Any], Any], name: str) -> Callable[..., Any]:
+def dispatch_to_kernel(kernels: Callable[[Any], Any], name: str) -> Callable[..., Any]:
     """A function that is, in compiled code, the kernel of that name among the ``kernels`` of its first argument."""
 
     def called(tables: Any, *arguments: Any) -> Any:
         return getattr(kernels(tables), name)(tables, *arguments)
 
-    calls(called)(lambda tables, *arguments: getattr(kernels(tables), name))
+    call_by_types(called)(lambda tables, *arguments: getattr(kernels(tables), name))
     return called
 
 
-def _overloaded(function: Callable[..., Any], choice: Callable[..., Any]) -> Callable[..., Any]:
+def _overload_function(function: Callable[..., Any], choice: Callable[..., Any]) -> Callable[..., Any]:
     options: Any = dict(FORCED)
     result: Callable[..., Any] = overload(function, jit_options=options)(choice)
     return result
 
 
-def _calling(choice: Callable[..., Any]) -> Callable[..., Any]:
+def _make_calling_choice(choice: Callable[..., Any]) -> Callable[..., Any]:
     """The choice of a function that calls the kernel which ``choice`` names."""
 
     def overloaded(*arguments: Any) -> Callable[..., Any]:
@@ -76,7 +76,7 @@ def _calling(choice: Callable[..., Any]) -> Callable[..., Any]:
     return overloaded
 
 
-def _replaced(function: Callable[..., Any], choice: Callable[..., Any]) -> None:
+def _replace_call(function: Callable[..., Any], choice: Callable[..., Any]) -> None:
     """Tell Numba's typing and lowering that a call of the function is one of the kernel."""
     from numba.core.typing.templates import AbstractTemplate, infer_global
     from numba.extending import lower_builtin
@@ -107,13 +107,13 @@ try:
 
     # what the lowering needs, looked at now: there it would be too late to do without
     _ = types.Dispatcher.get_call_type, CPUContext.get_function
-    _replaced(_probe, lambda: None)
+    _replace_call(_probe, lambda: None)
 except MISSING as error:
     CALLED_DIRECTLY = False
     warn_lost("kernels are called through functions in between: the first match takes longer", error)
 
 
-def class_of(value: Any) -> Any:
+def tuple_class(value: Any) -> Any:
     """The class of a NamedTuple that is given as it is, as its class, or as its Numba type."""
     if isinstance(value, type):
         return value

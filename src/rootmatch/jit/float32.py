@@ -21,7 +21,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from rootmatch.jit.fallback import MISSING, warn_lost
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 
 EPSILON = float(np.finfo(np.float32).eps)
 LEAST, MOST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
@@ -33,18 +33,18 @@ ROUNDING = 16.0
 _twins: dict[Any, Any] = {}
 
 
-def constant(value: Any) -> Any:
+def round_constant(value: Any) -> Any:
     """The twin's version of a kernel's constant: floats are rounded, anything else is unchanged."""
     if isinstance(value, float):
         if np.isfinite(value) and value != 0.0:
             value = np.copysign(min(max(abs(value), LEAST), MOST), value)
         return np.float32(value)
     if isinstance(value, tuple):
-        return tuple(map(constant, value))
+        return tuple(map(round_constant, value))
     return value
 
 
-def twin(kernel: Any) -> Any:
+def single_precision_twin(kernel: Any) -> Any:
     """The kernel in single precision: jitted with the kernel's options, or plain where compilation is switched off.
 
     The kernel itself where this Python's code cannot be remade.
@@ -52,8 +52,8 @@ def twin(kernel: Any) -> Any:
     if not can_remake():
         return kernel
     if kernel not in _twins:
-        remade: Any = _remade(getattr(kernel, "py_func", kernel))
-        _twins[kernel] = internal(**kernel.asked)(remade) if hasattr(kernel, "asked") else remade
+        remade: Any = _remake_function(getattr(kernel, "py_func", kernel))
+        _twins[kernel] = internal_function(**kernel.asked)(remade) if hasattr(kernel, "asked") else remade
     return _twins[kernel]
 
 
@@ -65,7 +65,7 @@ def _probe() -> float:
 def can_remake() -> bool:
     """Whether the constants of a function can be exchanged in this version of Python."""
     try:
-        if type(_remade(_probe)()) is not np.float32:  # type: ignore[arg-type]
+        if type(_remake_function(_probe)()) is not np.float32:  # type: ignore[arg-type]
             raise ValueError("constants of bytecode are not where they were")
     except MISSING as error:
         warn_lost("nothing is computed in single precision: a screen on a card is no faster", error)
@@ -73,15 +73,17 @@ def can_remake() -> bool:
     return True
 
 
-def _remade(function: FunctionType) -> FunctionType:
+def _remake_function(function: FunctionType) -> FunctionType:
     """A function with its constants rounded, and twins in the place of the kernels that it refers to."""
     code = function.__code__
     if any(isinstance(part, CodeType) for part in code.co_consts):
         raise TypeError(f"{function.__qualname__}: a kernel with a function inside has no twin")
-    names = {name: _referred(function.__globals__[name]) for name in code.co_names if name in function.__globals__}
-    cells = tuple(CellType(_referred(cell.cell_contents)) for cell in function.__closure__ or ())
+    names = {
+        name: _twin_of_reference(function.__globals__[name]) for name in code.co_names if name in function.__globals__
+    }
+    cells = tuple(CellType(_twin_of_reference(cell.cell_contents)) for cell in function.__closure__ or ())
     remade = FunctionType(
-        code.replace(co_consts=tuple(map(constant, code.co_consts))),
+        code.replace(co_consts=tuple(map(round_constant, code.co_consts))),
         {**names, "__builtins__": function.__globals__["__builtins__"], "__name__": function.__module__},
         function.__name__,
         function.__defaults__,
@@ -91,9 +93,13 @@ def _remade(function: FunctionType) -> FunctionType:
     return remade
 
 
-def _referred(value: Any) -> Any:
+def _twin_of_reference(value: Any) -> Any:
     """The twin's counterpart of a function or a constant that its kernel refers to."""
-    return twin(value) if hasattr(value, "py_func") or isinstance(value, FunctionType) else constant(value)
+    return (
+        single_precision_twin(value)
+        if hasattr(value, "py_func") or isinstance(value, FunctionType)
+        else round_constant(value)
+    )
 
 
 def is_single(tables: Any) -> bool:
@@ -101,12 +107,12 @@ def is_single(tables: Any) -> bool:
     return any(getattr(field, "dtype", None) in (types.float32, np.dtype(np.float32)) for field in tables)
 
 
-def serving(tables: Any, kernel: Callable[..., Any]) -> Callable[..., Any]:
+def kernel_for_tables(tables: Any, kernel: Callable[..., Any]) -> Callable[..., Any]:
     """The kernel, or its twin, as the tables ask."""
-    return twin(kernel) if is_single(tables) else kernel
+    return single_precision_twin(kernel) if is_single(tables) else kernel
 
 
-def rounded(tables: Any) -> Any:
+def round_tables(tables: Any) -> Any:
     """Tables in single precision.
 
     Rounding blurs a bearing as noise does. So ``variance`` grows by that of `ROUNDING` · EPSILON radians: residuals
@@ -123,8 +129,8 @@ def rounded(tables: Any) -> Any:
     for field, power in (("points", 1), ("distance2", 2)):
         if field in tables._fields:
             changed[field] = getattr(tables, field) * unit**power
-    return type(tables)(*(_rounded(field) for field in tables._replace(**changed)))
+    return type(tables)(*(_round_array(field) for field in tables._replace(**changed)))
 
 
-def _rounded(field: NDArray[Any]) -> NDArray[Any]:
+def _round_array(field: NDArray[Any]) -> NDArray[Any]:
     return field.astype(np.float32) if field.dtype == np.float64 else field

@@ -74,7 +74,7 @@ except MISSING as error:
     warn_lost("every jitted function is compiled for Python too: the first match takes longer", error)
 
 
-def internal(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+def internal_function(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator as `numba.njit` with these options, for what jitted code calls; nothing is kept on disk of it alone."""
 
     def decorated(function: Callable[..., Any]) -> Any:

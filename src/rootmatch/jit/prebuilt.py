@@ -53,7 +53,7 @@ def write_manifest(folder: Path) -> None:
     (folder / MANIFEST).write_text(json.dumps(manifest, indent=1), encoding="utf-8")
 
 
-def misfit(folder: Path = FOLDER) -> str | None:
+def reason_for_misfit(folder: Path = FOLDER) -> str | None:
     """Why the kernels of a folder cannot be used here, in words; None if they can."""
     if not (folder / MANIFEST).is_file():
         return "none come with this installation"
@@ -61,14 +61,14 @@ def misfit(folder: Path = FOLDER) -> str | None:
         manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         if manifest["interpreter"] != interpreter():
             return f"the prebuilt ones are for {manifest['interpreter']}, and this is {interpreter()}"
-        if _digest_of(manifest) != manifest["sources"]:
+        if _manifest_digest(manifest) != manifest["sources"]:
             return "the prebuilt ones are of other sources"
     except (OSError, ValueError, KeyError, TypeError):
         return "the prebuilt ones cannot be read"
     return _cpu_misfit(manifest["cpu"])
 
 
-def _digest_of(manifest: dict[str, Any]) -> str:
+def _manifest_digest(manifest: dict[str, Any]) -> str:
     """The digest of the files that a manifest names, as they are now."""
     return sources.digest(sources.PACKAGE / name for name in manifest["files"])
 
@@ -78,7 +78,7 @@ def stamp() -> str:
     """`rootmatch.jit.sources.stamp`, quicker where a manifest names the files that it is made of."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         manifest: dict[str, Any] = json.loads((FOLDER / MANIFEST).read_text(encoding="utf-8"))
-        if _digest_of(manifest) == manifest["sources"]:
+        if _manifest_digest(manifest) == manifest["sources"]:
             return str(manifest["sources"])
     return sources.stamp()
 
@@ -104,4 +104,4 @@ def _cpu_misfit(cpu: str) -> str | None:
 @cache
 def usable_folder() -> Path | None:
     """The folder of kernels that can be used here, looked at once in a process."""
-    return FOLDER if misfit() is None else None
+    return FOLDER if reason_for_misfit() is None else None

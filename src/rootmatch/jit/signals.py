@@ -33,7 +33,7 @@ class _Waiting:
 
 
 @contextmanager
-def signals_wait() -> Iterator[None]:
+def defer_signals() -> Iterator[None]:
     """Call the handlers of signals that come during the block at its end, once each.
 
     Handlers run in the main thread alone, so nothing is to be done in others.

@@ -31,7 +31,7 @@ _IMPORT = re.compile(
 """An import statement. A sentence of a docstring may look like one, which at worst adds a file."""
 
 
-def imported(text: str) -> set[str]:
+def imported_modules(text: str) -> set[str]:
     """The modules, as paths, that a source file names in imports; of ``from a import b``, ``a`` and ``a/b``."""
     found: set[str] = set()
     for match in _IMPORT.finditer(text):
@@ -45,7 +45,7 @@ def imported(text: str) -> set[str]:
 def compiled_sources(package: Path = PACKAGE) -> list[Path]:
     """The files that compiled code is made of: those that import something of `COMPILING`, and what these import."""
     paths = {path.relative_to(package.parent).with_suffix("").as_posix(): path for path in package.rglob("*.py")}
-    imports = {path: imported(path.read_text(encoding="utf-8")) for path in paths.values()}
+    imports = {path: imported_modules(path.read_text(encoding="utf-8")) for path in paths.values()}
     waiting = [path for path, names in imports.items() if names & COMPILING]
     needed: set[Path] = set()
     while waiting:

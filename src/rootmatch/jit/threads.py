@@ -13,7 +13,7 @@ from types import CodeType, FunctionType
 
 import numba
 
-from rootmatch.deadline import Deadline, OutOfTime, checkpoint, in_force
+from rootmatch.deadline import Deadline, OutOfTime, active_deadline, checkpoint
 
 LONGEST = 0.05
 """Seconds of compiled code between two looks for signals, a tenth of what one may wait for. A round value."""
@@ -23,7 +23,7 @@ FORGOTTEN = 0.7
 """Part of the time of the slowest tasks that is still expected of those of the next piece. A round value."""
 
 
-def threads_worth(tasks: int) -> int:
+def worthwhile_threads(tasks: int) -> int:
     """Threads for so many tasks each worth one: no more than Numba is allowed, and at least one.
 
     Waking threads for a few microseconds of work costs more than the work, and far more on a busy machine.
@@ -32,7 +32,7 @@ def threads_worth(tasks: int) -> int:
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
+def use_one_thread() -> Iterator[None]:
     """Use a single thread for what is called inside; afterwards as many as before."""
     allowed = int(numba.get_num_threads())
     numba.set_num_threads(1)
@@ -80,7 +80,7 @@ class Ranges:
         stopped: Event | None = None,
     ) -> None:
         self.work, self.last, self.largest = work, last, largest
-        self.deadline = in_force() if deadline is None else deadline
+        self.deadline = active_deadline() if deadline is None else deadline
         self.stopped, self.lock = stopped, Lock()
         self.next, self.size = first, min(begin, largest)
         self.slowest = _SLOWEST.get(work.__code__, 0.0) if isinstance(work, FunctionType) else 0.0
@@ -88,7 +88,7 @@ class Ranges:
     def run(self) -> None:
         """Process pieces until none is left."""
         try:
-            while (piece := self._taken()) is not None:
+            while (piece := self._take_piece()) is not None:
                 started = self.deadline.clock()
                 self.work(*piece)
                 self._grow(piece[1] - piece[0], self.deadline.clock() - started)
@@ -101,7 +101,7 @@ class Ranges:
         with self.lock:
             self.next = self.last
 
-    def _taken(self) -> tuple[int, int] | None:
+    def _take_piece(self) -> tuple[int, int] | None:
         with self.lock:
             first = self.next
             if first >= self.last or (self.stopped is not None and self.stopped.is_set()):
@@ -120,7 +120,7 @@ class Ranges:
             self.size = max(min(int(longest / self.slowest), GROWTH * tasks, self.largest), 1)
 
 
-def in_pieces(work: Callable[[int, int], None], count: int) -> None:
+def run_in_pieces(work: Callable[[int, int], None], count: int) -> None:
     """Call ``work(first, last)`` in this thread for ranges that make up 0 … count, each of which takes about `LONGEST`.
 
     Raises `OutOfTime` if the deadline in force passes before all tasks are begun.
@@ -132,7 +132,7 @@ def in_pieces(work: Callable[[int, int], None], count: int) -> None:
         Ranges(work, 0, count, largest=count).run()
 
 
-def in_threads(
+def run_in_threads(
     work: Callable[[int, int], None], count: int, threads: int, parts: int = 1, stopped: Event | None = None
 ) -> None:
     """Call ``work(first, last)`` for ranges that make up 0 … count, on some threads and in ``parts`` ranges for each.
@@ -143,7 +143,7 @@ def in_threads(
     """
     threads = min(threads, count)
     if threads < 2:
-        in_pieces(work, count)
+        run_in_pieces(work, count)
         return
     from concurrent.futures import ThreadPoolExecutor  # a tenth of what `import rootmatch` takes
 
@@ -160,7 +160,7 @@ def in_threads(
             ranges.stop()
 
 
-def in_chunks(work: Callable[[int, int], None], bounds: Sequence[int], threads: int, begin: int) -> None:
+def run_in_chunks(work: Callable[[int, int], None], bounds: Sequence[int], threads: int, begin: int) -> None:
     """Call ``work(first, last)`` for ranges that make up ``bounds[0]`` … ``bounds[-1]``, each of about `LONGEST`.
 
     Tasks of one chunk, ``bounds[k]`` … ``bounds[k + 1]``, are done one after another, by one thread, so that they may
@@ -171,13 +171,13 @@ def in_chunks(work: Callable[[int, int], None], bounds: Sequence[int], threads: 
     if min(threads, chunks) < 2:
         Ranges(work, bounds[0], bounds[-1], largest=bounds[-1] - bounds[0], begin=begin).run()
         return
-    deadline, stopped = in_force(), Event()
+    deadline, stopped = active_deadline(), Event()
 
     def some(first: int, last: int) -> None:
         start, end = bounds[first], bounds[last]
         Ranges(work, start, end, largest=end - start, begin=begin, deadline=deadline, stopped=stopped).run()
 
-    in_threads(some, chunks, threads, stopped=stopped)
+    run_in_threads(some, chunks, threads, stopped=stopped)
 
 
 def chunk_bounds(first: int, last: int, chunks: int) -> list[int]:

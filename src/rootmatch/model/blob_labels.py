@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.model.blobs import lit_chances
+from rootmatch.model.blobs import lit_probabilities
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 
 
-def surest_points(
+def likeliest_lit_points(
     model: DetectionModel, assignment: Integers, pose: tuple[Floats, Floats]
 ) -> tuple[Integers, Floats] | None:
     """The point of each blob that is most probably lit, by where the blob is detected; None if all are resolved.
@@ -32,24 +32,24 @@ def surest_points(
         That point for the first point of each detected blob, and the probability that it is lit; every other point
         itself, and 1.
     """
-    at = model.linearised(pose[0][None], pose[1][None]) if model.resolution > 0.0 else None
+    at = model.linearise_about(pose[0][None], pose[1][None]) if model.resolution > 0.0 else None
     if at is None or at.blob is None:
         return None
     surest, chance = np.arange(len(assignment)), np.ones(len(assignment))
     alone = replace(model, resolution=0.0)
-    points = alone.linearised(at.rotation, at.position)
+    points = alone.linearise_about(at.rotation, at.position)
     lit = model.lit(alone.visibility(points, np.zeros(1)))[0]
     for first in np.flatnonzero(assignment >= 0).tolist():
         part = np.flatnonzero(at.blob[0] == first)
         if len(part) > 1:
             detection = assignment[first]
             variance = float(model.sigma[detection]) ** 2
-            each = lit_chances(points.pixels[0, part], lit[part], model.target[detection], variance)
+            each = lit_probabilities(points.pixels[0, part], lit[part], model.target[detection], variance)
             surest[first], chance[first] = part[int(each.argmax())], each.max()
     return surest, chance
 
 
-def of_surest(assignment: Integers, values: Floats, surest: Integers) -> tuple[Integers, Floats]:
+def swap_to_likeliest(assignment: Integers, values: Floats, surest: Integers) -> tuple[Integers, Floats]:
     """An assignment (n,) and values (n,) in which the surest point of a blob and its first one change places."""
     order = np.arange(len(assignment))
     moved = np.flatnonzero(surest != order)
@@ -57,16 +57,16 @@ def of_surest(assignment: Integers, values: Floats, surest: Integers) -> tuple[I
     return assignment[order], values[order]
 
 
-def resolved(model: DetectionModel, points: PointSets, assignment: Integers, pose: Pose) -> PointSets:
+def resolve_blobs(model: DetectionModel, points: PointSets, assignment: Integers, pose: Pose) -> PointSets:
     """Points of an image in which each point of a blob is detected by itself, as far from its image as the blob was.
 
     ``assignment`` (n,): in which a blob is one detection; ``pose``: that of the blobs.
     """
     R, position = model.centred(pose.R[None], pose.t[None])
-    at = model.linearised(R, position) if model.resolution > 0.0 else None
+    at = model.linearise_about(R, position) if model.resolution > 0.0 else None
     if at is None or at.blob is None or at.blob_variance is None:
         return points
-    alone = replace(model, resolution=0.0).linearised(R, position).pixels[0]
+    alone = replace(model, resolution=0.0).linearise_about(R, position).pixels[0]
     (matched,) = np.nonzero((assignment >= 0) & (at.blob_variance[0] > 0.0))
     detections, target, noise = assignment[matched], points.target.copy(), points.target_noise.copy()
     target[detections] += alone[matched] - at.pixels[0, matched]

@@ -19,7 +19,7 @@ ENTRIES = 2_000_000
 """Distances that are computed at once: some tens of megabytes."""
 
 
-def blobs(pixels: Floats, shown: Bools, resolution: float) -> Integers | None:
+def find_blobs(pixels: Floats, shown: Bools, resolution: float) -> Integers | None:
     """The first point of the blob that each point is part of, in each of K images.
 
     Parameters
@@ -47,11 +47,11 @@ def blobs(pixels: Floats, shown: Bools, resolution: float) -> Integers | None:
         (rows,) = np.nonzero(near.sum(axis=(1, 2)) > shown[part].sum(axis=1))
         if len(rows):
             several = True
-            out[first + rows] = _first_of_each(near[rows])
+            out[first + rows] = _connected_components(near[rows])
     return out if several else None
 
 
-def _first_of_each(near: Bools) -> Integers:
+def _connected_components(near: Bools) -> Integers:
     """The lowest index that each point (K, n) is linked with, by links (K, n, n), over others where need be."""
     count, n = near.shape[:2]
     label = np.tile(np.arange(n), (count, 1))
@@ -63,24 +63,24 @@ def _first_of_each(near: Bools) -> Integers:
         label = lowest
 
 
-def mean_of_each(blob: Integers, values: Floats, lit: Floats) -> Floats:
+def average_blobs(blob: Integers, values: Floats, lit: Floats) -> Floats:
     """Values (K, n, …) of points, each replaced by the mean over its blob (K, n), weighted by ``lit`` (K, n) > 0."""
     weight = lit.reshape(*lit.shape, *[1] * (values.ndim - 2))
-    mean = _sum_of_each(blob, weight * values) / _sum_of_each(blob, weight)
-    alone = (np.bincount(_places(blob), minlength=blob.size)[_places(blob)] == 1).reshape(weight.shape)
+    mean = _sum_over_blobs(blob, weight * values) / _sum_over_blobs(blob, weight)
+    alone = (np.bincount(_flat_labels(blob), minlength=blob.size)[_flat_labels(blob)] == 1).reshape(weight.shape)
     return np.asarray(np.where(alone, values, mean))
 
 
-def spread_of_each(blob: Integers, pixels: Floats, lit: Floats) -> Floats:
+def blob_variance_of(blob: Integers, pixels: Floats, lit: Floats) -> Floats:
     """Variance (K, n) of each coordinate of a blob about its mean, by which of its points are lit."""
-    off = ((pixels - mean_of_each(blob, pixels, lit)) ** 2).sum(axis=-1)
-    total = _sum_of_each(blob, lit)
-    dark = _sum_of_each(blob, lit * (1.0 - lit)) / total
-    others = np.maximum(_sum_of_each(blob, np.ones_like(lit)) - 1.0, 1.0)
-    return np.asarray(dark * _sum_of_each(blob, lit * off) / (others * total))
+    off = ((pixels - average_blobs(blob, pixels, lit)) ** 2).sum(axis=-1)
+    total = _sum_over_blobs(blob, lit)
+    dark = _sum_over_blobs(blob, lit * (1.0 - lit)) / total
+    others = np.maximum(_sum_over_blobs(blob, np.ones_like(lit)) - 1.0, 1.0)
+    return np.asarray(dark * _sum_over_blobs(blob, lit * off) / (others * total))
 
 
-def of_blobs(assignments: Integers, blob: Integers) -> Integers:
+def assign_blobs(assignments: Integers, blob: Integers) -> Integers:
     """Assignments (K, n) in which the first point of a blob (K, n) has the detection of any of its points.
 
     If several of its points have one, that of the first of them stays.
@@ -93,7 +93,7 @@ def of_blobs(assignments: Integers, blob: Integers) -> Integers:
     return out
 
 
-def lit_chances(pixels: Floats, lit: Floats, detection: Floats, variance: float) -> Floats:
+def lit_probabilities(pixels: Floats, lit: Floats, detection: Floats, variance: float) -> Floats:
     """Chance (m,) that each point of a blob is lit, by where the blob is detected.
 
     ``pixels`` (m, 2): images of the points; ``lit`` (m,): chance of each without that; ``detection`` (2,) has so much
@@ -111,14 +111,14 @@ def lit_chances(pixels: Floats, lit: Floats, detection: Floats, variance: float)
     return np.asarray(weight[:-1] + weight[-1])
 
 
-def _places(blob: Integers) -> Integers:
+def _flat_labels(blob: Integers) -> Integers:
     """Place of each point's blob among all points of all poses."""
     return np.asarray((np.arange(len(blob))[:, None] * blob.shape[1] + blob).ravel(), np.int64)
 
 
-def _sum_of_each(blob: Integers, values: Floats) -> Floats:
+def _sum_over_blobs(blob: Integers, values: Floats) -> Floats:
     """Values (K, n, …) of points, each replaced by the sum over its blob."""
-    flat, place = values.reshape(blob.size, -1), _places(blob)
+    flat, place = values.reshape(blob.size, -1), _flat_labels(blob)
     total = np.zeros_like(flat)
     np.add.at(total, place, flat)
     return np.asarray(total[place].reshape(values.shape))

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.frozen import once
 from rootmatch.model.compiled.crowds import (
-    crowds_of,
-    densities_about_places,
-    densities_given,
-    log_of_taken,
+    fill_given_densities,
+    fill_log_of_taken,
+    fill_place_densities,
+    fit_crowds,
 )
 
 FEW = 3
@@ -111,7 +111,7 @@ class Clutter:
         return np.asarray(np.log(self.alone * self.uniform + others))
 
     @property
-    def crowded(self) -> float:
+    def crowd_share(self) -> float:
         """Share of those in crowds."""
         return float(self.shares.sum())
 
@@ -120,22 +120,22 @@ class Clutter:
         """As `rootmatch.model.compiled.evidence.weigh` takes it."""
         return self.log_density, self.about, self.centres, self.uniform, self.alone
 
-    def about_places(self, places: Floats, variance: Floats, chance: Floats) -> Floats:
+    def density_about_places(self, places: Floats, variance: Floats, chance: Floats) -> Floats:
         """Density (K, n'), in parts of each detection's own, of crowds about places (K, n, k) with a variance (K, n).
 
         Each place has a crowd with some chance (K, n).
         """
         density = np.empty((len(places), len(self.target)))
         given = (np.ascontiguousarray(one, np.float64) for one in (places, variance, chance))
-        densities_about_places(self.target, self.sigma, *given, self.widths, self.shares, density)
-        return density * self._part
+        fill_place_densities(self.target, self.sigma, *given, self.widths, self.shares, density)
+        return density * self._relative_member_density
 
     @once
-    def _part(self) -> Floats:
+    def _relative_member_density(self) -> Floats:
         """What one member of a crowd is (n',) in parts of each detection's density."""
         return np.asarray(np.exp(-self.log_density) / max(len(self.centres) - 1, 1))
 
-    def log_taken(self, taken: Bools, more: Floats) -> Floats:
+    def log_density_of_taken(self, taken: Bools, more: Floats) -> Floats:
         """Logarithm (K,) of the density of detections (K, n') that are taken, as clutter, given all that is left.
 
         What is left may crowd about what is taken, and has ``more`` (K, n') density, in parts of its own, about places
@@ -145,7 +145,7 @@ class Clutter:
         out, centres = np.empty(len(taken)), self.centres
         # columns that are picked lie in another order, which is another type to a kernel
         own, beyond = np.ascontiguousarray(taken[:, centres]), np.ascontiguousarray(more[:, centres])
-        log_of_taken(own, beyond, self._descents, self.log_density[centres], out)
+        fill_log_of_taken(own, beyond, self._forest_inverse, self.log_density[centres], out)
         if len(centres) == len(self.target):
             return out
         # nothing crowds about the others
@@ -153,31 +153,31 @@ class Clutter:
         whole[:, centres] = 0.0
         return np.asarray(out + whole.sum(axis=1))
 
-    def log_each(self, taken: Bools, more: Floats) -> Floats:
+    def log_density_of_each(self, taken: Bools, more: Floats) -> Floats:
         """Logarithm (n',) of the density of each detection, as clutter, given that some (n',) are taken already.
 
-        Of one that is taken: given that the others are. ``more`` (n',): see `log_taken`; of what is taken as well.
+        Of one that is taken: given that the others are. ``more`` (n',): see `log_density_of_taken`; of what is taken as well.
         """
         each, out = 1.0 + more, np.empty(len(self.centres))
-        densities_given(taken[self.centres], more[self.centres], self._descents, out)
+        fill_given_densities(taken[self.centres], more[self.centres], self._forest_inverse, out)
         each[self.centres] = out
         return np.asarray(self.log_density + np.log(each))
 
     @property
-    def log_alone(self) -> Floats:
+    def log_density_of_all(self) -> Floats:
         """Logarithm (n',) of the density of each detection, as clutter, if all others are."""
-        return self.log_each(np.zeros(len(self.target), np.bool_), np.zeros(len(self.target)))
+        return self.log_density_of_each(np.zeros(len(self.target), np.bool_), np.zeros(len(self.target)))
 
     @once
-    def _descents(self) -> Floats:
+    def _forest_inverse(self) -> Floats:
         """Inverse (c, c) of the matrix whose determinant is the sum over forests, in units of `log_density`."""
         scale = np.exp(-0.5 * self.log_density[self.centres])
         about = scale[:, None] * self.about[self.centres] * scale / max(len(self.centres) - 1, 1)
         return np.asarray(np.linalg.inv(np.eye(len(self.centres)) - about))
 
 
-@kept_by_values(8, frozen=False)
-def clutter_of(target: Floats, sigma: Floats, areas: Floats, image_of: Integers | None = None) -> Clutter:
+@cache_by_values(8, frozen=False)
+def estimate_clutter(target: Floats, sigma: Floats, areas: Floats, image_of: Integers | None = None) -> Clutter:
     """The clutter of an image, computed once for all bodies and searches in it.
 
     Parameters
@@ -190,20 +190,20 @@ def clutter_of(target: Floats, sigma: Floats, areas: Floats, image_of: Integers 
     """
     label = np.zeros(len(target), np.int64) if image_of is None else image_of
     mean = float(areas.sum()) / len(areas)
-    return _clutter(target, sigma, 1.0 / areas[label], np.full(2, math.sqrt(mean)), label, crowds=PSEUDO)
+    return _fit_clutter(target, sigma, 1.0 / areas[label], np.full(2, math.sqrt(mean)), label, crowds=PSEUDO)
 
 
-@kept_by_values(8, frozen=False)
-def clutter_in_space(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
+@cache_by_values(8, frozen=False)
+def estimate_space_clutter(target: Floats, sigma: Floats, extents: Floats) -> Clutter:
     """The clutter among targets of a plane or of space, which fills a box.
 
     ``target`` (n', k): along the axes of the box, whose ``extents`` are (k,); ``sigma`` (n',).
     """
     uniform, label = np.full(len(target), 1.0 / np.prod(extents)), np.zeros(len(target), np.int64)
-    return _clutter(target, sigma, uniform, extents, label, crowds=PSEUDO_IN_SPACE)
+    return _fit_clutter(target, sigma, uniform, extents, label, crowds=PSEUDO_IN_SPACE)
 
 
-def _clutter(
+def _fit_clutter(
     target: Floats, sigma: Floats, uniform: Floats, extents: Floats, label: Integers, *, crowds: float
 ) -> Clutter:
     """Clutter by detections, σ, densities of the uniform part, and extents that clutter fills.
@@ -227,7 +227,7 @@ def _clutter(
     step = max(PIECE // (SCALES * len(centres)), 1)
     for first in range(0, count, step):
         checkpoint()
-        crowds_of(detections, centres, extents.copy(), limits, (first, min(first + step, count)), out)
+        fit_crowds(detections, centres, extents.copy(), limits, (first, min(first + step, count)), out)
     return Clutter(
         about, centres, uniform, float(shares[0]), target=target, sigma=sigma, shares=shares[1:], widths=widths
     )

@@ -14,17 +14,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.copy_or_alike import log_beside_copy
+from rootmatch.model.copy_or_alike import log_alike_factor
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import evidence
-from rootmatch.model.exact_shapes import Copies, log_gains
-from rootmatch.model.exchanged import of_itself
-from rootmatch.model.joint import marginals, parts_left
-from rootmatch.model.modes import Modes, none_near, same_place
+from rootmatch.model.evidence import weigh_assignments
+from rootmatch.model.exact_shapes import Copies, exact_shape_log_gains
+from rootmatch.model.exchanged import own_prior
+from rootmatch.model.joint import joint_marginals, remaining_parts
+from rootmatch.model.modes import Modes, empty_changes_each, is_same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, COUNTS, PRESENT_ODDS, WRONG_MODEL
-from rootmatch.model.unrecognised import unrecognised
+from rootmatch.model.unrecognised import odds_of_unrecognised
 
 IN_PLACE = 0.25
 """Distance of a body's points from where they are in another pose, over its radius, below which all are in one place.
@@ -55,23 +55,25 @@ def joint_posterior(
     """
     count = models[0].shape[1]
     if copies is not None:
-        every = [_by_gains(*each) for each in zip(models, every, copies, strict=True)]
+        every = [_sort_by_gains(*each) for each in zip(models, every, copies, strict=True)]
     uses = [modes.uses(count)[:KEPT] for modes in every]
-    parts = [_with_parts(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))]
+    parts = [
+        _add_partial_modes(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))
+    ]
     pairs = zip(uses, parts, strict=True)
     uses = [known if len(known) == len(modes.log_odds) else modes.uses(count) for known, modes in pairs]
     masses = [modes.log_mass + PRESENT_ODDS for modes in parts]
-    origins = [_origins(*each) for each in zip(models, parts, strict=True)]
-    as_copies = [(k, _as_copy(*one)) for k, one in enumerate(zip(models, parts, uses, origins, strict=True))]
+    origins = [_prediction_indices(*each) for each in zip(models, parts, strict=True)]
+    as_copies = [(k, _copy_log_odds(*one)) for k, one in enumerate(zip(models, parts, uses, origins, strict=True))]
     named = [(k, mass) for k, mass in as_copies if mass is not None]
     if copies is not None:
-        gains = [log_gains(*each) for each in zip(models, parts, copies, strict=True)]
+        gains = [exact_shape_log_gains(*each) for each in zip(models, parts, copies, strict=True)]
         masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
         named = [(k, mass + gains[k]) for k, mass in named]
 
     def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
-        return marginals(
-            [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_left,
+        return joint_marginals(
+            [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_odds_of_left,
             given=[*(-1 for _ in parts), *(k for k, _ in named)],
         )  # fmt: skip
 
@@ -81,7 +83,7 @@ def joint_posterior(
     if disputed := [k for k, of in shares if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL]:
         best = np.array([of_modes[:1].any(axis=0) for of_modes in uses])
         others = {k: np.asarray(np.delete(best, k, axis=0).any(axis=0)) for k in disputed}
-        alike = {k: _alike(models[k], parts[k], uses[k], origins[k], others[k]) for k in disputed}
+        alike = {k: _alike_factors(models[k], parts[k], uses[k], origins[k], others[k]) for k in disputed}
         each_of = weighed([(k, mass + alike[k] if k in alike else mass) for k, mass in named])
     found = []
     of_copy = {k: 1.0 - float(share[-1]) for (k, _), share in zip(named, each_of[len(parts) :], strict=True)}
@@ -97,20 +99,20 @@ def joint_posterior(
     return found
 
 
-def _by_gains(model: DetectionModel, modes: Modes, copies: Copies) -> Modes:
+def _sort_by_gains(model: DetectionModel, modes: Modes, copies: Copies) -> Modes:
     """Modes, the most probable first if the body may be of an exact shape."""
     if len(modes.log_mass) <= KEPT:
         return modes
-    return modes.take(np.argsort(-(modes.log_mass + log_gains(model, modes, copies)), kind="stable"))
+    return modes.take(np.argsort(-(modes.log_mass + exact_shape_log_gains(model, modes, copies)), kind="stable"))
 
 
-def _origins(model: DetectionModel, modes: Modes) -> Integers | None:
+def _prediction_indices(model: DetectionModel, modes: Modes) -> Integers | None:
     """The prediction (M,) that each mode is about, −1 for none; None if nothing is predicted."""
-    prior = of_itself(model.prior)
-    return prior.prediction_of(modes.rotation, modes.position) if isinstance(prior, Doubted) else None
+    prior = own_prior(model.prior)
+    return prior.prediction_indices(modes.rotation, modes.position) if isinstance(prior, Doubted) else None
 
 
-def _as_copy(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None) -> Floats | None:
+def _copy_log_odds(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None) -> Floats | None:
     """Log-odds of a body's modes as those of something else; None if two cannot be in one image.
 
     A copy that nobody named, of which what is known of the body tells nothing; or, where a tracker follows the body in
@@ -119,30 +121,32 @@ def _as_copy(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | No
     body is absent then, or where it is expected and shows too little. ``uses`` (M, n'): the detections of each mode;
     ``of``: as of `_origins`.
     """
-    mass, prior, together = modes.log_mass, of_itself(model.prior), ~(uses @ uses.T)
+    mass, prior, together = modes.log_mass, own_prior(model.prior), ~(uses @ uses.T)
     if (of is None or (of >= 0).all()) and not together.any():
         return None
     if of is None or not isinstance(prior, Doubted):
-        return _apart(model, modes, together, mass + math.log(COPY))
-    at = model.linearised(modes.rotation, modes.position)
-    anywhere = evidence(model, modes.assignments, at, prior.without).log_odds
+        return _exclude_same_place(model, modes, together, mass + math.log(COPY))
+    at = model.linearise_about(modes.rotation, modes.position)
+    anywhere = weigh_assignments(model, modes.assignments, at, prior.without).log_odds
     as_copy = np.asarray(mass - modes.log_odds + anywhere + math.log(COPY))
     if (elsewhere := np.flatnonzero(of < 0)).size:
         more = np.zeros((len(of) + 1, len(of)))
-        hidden = unrecognised(model, prior, modes.take(elsewhere))
+        hidden = odds_of_unrecognised(model, prior, modes.take(elsewhere))
         more[-1, elsewhere] = np.log1p((1.0 - prior.doubt) * math.exp(PRESENT_ODDS) * hidden)
         as_copy = as_copy + more
     if len(prior.predictions) == 1:
-        return _apart(model, modes, together, as_copy)
+        return _exclude_same_place(model, modes, together, as_copy)
     places = np.array(prior.places)
     share = (places[:, None] == places) @ np.exp(prior.log_shares)  # of all that is followed in the place of each
     expected = mass - np.log(np.where(of >= 0, share[of], 1.0)) + math.log(COPY)
-    known = np.append((same_place(uses) & (of >= 0)).any(axis=1), False)  # of what is followed, maybe in another pose
-    return _apart(model, modes, together, np.where((of >= 0) & known[:, None], expected, as_copy))
+    known = np.append(
+        (is_same_place(uses) & (of >= 0)).any(axis=1), False
+    )  # of what is followed, maybe in another pose
+    return _exclude_same_place(model, modes, together, np.where((of >= 0) & known[:, None], expected, as_copy))
 
 
-def _apart(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats) -> Floats:
-    """Log-odds as of `_as_copy` in which a body and its copy are not in one place: their points would be in each other.
+def _exclude_same_place(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats) -> Floats:
+    """Log-odds as of `_copy_log_odds` in which a body and its copy are not in one place: their points would be in each other.
 
     Cameras of a rig that are off see a body in several poses, each with detections of its own. ``together`` (M, M):
     modes that share none.
@@ -156,17 +160,17 @@ def _apart(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats
     return np.where(np.append(apart, np.ones((1, len(apart)), np.bool_), axis=0), as_copy, -np.inf)
 
 
-def _alike(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None, taken: Bools) -> Floats:
+def _alike_factors(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None, taken: Bools) -> Floats:
     """Logarithms (M + 1, M) of factors on the odds of a copy, in whose place something alike may be.
 
-    Rows and columns are as of `_as_copy`. All modes of a place have the factor of its best one, in the best other place
+    Rows and columns are as of `_copy_log_odds`. All modes of a place have the factor of its best one, in the best other place
     of the body: only one copy is in a joint hypothesis. ``taken`` (n',): detections of other bodies.
     """
-    more, prior, mass = np.zeros((len(uses) + 1, len(uses))), of_itself(model.prior), modes.log_mass
+    more, prior, mass = np.zeros((len(uses) + 1, len(uses))), own_prior(model.prior), modes.log_mass
     if of is not None and isinstance(prior, Doubted) and len(prior.predictions) > 1:
         return more  # frames tell one by one what is in a followed place
     likely = [k for k in np.argsort(-mass, kind="stable").tolist() if mass[k] + math.log(COPY) >= -COUNTS]
-    same, apart = same_place(uses), ~(uses @ uses.T)
+    same, apart = is_same_place(uses), ~(uses @ uses.T)
     place = np.full(len(uses), -1)
     for k in likely:
         place[k] = next(one for one in likely if same[k, one])
@@ -175,21 +179,21 @@ def _alike(model: DetectionModel, modes: Modes, uses: Bools, of: Integers | None
     weights = [mass[own] + mass[other] if other >= 0 else -math.inf for own, other in pairs]
     for (own, other), weight in zip(pairs, weights, strict=True):
         if other >= 0 and weight >= max(weights) + math.log(WRONG_MODEL):
-            factor = log_beside_copy(model, modes, other, (uses[own] | taken) & ~uses[other])
+            factor = log_alike_factor(model, modes, other, (uses[own] | taken) & ~uses[other])
             more[np.ix_(np.append(place == own, False), place == other)] = factor
     return more
 
 
-def _beside(model: DetectionModel, modes: Modes, uses: Bools) -> Bools:
+def _conflicting_modes(model: DetectionModel, modes: Modes, uses: Bools) -> Bools:
     """Which modes (M, M) are followed in different places, but share detections; ``uses`` (M, n')."""
-    prior = of_itself(model.prior)
+    prior = own_prior(model.prior)
     if not isinstance(prior, Doubted) or len(prior.predictions) == 1:
         return np.zeros((len(uses), len(uses)), np.bool_)
-    followed = prior.prediction_of(modes.rotation, modes.position) >= 0
-    return np.asarray((uses @ uses.T) & ~same_place(uses) & followed & followed[:, None])
+    followed = prior.prediction_indices(modes.rotation, modes.position) >= 0
+    return np.asarray((uses @ uses.T) & ~is_same_place(uses) & followed & followed[:, None])
 
 
-def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bools]) -> Modes:
+def _add_partial_modes(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bools]) -> Modes:
     """The best modes of body k, and what remains of them if others take shared detections.
 
     Others are other bodies, and what is followed in another place. ``uses``: the detections (M, n') of the best modes
@@ -201,13 +205,13 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bool
     others = np.concatenate([uses[k], *uses[:k], *uses[k + 1 :]])
     own = len(uses[k])
     shared = others @ uses[k].T
-    shared[:own] = _beside(model, modes, uses[k])
+    shared[:own] = _conflicting_modes(model, modes, uses[k])
     if not shared.any():
         return modes
-    which, assignments = parts_left(modes.assignments, others, shared, model.prior.least)
+    which, assignments = remaining_parts(modes.assignments, others, shared, model.prior.least)
     if not len(which):
         return modes
-    found = evidence(model, assignments, model.linearised(modes.rotation[which], modes.position[which]))
+    found = weigh_assignments(model, assignments, model.linearise_about(modes.rotation[which], modes.position[which]))
     usable = np.isfinite(found.log_odds)
     part_of = modes.take(which)
     given = (assignments < 0) & (part_of.assignments >= 0)  # to another body
@@ -221,6 +225,6 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bool
         detected=found.detected,
         local=np.where(given, 1.0, part_of.local),
         unmatched=np.where(given, 1.0, part_of.unmatched),
-        near=none_near(*assignments.shape),
+        near=empty_changes_each(*assignments.shape),
     )
     return modes.and_(lost.take(usable.nonzero()[0]))

@@ -16,8 +16,17 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import evidence, settled_about
-from rootmatch.model.image_alike import ERRORS, LOG_ALIKE, LOG_INEXACT, OWN, REACH, asked_once, log_odds_alike, off_by
+from rootmatch.model.evidence import settle_poses, weigh_assignments
+from rootmatch.model.image_alike import (
+    ERRORS,
+    LOG_ALIKE,
+    LOG_INEXACT,
+    OWN,
+    REACH,
+    alike_log_odds,
+    cache_answer,
+    perturb_points,
+)
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN
@@ -34,7 +43,7 @@ TRIED, MOST = 16, 8
 time."""
 
 
-def log_beside_copy(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> float:
+def log_alike_factor(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> float:
     """Logarithm of the factor on the odds of a copy in the place of a mode: something alike may be there instead.
 
     ``k``: which mode; ``taken`` (n',): detections of the body in its own place, and of others.
@@ -57,12 +66,12 @@ def log_beside_copy(model: DetectionModel, modes: Modes, k: int, taken: Bools) -
 def log_odds_all_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> Floats:
     """Log-odds (W,) of a body of which all points are off by each of `ERRORS`: by its matches, or all that is near.
 
-    Over the body as given, with all changes of the mode. Parameters are those of `log_beside_copy`.
+    Over the body as given, with all changes of the mode. Parameters are those of `log_alike_factor`.
     """
-    at, own = model.linearised(modes.rotation[k : k + 1], modes.position[k : k + 1]), modes.assignments[k : k + 1]
-    wide = [off_by(model, error) for error in ERRORS * model.radius]
-    matched = np.array([float(evidence(one, own, at).log_odds[0]) for one in wide]) - modes.log_mass[k]
-    near = log_odds_alike(model, modes, k, taken)
+    at, own = model.linearise_about(modes.rotation[k : k + 1], modes.position[k : k + 1]), modes.assignments[k : k + 1]
+    wide = [perturb_points(model, error) for error in ERRORS * model.radius]
+    matched = np.array([float(weigh_assignments(one, own, at).log_odds[0]) for one in wide]) - modes.log_mass[k]
+    near = alike_log_odds(model, modes, k, taken)
     return np.asarray(matched if near is None else np.maximum(matched, near))
 
 
@@ -72,19 +81,19 @@ def log_odds_some_off(model: DetectionModel, modes: Modes, k: int, taken: Bools)
     Any point may be the one, and any two the two, of which the best stand for the sum. Over the body as given, with all
     changes of the mode. Before them, those of the body as given with what is nearest to these points in its place: what
     another labelling explains does not tell that points are off. No rows where points are joined in blobs, or where so
-    few tell the pose that none can be left out. Parameters are those of `log_beside_copy`.
+    few tell the pose that none can be left out. Parameters are those of `log_alike_factor`.
     """
     if model.resolution:
         return -math.inf, np.empty((0, len(FAR)))
     mode = modes.assignments[k], modes.rotation[k : k + 1], modes.position[k : k + 1]
-    given, off = asked_once(_some_off, model, mode, ~taken)
+    given, off = cache_answer(_weigh_some_off, model, mode, ~taken)
     return float(given - modes.log_mass[k]), np.asarray(off - modes.log_mass[k])
 
 
-def _some_off(model: DetectionModel, mode: tuple[Integers, Floats, Floats], free: Bools) -> tuple[float, Floats]:
+def _weigh_some_off(model: DetectionModel, mode: tuple[Integers, Floats, Floats], free: Bools) -> tuple[float, Floats]:
     """Log-odds against clutter alone, as of `log_odds_some_off`; ``free`` (n',): what may be matched."""
     n = model.shape[0] // max(len(model.images), 1)
-    order, each = _each_off(model, mode, np.eye(n, dtype=np.bool_), free)
+    order, each = _weigh_sets_off(model, mode, np.eye(n, dtype=np.bool_), free)
     if not len(order):
         return -math.inf, np.empty((0, len(FAR)))
     out = [np.logaddexp.reduce(each, axis=0) - math.log(n)]
@@ -94,13 +103,13 @@ def _some_off(model: DetectionModel, mode: tuple[Integers, Floats, Floats], free
         sets = np.zeros((len(surest) - 1, n), np.bool_)
         for count, one in enumerate(sets, 2):
             one[surest[:count]] = True
-        which, more = _each_off(model, mode, sets, free)
+        which, more = _weigh_sets_off(model, mode, sets, free)
         given = max(given, float(more[:, 0].max(initial=-math.inf)))
         out += [more[row] - math.log(math.comb(n, which[row] + 2)) for row in np.argsort(which)]
     return given, np.array(out)[:, 1:]
 
 
-def _each_off(
+def _weigh_sets_off(
     model: DetectionModel, mode: tuple[Integers, Floats, Floats], sets: Bools, free: Bools
 ) -> tuple[Integers, Floats]:
     """Which sets (K, n) of points can be off, and log-odds (K', 1 + W) of that by nothing and each of `FAR`.
@@ -111,7 +120,7 @@ def _each_off(
     pose = np.repeat(rotation, len(sets), axis=0), np.repeat(position, len(sets), axis=0)
     off = np.tile(sets, (1, images))
     without = np.where(off, -1, assignment)
-    found, at = settled_about(model, without, *pose)
+    found, at = settle_poses(model, without, *pose)
     (order,) = (np.isfinite(found.log_odds) & ((without >= 0).sum(axis=1) >= model.prior.least)).nonzero()
     order = order[np.argsort(-found.log_odds[order], kind="stable")][:TRIED]
     errors = model.radius * np.append(0.0, FAR)
@@ -119,16 +128,16 @@ def _each_off(
     for row, one in enumerate(order.tolist()):
         place, shown = (at.one(one), found.covariance[one], without[one]), off[one] & (found.visible[one] > HIDDEN)
         for w in range(len(errors))[::-1]:  # what is too far for the largest errors is so for all
-            wide = off_by(model, errors[w], off[one])
-            own = _with_nearest(wide, place, shown.nonzero()[0], free)
+            wide = perturb_points(model, errors[w], off[one])
+            own = _assign_nearest_free(wide, place, shown.nonzero()[0], free)
             if (own == place[2]).all():
                 out[row, : w + 1] = found.log_odds[one]
                 break
-            out[row, w] = float(evidence(wide, own[None], place[0]).log_odds[0])
+            out[row, w] = float(weigh_assignments(wide, own[None], place[0]).log_odds[0])
     return order, out
 
 
-def _with_nearest(
+def _assign_nearest_free(
     wide: DetectionModel, place: tuple[Linearised, Floats, Integers], rows: Integers, free: Bools
 ) -> Integers:
     """An assignment (n,) with the nearest free detection of some points, in its own image, if one is within `REACH`.
@@ -141,7 +150,7 @@ def _with_nearest(
     of_points = wide.of_points(at)
     assert of_points is not None
     for row in rows.tolist():
-        own = free & (wide.image_of == row // (wide.shape[0] // images))
+        own = free & (wide.image_indices == row // (wide.shape[0] // images))
         (which,) = (own if wide.allowed is None else own & wide.allowed[row]).nonzero()
         if len(which):
             spread = at.jacobian[0, row] @ by_pose @ at.jacobian[0, row].T + of_points[0, row]

@@ -11,13 +11,13 @@ import numpy as np
 from rootmatch.model.compiled.reversal import reverse_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import Proposals
-from rootmatch.model.views import frames_of
+from rootmatch.model.views import camera_frames
 
 
-def reversed_in_depth(model: DetectionModel, proposals: Proposals) -> Proposals:
+def reverse_depths(model: DetectionModel, proposals: Proposals) -> Proposals:
     """The other poses that nearly flat points have from afar, with the same matches, for the camera that has most."""
     assignments = np.array(proposals.assignments, np.int64)
     poses = np.array(proposals.rotation, order="C"), np.array(proposals.position, order="C")
     out = np.empty(poses[0].shape), np.empty(poses[1].shape)
-    reverse_depth(assignments, model.about_centre[0], poses, frames_of(model.camera), out)
+    reverse_depth(assignments, model.centred_body[0], poses, camera_frames(model.camera), out)
     return Proposals(proposals.assignments, *out)

@@ -22,16 +22,16 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.frozen import once
-from rootmatch.model.blobs import blobs, mean_of_each, spread_of_each
-from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
-from rootmatch.model.compiled.evidence import see
-from rootmatch.model.linearised import Linearised, linearised
+from rootmatch.model.blobs import average_blobs, blob_variance_of, find_blobs
+from rootmatch.model.clutter import Clutter, clutter_areas, estimate_clutter
+from rootmatch.model.compiled.evidence import fill_visibility
+from rootmatch.model.linearised import Linearised, linearise_body
 from rootmatch.model.pose_density import Broad, PoseDensity
 from rootmatch.model.priors import NOISE_FREEDOM, beta_quadrature
-from rootmatch.model.views import Views, rays_of, views_of
+from rootmatch.model.views import Views, kernel_camera_views, unproject_detections
 from rootmatch.model.visibility import BARELY, UNSEEN
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import about_centre, about_point
+from rootmatch.problems.pose_fit.reference_point import centre_points, pose_about_point
 
 ANY_POSE = Broad()
 NONE, NO_ROWS = np.empty(0), np.empty((0, 0))
@@ -110,16 +110,16 @@ class DetectionModel:
     @once
     def centre(self) -> Floats:
         """Mean (3,) of the points, to which positions refer and about which rotations turn."""
-        return self._measures[0]
+        return self._centre_and_radius[0]
 
     @property
     def radius(self) -> float:
         """Root mean square distance of the points from it."""
-        return self._measures[2]
+        return self._centre_and_radius[2]
 
     @once
-    def _measures(self) -> tuple[Floats, Floats, float]:
-        return about_centre(self.points)
+    def _centre_and_radius(self) -> tuple[Floats, Floats, float]:
+        return centre_points(self.points)
 
     @once
     def images(self) -> list[Integers]:
@@ -135,17 +135,17 @@ class DetectionModel:
     @once
     def clutter(self) -> Clutter:
         """Distribution of clutter in the image."""
-        return clutter_of(self.target, self.sigma, self.areas, self.image_of)
+        return estimate_clutter(self.target, self.sigma, self.areas, self.image_indices)
 
     @once
-    def image_of(self) -> Integers:
+    def image_indices(self) -> Integers:
         """Image that each detection (n',) lies in; 0 if there is only one."""
         out = np.zeros(self.shape[1], np.int64)
         for k, own in enumerate(self.images):
             out[own] = k
         return out
 
-    def is_met(self, assignment: Integers, minimal: int, points: int = 0, *, triples: int = 0) -> bool:
+    def is_searchable(self, assignment: Integers, minimal: int, points: int = 0, *, triples: int = 0) -> bool:
         """Whether a search meets poses with as many matches as an assignment (n,) has in each image.
 
         It needs more than a minimal set in one image; where normals tell what several cameras see, or the triples of
@@ -155,13 +155,16 @@ class DetectionModel:
         used = assignment >= 0
         if not used.any():
             return False
-        counts = np.bincount(self.image_of[assignment[used]])
+        counts = np.bincount(self.image_indices[assignment[used]])
         most = int(counts.max())
         if most != minimal or len(self.images) < 2:
             return most > minimal
         if self.normals is None:
-            n, shown = len(self.points) // len(self.images), np.bincount(self.image_of)[np.flatnonzero(counts == most)]
-            if triples_of(n, int(shown.min())) > triples:
+            n, shown = (
+                len(self.points) // len(self.images),
+                np.bincount(self.image_indices)[np.flatnonzero(counts == most)],
+            )
+            if count_triples(n, int(shown.min())) > triples:
                 return False
         distinct = np.count_nonzero(used.reshape(len(self.images), -1).any(axis=0))
         return bool(distinct >= points and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)
@@ -169,7 +172,7 @@ class DetectionModel:
     @once
     def rays(self) -> Floats:
         """Unit rays (n', 3) of the detections in the frames of their cameras."""
-        return rays_of(self.camera, self.target)
+        return unproject_detections(self.camera, self.target)
 
     @once
     def _log_counts(self) -> Floats:
@@ -177,17 +180,17 @@ class DetectionModel:
 
         By Jeffreys' prior of the rate in each.
         """
-        counts = np.bincount(self.image_of, minlength=max(len(self.images), 1))
-        return log_odds_of_counts(tuple(counts.tolist()), self.shape[1]).copy()
+        counts = np.bincount(self.image_indices, minlength=max(len(self.images), 1))
+        return log_count_odds(tuple(counts.tolist()), self.shape[1]).copy()
 
-    def log_left(self, taken: NDArray[np.bool_]) -> Floats:
+    def log_odds_of_left(self, taken: NDArray[np.bool_]) -> Floats:
         """Logarithm (K,) of the odds of as many clutter points as detections (K, n') that are taken leave."""
         images = np.arange(len(self._log_counts))
-        matches = taken.astype(np.float32) @ (self.image_of[:, None] == images).astype(np.float32)
+        matches = taken.astype(np.float32) @ (self.image_indices[:, None] == images).astype(np.float32)
         return np.asarray(self._log_counts[images, matches.astype(np.int64)].sum(axis=1))
 
     @once
-    def rates(self) -> tuple[Floats, Floats]:
+    def rate_quadrature(self) -> tuple[Floats, Floats]:
         """Nodes (Q,) and logarithms of weights of the integral over the detection rate."""
         if self.rate is not None:
             return np.array([min(self.rate, HIGHEST_RATE)]), np.zeros(1)
@@ -200,36 +203,36 @@ class DetectionModel:
         R, t = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float)
         return R, t + R @ self.centre
 
-    def pose_of(self, rotation: Floats, position: Floats, covariance: Floats) -> Pose:
+    def pose_of_origin(self, rotation: Floats, position: Floats, covariance: Floats) -> Pose:
         """A pose (3, 3) and (3,) of the body's centre with its covariance (6, 6), of the points as they were given."""
-        return Pose.unchecked(rotation, *about_point(rotation, position, covariance, -self.centre))
+        return Pose.unchecked(rotation, *pose_about_point(rotation, position, covariance, -self.centre))
 
-    def linearised(self, rotation: Floats, position: Floats) -> Linearised:
+    def linearise_about(self, rotation: Floats, position: Floats) -> Linearised:
         """Images of the points in poses (K, 3, 3) with the body's centre at (K, 3), to first order."""
-        at = linearised(self.about_centre, self.camera, self._views, rotation, position)
-        return at if self.resolution == 0.0 else self._in_blobs(at)
+        at = linearise_body(self.centred_body, self.camera, self._views, rotation, position)
+        return at if self.resolution == 0.0 else self._merge_blobs(at)
 
     @once
     def _views(self) -> Views | None:
         """The camera as the compiled projection takes it."""
-        return views_of(self.camera)
+        return kernel_camera_views(self.camera)
 
     @once
-    def about_centre(self) -> tuple[Floats, Floats]:
+    def centred_body(self) -> tuple[Floats, Floats]:
         """Points (n, 3) about the centre, and normals (n, 3) or (0, 3)."""
-        kept, centred, _ = self._measures
+        kept, centred, _ = self._centre_and_radius
         centred = centred if self.centre is kept else self.points - self.centre
         return centred, np.empty((0, 3)) if self.normals is None else np.array(self.normals, float)
 
-    def _in_blobs(self, at: Linearised) -> Linearised:
+    def _merge_blobs(self, at: Linearised) -> Linearised:
         """The same poses with points in blobs that the detector does not resolve."""
         shown = self.visibility(at, np.zeros(len(at.seen)))
-        blob = blobs(at.pixels, shown > BARELY, self.resolution)
+        blob = find_blobs(at.pixels, shown > BARELY, self.resolution)
         if blob is None:
             return at
         lit = self.lit(shown)
-        pixels, jacobian = mean_of_each(blob, at.pixels, lit), mean_of_each(blob, at.jacobian, lit)
-        spread = spread_of_each(blob, at.pixels, lit)
+        pixels, jacobian = average_blobs(blob, at.pixels, lit), average_blobs(blob, at.jacobian, lit)
+        spread = blob_variance_of(blob, at.pixels, lit)
         return at._replace(pixels=pixels, jacobian=jacobian, blob=blob, blob_variance=spread)
 
     def lit(self, visible: Floats) -> Floats:
@@ -242,7 +245,7 @@ class DetectionModel:
         return sigma if at.blob_variance is None else np.asarray(np.sqrt(sigma**2 + at.blob_variance))
 
     @once
-    def detections_for_gates(self) -> tuple[Floats, Floats, Floats]:
+    def gating_arguments(self) -> tuple[Floats, Floats, Floats]:
         """Detections (n', 2), σ (n',) on each axis at least, and what covariances (n', 2, 2) have beyond it."""
         target, sigma, *_ = self.image_for_kernels
         if self.target_covariance is None:
@@ -262,7 +265,7 @@ class DetectionModel:
         """Whether what is detected differs from its prediction by more than one σ of each detection says."""
         return self.source_covariance is not None or self.target_covariance is not None
 
-    def own_covariances(self, at: Linearised, image: Integers) -> Floats:
+    def assigned_covariances(self, at: Linearised, image: Integers) -> Floats:
         """Covariances (K, n, 2, 2) of detections (K, n) as those of the points, px²."""
         if self.target_covariance is None:
             return np.asarray(self.noise_of(at, image)[..., None, None] ** 2 * np.eye(2))
@@ -281,7 +284,7 @@ class DetectionModel:
         """Visibility (K, n), 0 to 1, of each point in each pose; ``tilt`` (K,): its direction's deviation, rad."""
         shown = np.empty(at.seen.shape)
         cosine, blob, _ = at.for_kernels
-        see((at.expected, cosine, blob), self._view_cosine, np.ascontiguousarray(tilt, np.float64), shown)
+        fill_visibility((at.expected, cosine, blob), self._view_cosine, np.ascontiguousarray(tilt, np.float64), shown)
         return shown
 
     @once
@@ -302,8 +305,8 @@ class DetectionModel:
         """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
         if self._views is None or self.resolution:
             return None
-        clutter, rates = self.clutter.for_kernels, (*self.rates, self.noise_freedom)
-        return self.about_centre, self._views, self.image_for_kernels, clutter, rates
+        clutter, rates = self.clutter.for_kernels, (*self.rate_quadrature, self.noise_freedom)
+        return self.centred_body, self._views, self.image_for_kernels, clutter, rates
 
     @property
     def exact_scene_for_kernels(self) -> tuple[Any, ...] | None:
@@ -319,7 +322,7 @@ class DetectionModel:
 
     @once
     def alike(self) -> dict[tuple[Any, ...], Any]:
-        """What `rootmatch.model.image_alike` and others told of modes, see `asked_once` there."""
+        """What `rootmatch.model.image_alike` and others told of modes, see `cache_answer` there."""
         return {}
 
     @once
@@ -327,16 +330,16 @@ class DetectionModel:
         """Detections and what is known of them, as `rootmatch.model.compiled.evidence.weigh` takes it."""
         # copies: what is read-only is another type to a kernel, which would be compiled once more
         target, sigma = np.array(self.target, float), np.array(self.sigma, float)
-        return target, sigma, self.weights_of_pairs, self._view_cosine, self._log_counts, self.image_of
+        return target, sigma, self.weights_of_pairs, self._view_cosine, self._log_counts, self.image_indices
 
 
-def triples_of(n: int, n_target: int) -> int:
+def count_triples(n: int, n_target: int) -> int:
     """How many matches of three of n points with three of n' detections there are."""
     return math.comb(n, 3) * math.perm(n_target, 3)
 
 
 @lru_cache(maxsize=256)
-def log_odds_of_counts(counts: tuple[int, ...], most: int) -> Floats:
+def log_count_odds(counts: tuple[int, ...], most: int) -> Floats:
     """Logarithm (C, most + 1) of the odds of 0, 1, 2 … clutter points fewer than images have detections (C,)."""
     left = [[math.lgamma(max(count - k, 0) + 0.5) for k in range(most + 1)] for count in counts]
     every = np.array(left)

@@ -15,8 +15,8 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.copy_or_alike import ANOTHER
 from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
-from rootmatch.model.evidence import settled_about
-from rootmatch.model.image_alike import REACH, asked_once, off_by
+from rootmatch.model.evidence import settle_poses
+from rootmatch.model.image_alike import REACH, cache_answer, perturb_points
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN
@@ -31,7 +31,7 @@ def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bool
     """Log-odds of something else whose other points are elsewhere, of the body in one of its modes.
 
     Of the body as it is, or with its own points there. −∞ if fewer than two points are seen elsewhere, each by two
-    cameras or more. Parameters are those of `rootmatch.model.image_alike.log_odds_alike`.
+    cameras or more. Parameters are those of `rootmatch.model.image_alike.alike_log_odds`.
     """
     rows = np.arange(model.shape[0]).reshape(max(len(model.images), 1), -1)
     shown = modes.visible[k][rows] > HIDDEN
@@ -42,17 +42,17 @@ def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bool
     if len(dark) < LEAST or free.sum() < 2 * LEAST or model.resolution or not np.isfinite(modes.covariance[k]).all():
         return -math.inf
     mode = modes.take(slice(k, k + 1))
-    told = asked_once(_of_another, model, (*mode[:4], mode.visible), dark, free)
+    told = cache_answer(_weigh_another, model, (*mode[:4], mode.visible), dark, free)
     own_log_odds, other = np.asarray(told) - mode.log_mass[0]
     return float(other - np.logaddexp(0.0, own_log_odds))
 
 
-def _of_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers, free: Bools) -> tuple[float, float]:
+def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers, free: Bools) -> tuple[float, float]:
     """Log-odds, against clutter alone, of the body with points elsewhere and of something else; see above."""
     images = max(len(model.images), 1)
     n = model.shape[0] // images
     assignments, rotation, position, (covariance,), (lit,) = mode
-    at, own, off = model.linearised(rotation, position), assignments.copy(), np.zeros(n, np.bool_)
+    at, own, off = model.linearise_about(rotation, position), assignments.copy(), np.zeros(n, np.bool_)
     place, free, left, body, other = _Place(model, at, covariance), free.copy(), set(dark.tolist()), [], []
     for count in range(1, min(len(dark), MOST) + 1):
         each = [(*place.seen(np.arange(images) * n + one, lit, free), one) for one in sorted(left)]
@@ -61,8 +61,8 @@ def _of_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers, fr
             break
         left.discard(point)
         own[0, rows], free[detections], off[point] = detections, False, True
-        wide = off_by(model, model.radius, np.tile(off, images))
-        found, _ = settled_about(wide, own, rotation, position)
+        wide = perturb_points(model, model.radius, np.tile(off, images))
+        found, _ = settle_poses(wide, own, rotation, position)
         log_odds = float(found.log_odds[0]) - math.log(math.comb(n, count))
         body.append(log_odds + count * math.log(INEXACT))
         other.append(log_odds + math.log(WRONG_MODEL) + count * math.log(ANOTHER))
@@ -81,34 +81,36 @@ class _Place:
 
     def seen(self, rows: Integers, lit: Floats, free: Bools) -> tuple[float, Integers, Integers]:
         """The likeliest detections of a point that has these rows: log-odds against clutter, rows, and detections."""
-        possible = {row: self._near(row, image, free) for image, row in enumerate(rows.tolist()) if lit[row] > HIDDEN}
+        possible = {
+            row: self._gate_detections(row, image, free) for image, row in enumerate(rows.tolist()) if lit[row] > HIDDEN
+        }
         best = -math.inf, np.empty(0, np.int64), np.empty(0, np.int64)
         for row, near in possible.items():
             others = [(one, own) for one, own in possible.items() if one != row and len(own)]
             for first in near.tolist() if others else []:
-                one = self._grown([(row, np.array([first])), *others], lit)
+                one = self._grow_track([(row, np.array([first])), *others], lit)
                 if len(one[1]) > 1 and one[0] > best[0]:
                     best = one
         return best
 
-    def _near(self, row: int, image: int, free: Bools) -> Integers:
+    def _gate_detections(self, row: int, image: int, free: Bools) -> Integers:
         """Detections of an image that may be of a row's point."""
-        (own,) = (free & (self.model.image_of == image)).nonzero()
-        off, across, _ = self._apart(row, own, np.zeros(9), self.spread)
+        (own,) = (free & (self.model.image_indices == image)).nonzero()
+        off, across, _ = self._innovations(row, own, np.zeros(9), self.spread)
         return np.asarray(own[(off @ np.linalg.inv(across) * off).sum(axis=1) < REACH**2])
 
-    def _apart(self, row: int, own: Integers, step: Floats, spread: Floats) -> tuple[Floats, Floats, Floats]:
+    def _innovations(self, row: int, own: Integers, step: Floats, spread: Floats) -> tuple[Floats, Floats, Floats]:
         """Deviations (m, 2) of detections, their covariance (2, 2), and their Jacobian (2, 9) by pose and point."""
         jacobian = np.hstack([self.at.jacobian[0, row], self.at.jacobian[0, row][:, 3:]])
         sigma = float(self.model.sigma[own].max(initial=0.0)) + 1e-300
         across = jacobian @ spread @ jacobian.T + sigma**2 * np.eye(2)
         return self.model.target[own] - self.at.pixels[0, row] - jacobian @ step, across, jacobian
 
-    def _grown(self, possible: list[tuple[int, Integers]], lit: Floats) -> tuple[float, Integers, Integers]:
+    def _grow_track(self, possible: list[tuple[int, Integers]], lit: Floats) -> tuple[float, Integers, Integers]:
         """What a point has in each image in turn, as far as those before tell where it is."""
         step, spread, total, pairs = np.zeros(9), self.spread, 0.0, list[tuple[int, int]]()
         for row, own in possible:
-            off, across, jacobian = self._apart(row, own, step, spread)
+            off, across, jacobian = self._innovations(row, own, step, spread)
             inverse, chance = np.linalg.inv(across), USUAL_RATE * float(lit[row])
             worth = math.log(chance / (1.0 - chance)) - self.model.clutter.log_density[own]
             worth -= 0.5 * (off @ inverse * off).sum(axis=1)

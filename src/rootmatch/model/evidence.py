@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.evidence import weigh
-from rootmatch.model.compiled.residuals import residuals_of_one
-from rootmatch.model.compiled.settling import EVIDENCE, IMAGES, POSES, settle
+from rootmatch.model.compiled.residuals import residual_sums
+from rootmatch.model.compiled.settling import EVIDENCE, IMAGES, POSES, settle_hypotheses
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.linearised import Linearised, unfilled, with_rows
+from rootmatch.model.linearised import Linearised, image_room, replace_array_rows
 from rootmatch.model.pose_density import Mixture, PoseDensity
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.shared_errors import SharedErrors
-from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
+from rootmatch.problems.pose_fit.shared_noise import group_by_point, shared_spread, ungroup_sightings
 
 NOT_WHITE = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
 """What the kernel gets where each detection has a noise of its own alone."""
@@ -89,7 +89,7 @@ class Evidence(NamedTuple):
     detected: Floats
 
     @property
-    def of_places(self) -> Floats:
+    def place_log_odds(self) -> Floats:
         """Part (K,) of log B that tells where the detections are; −∞ where log B is."""
         return np.subtract(self.log_odds, self.detected, out=self.log_odds.copy(), where=np.isfinite(self.log_odds))
 
@@ -97,12 +97,12 @@ class Evidence(NamedTuple):
         """Select some of the hypotheses."""
         return Evidence._make([one[which] for one in self])
 
-    def with_(self, which: Integers, others: Evidence) -> Evidence:
+    def replace_rows(self, which: Integers, others: Evidence) -> Evidence:
         """The same with others in the place of some."""
-        return Evidence._make(with_rows(one, which, other) for one, other in zip(self, others, strict=True))
+        return Evidence._make(replace_array_rows(one, which, other) for one, other in zip(self, others, strict=True))
 
 
-def evidence(
+def weigh_assignments(
     model: DetectionModel, assignments: Integers, at: Linearised, prior: PoseDensity | None = None
 ) -> Evidence:
     """Evidence of assignments (K, n), −1 for none, about poses of `DetectionModel.linearised`, or about one pose.
@@ -111,15 +111,15 @@ def evidence(
     """
     assignments = np.array(assignments, np.int64)
     prior = prior or model.prior
-    if (mixture := mixture_of(model, prior)) is not None:
-        return _settled_at_once(model, assignments, at, mixture, given=IMAGES)
+    if (mixture := kernel_mixture(model, prior)) is not None:
+        return _settle_compiled(model, assignments, at, mixture, given=IMAGES)
     if len(at.seen) == 1 < len(assignments):
         at = at.take(np.zeros(len(assignments), np.int64))
     white = NOT_WHITE
     if model.has_covariances:
         used, image = assignments >= 0, np.maximum(assignments, 0)
-        white = _whitened(model, at, used, image, np.where(used[..., None], model.target[image] - at.pixels, 0.0))
-    found = unweighed(*assignments.shape)
+        white = _whiten_matches(model, at, used, image, np.where(used[..., None], model.target[image] - at.pixels, 0.0))
+    found = evidence_buffers(*assignments.shape)
     weigh(
         assignments,
         (at.pixels, at.jacobian, at.seen, at.expected, *at.for_kernels),
@@ -127,13 +127,13 @@ def evidence(
         tuple(np.array(one) for one in prior.components(at.rotation, at.position)),
         model.image_for_kernels,
         model.clutter.for_kernels,
-        (*model.rates, model.noise_freedom),
+        (*model.rate_quadrature, model.noise_freedom),
         tuple(found),
     )
     return found
 
 
-def most_evidence(model: DetectionModel, minimal: int) -> float:
+def max_log_evidence(model: DetectionModel, minimal: int) -> float:
     """The largest log B of any pose of the broad prior whose place a minimal set of its matches tells.
 
     That set is taken to say nothing else; each further match is worth at most what it is exactly where it is predicted.
@@ -147,18 +147,18 @@ def most_evidence(model: DetectionModel, minimal: int) -> float:
     return best
 
 
-def unweighed(count: int, n: int) -> Evidence:
+def evidence_buffers(count: int, n: int) -> Evidence:
     """Room for the evidence of so many hypotheses of n points."""
     shapes = (count,), (count, 6), (count, 6, 6), (count,), (count,), (count, n), (count,), (count,)
     return Evidence._make(map(np.empty, shapes))
 
 
-def mixture_of(model: DetectionModel, prior: PoseDensity | None = None) -> Mixture | None:
+def kernel_mixture(model: DetectionModel, prior: PoseDensity | None = None) -> Mixture | None:
     """A prior, or the model's own, as kernels take it; None where NumPy has a part in that or in the scene."""
     return None if model.scene_for_kernels is None else (prior or model.prior).for_kernels
 
 
-def _settled_at_once(
+def _settle_compiled(
     model: DetectionModel,
     assignments: Integers,
     at: Linearised,
@@ -171,57 +171,57 @@ def _settled_at_once(
     after: tuple[Floats, Floats] = NOWHERE,
 ) -> Evidence:
     """What the compiled `settle` makes of hypotheses, in place: their evidence, and the images about their poses."""
-    found = unweighed(*assignments.shape) if found is None else found
+    found = evidence_buffers(*assignments.shape) if found is None else found
     cosine = at.for_kernels[0]
     poses = at.rotation, at.position
-    settle(
+    settle_hypotheses(
         assignments, (*at[:4], cosine, at.expected, *poses), model.scene_for_kernels, model.spread_for_kernels, prior,
         (given, most, STEPS, NO_CHANGE, FAR, BEHIND, STEEP, hopeless), tuple(found), after,
     )  # fmt: skip
     return found
 
 
-def about(
+def weigh_poses(
     model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PoseDensity | None = None
 ) -> tuple[Evidence, Linearised]:
     """Evidence of assignments (K, n) about poses (K, 3, 3) and (K, 3) of the body's centre, as they are."""
-    if (mixture := mixture_of(model, prior)) is None:
-        at = model.linearised(rotation, position)
-        return evidence(model, assignments, at, prior), at
-    at = unfilled(model.shape[0], model.normals is not None, rotation, position)
-    return _settled_at_once(model, np.array(assignments, np.int64), at, mixture, given=POSES), at
+    if (mixture := kernel_mixture(model, prior)) is None:
+        at = model.linearise_about(rotation, position)
+        return weigh_assignments(model, assignments, at, prior), at
+    at = image_room(model.shape[0], model.normals is not None, rotation, position)
+    return _settle_compiled(model, np.array(assignments, np.int64), at, mixture, given=POSES), at
 
 
-def settled_about(
+def settle_poses(
     model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PoseDensity | None = None
 ) -> tuple[Evidence, Linearised]:
     """`settled`, from poses (K, 3, 3) and (K, 3) of the body's centre."""
-    if (mixture := mixture_of(model, prior)) is None:
-        return settled(model, assignments, *about(model, assignments, rotation, position, prior), prior)
-    at = unfilled(model.shape[0], model.normals is not None, rotation, position)
+    if (mixture := kernel_mixture(model, prior)) is None:
+        return settle_evidence(model, assignments, *weigh_poses(model, assignments, rotation, position, prior), prior)
+    at = image_room(model.shape[0], model.normals is not None, rotation, position)
     rows = np.array(assignments, np.int64)
-    return _settled_at_once(model, rows, at, mixture, given=POSES, most=MOST_STEPS), at
+    return _settle_compiled(model, rows, at, mixture, given=POSES, most=MOST_STEPS), at
 
 
-def settled_of_likely(
+def settle_likely(
     model: DetectionModel,
     assignments: Integers,
     poses: tuple[Floats, Floats],
     prior: Mixture,
     hopeless: tuple[float, float, float],
 ) -> tuple[Evidence, Linearised, tuple[Floats, Floats]]:
-    """`settled_about` those of some assignments that may count, and their poses after the last steps, compiled.
+    """`settle_poses` those of some assignments that may count, and their poses after the last steps, compiled.
 
     The others, and those that repeat another one, have log-odds of −∞. ``hopeless``: log-odds behind the best, least
     log-odds that this has, and log-odds from which any may count.
     """
-    at, rows = unfilled(model.shape[0], model.normals is not None, *poses), np.array(assignments, np.int64)
+    at, rows = image_room(model.shape[0], model.normals is not None, *poses), np.array(assignments, np.int64)
     after = np.empty(at.rotation.shape), np.empty(at.position.shape)
-    found = _settled_at_once(model, rows, at, prior, given=POSES, most=MOST_STEPS, hopeless=hopeless, after=after)
+    found = _settle_compiled(model, rows, at, prior, given=POSES, most=MOST_STEPS, hopeless=hopeless, after=after)
     return found, at, after
 
 
-def settled(
+def settle_evidence(
     model: DetectionModel, assignments: Integers, found: Evidence, at: Linearised, prior: PoseDensity | None = None
 ) -> tuple[Evidence, Linearised]:
     """Evidence after Gauss–Newton steps to the best poses, starting from that about the given poses.
@@ -229,9 +229,9 @@ def settled(
     The steps of a hypothesis end when they no longer change its fit or, after the first `STEPS`, if it is far behind
     the best one. What is given may change in place.
     """
-    if (mixture := mixture_of(model, prior)) is not None:
+    if (mixture := kernel_mixture(model, prior)) is not None:
         rows = np.array(assignments, np.int64)
-        return _settled_at_once(model, rows, at, mixture, given=EVIDENCE, most=MOST_STEPS, found=found), at
+        return _settle_compiled(model, rows, at, mixture, given=EVIDENCE, most=MOST_STEPS, found=found), at
     for turn in range(MOST_STEPS):
         going = found.decrement >= (NO_CHANGE if turn < STEPS else FAR)
         if turn >= STEPS:
@@ -240,15 +240,18 @@ def settled(
         if not len(some):
             break
         if len(some) == len(going) or len(going) <= TOGETHER:
-            at = model.linearised(*stepped(found._replace(step=found.step * going[:, None]), at))
-            found = evidence(model, assignments, at, prior)
+            at = model.linearise_about(*step_poses(found._replace(step=found.step * going[:, None]), at))
+            found = weigh_assignments(model, assignments, at, prior)
             continue
-        there = model.linearised(*stepped(found.take(some), at.take(some)))
-        at, found = at.with_(some, there), found.with_(some, evidence(model, assignments[some], there, prior))
+        there = model.linearise_about(*step_poses(found.take(some), at.take(some)))
+        at, found = (
+            at.replace_rows(some, there),
+            found.replace_rows(some, weigh_assignments(model, assignments[some], there, prior)),
+        )
     return found, at
 
 
-def stepped(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
+def step_poses(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
     """Rotations (K, 3, 3) and positions (K, 3) after each step, which is shortened to where first order may hold."""
     out = np.empty(at.rotation.shape), np.empty(at.position.shape)
     take_steps(found.step, at.rotation, at.position, STEEP, out)
@@ -261,10 +264,10 @@ def squared_deviations(model: DetectionModel, assignments: Integers, at: Lineari
     offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
     if not model.has_covariances:
         return np.asarray(((offset / model.noise_of(at, image)[..., None]) ** 2).sum(axis=(1, 2)))
-    return np.asarray((_whitened(model, at, used, image, offset)[1] ** 2).sum(axis=(1, 2)))
+    return np.asarray((_whiten_matches(model, at, used, image, offset)[1] ** 2).sum(axis=(1, 2)))
 
 
-def residuals_of(
+def residual_statistics(
     model: DetectionModel, assignment: Integers, rotation: Floats, position: Floats
 ) -> tuple[float, float]:
     """Squared deviation of an assignment (n,) from a pose (3, 3) and (3,), and how far its detections move with points.
@@ -273,14 +276,14 @@ def residuals_of(
     """
     if (scene := model.exact_scene_for_kernels) is not None:
         pose, row = (np.array(rotation[None]), np.array(position[None])), np.array(assignment, np.int64)
-        squared, moved = residuals_of_one(row, pose, *scene[:3])
+        squared, moved = residual_sums(row, pose, *scene[:3])
         return squared, moved
-    at, used = model.linearised(rotation[None], position[None]), assignment >= 0
+    at, used = model.linearise_about(rotation[None], position[None]), assignment >= 0
     each = 0.5 * (at.by_position[0, used] ** 2).sum(axis=(1, 2)) / model.sigma[assignment[used]] ** 2
     return float(squared_deviations(model, assignment[None], at)[0]), float(each.sum()) / max(len(each), 1)
 
 
-def deviations(model: DetectionModel, assignments: Integers, at: Linearised) -> tuple[Floats, Floats]:
+def normalised_deviations(model: DetectionModel, assignments: Integers, at: Linearised) -> tuple[Floats, Floats]:
     """Deviations (K, n, 2) of the detections of assignments (K, n) from poses, and the images' Jacobians (K, n, 2, 6).
 
     Both are in units of the noise.
@@ -288,36 +291,38 @@ def deviations(model: DetectionModel, assignments: Integers, at: Linearised) -> 
     used, image = assignments >= 0, np.maximum(assignments, 0)
     offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
     if model.has_covariances:
-        rows, residual, _ = _whitened(model, at, used, image, offset)
+        rows, residual, _ = _whiten_matches(model, at, used, image, offset)
         return residual, rows
     sigma = model.noise_of(at, image)[..., None]
     return np.asarray(offset / sigma), np.asarray(at.jacobian * used[..., None, None] / sigma[..., None])
 
 
-def _whitened(
+def _whiten_matches(
     model: DetectionModel, at: Linearised, used: NDArray[np.bool_], image: Integers, offset: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Jacobians (K, n, 2, 6) and residuals (K, n, 2) in units of the noise, and ½ log |S| (K, n); zero if unmatched.
 
     With the covariances of points, which their sightings share, and of detections.
     """
-    images, (_, spread) = max(len(model.images), 1), _spread(model, at, used, image)
+    images, (_, spread) = max(len(model.images), 1), _match_covariances(model, at, used, image)
     root = np.linalg.cholesky(spread)
-    rows = of_sightings(np.linalg.solve(root, by_points(at.jacobian * used[..., None, None], images)), images)
-    residual = of_sightings(np.linalg.solve(root, by_points(offset[..., None], images)), images)[..., 0]
+    rows = ungroup_sightings(np.linalg.solve(root, group_by_point(at.jacobian * used[..., None, None], images)), images)
+    residual = ungroup_sightings(np.linalg.solve(root, group_by_point(offset[..., None], images)), images)[..., 0]
     logarithm = np.log(np.diagonal(root, axis1=-1, axis2=-2))[..., None]
-    return rows, residual, of_sightings(logarithm, images)[..., 0].sum(axis=-1)
+    return rows, residual, ungroup_sightings(logarithm, images)[..., 0].sum(axis=-1)
 
 
-def _spread(model: DetectionModel, at: Linearised, used: NDArray[np.bool_], image: Integers) -> tuple[Floats, Floats]:
+def _match_covariances(
+    model: DetectionModel, at: Linearised, used: NDArray[np.bool_], image: Integers
+) -> tuple[Floats, Floats]:
     """Derivatives (K, C n, 2, 3) of sightings by the points in the body's frame, and covariances (K, n, 2 C, 2 C)."""
     each = used[..., None, None]
-    own = np.where(each, model.own_covariances(at, image), np.eye(2))
+    own = np.where(each, model.assigned_covariances(at, image), np.eye(2))
     by_point = np.where(each, at.by_position @ at.rotation[:, None], 0.0)
     return by_point, shared_spread(by_point, model.source_covariance, own, max(len(model.images), 1))
 
 
-def errors_by_source(model: DetectionModel, assignment: Integers, fit: Pose) -> SharedErrors | None:
+def source_errors(model: DetectionModel, assignment: Integers, fit: Pose) -> SharedErrors | None:
     """Errors of a fitted pose by the 3 n of the points, in units of their deviation; None if these are exact.
 
     ``fit``: of an assignment (n,), or (C n,) of the sightings of C cameras, with the covariance of the fit.
@@ -325,10 +330,10 @@ def errors_by_source(model: DetectionModel, assignment: Integers, fit: Pose) -> 
     if model.source_covariance is None:
         return None
     assert fit.covariance is not None
-    at, images = model.linearised(*model.centred(fit.R[None], fit.t[None])), max(len(model.images), 1)
+    at, images = model.linearise_about(*model.centred(fit.R[None], fit.t[None])), max(len(model.images), 1)
     used, image = (assignment >= 0)[None], np.maximum(assignment, 0)[None]
-    (by_point,), (spread,) = _spread(model, at, used, image)
+    (by_point,), (spread,) = _match_covariances(model, at, used, image)
     by_pose = at.jacobian[0] * used[0, :, None, None]
     by_pose[..., :3] += by_pose[..., 3:] @ turn_jacobian(fit.R @ model.centre)  # about the points' own origin
-    rows = by_points(by_pose, images), by_points(by_point, images)
+    rows = group_by_point(by_pose, images), group_by_point(by_point, images)
     return SharedErrors.of_points(fit.covariance, rows, spread, model.source_covariance[: len(spread)])

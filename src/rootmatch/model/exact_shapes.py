@@ -10,16 +10,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.arrays import Floats, Integers, cache_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import evidence
-from rootmatch.model.exact_symmetry import ExactShape, exact_shape, log_odds_of_others, without_some
-from rootmatch.model.mode_search import GROWN, with_sums
+from rootmatch.model.evidence import weigh_assignments
+from rootmatch.model.exact_symmetry import ExactShape, fit_exact_shape, leave_points_out, log_prior_of_outliers
+from rootmatch.model.mode_search import GROWN, grow_mode
 from rootmatch.model.modes import Modes
-from rootmatch.model.near_symmetries import distinct_within, symmetries_of
-from rootmatch.model.reweighed import reweighed
-from rootmatch.samplers.point_sets.motions import fitted_motions
+from rootmatch.model.near_symmetries import find_symmetries, neighbour_tolerance
+from rootmatch.model.reweighed import reweigh_evidence
+from rootmatch.samplers.point_sets.motions import fit_motions
 
 DRAWN = 0.01
 """Mean square deviation, in units of the noise, below which points were drawn so rather than measured: labellings are
@@ -32,14 +32,14 @@ Copies = Sequence[tuple[DetectionModel, Integers]]
 """Bodies that were measured, and the point (n,) of each for every point of another one that they are copies of."""
 
 
-def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Floats | float:
+def exact_shape_log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Floats | float:
     """By how much the log-odds (M,) of a body's modes change as it may be of an exact shape; 0 if it is of none.
 
     What the body weighs against clutter stays what it is, as nobody says whether its points were measured or drawn.
     """
     if model.source_covariance is None or len(modes.log_odds) < 2:
         return 0.0
-    shapes = _shapes_of(model, copies)
+    shapes = _candidate_shapes(model, copies)
     if not shapes:
         return 0.0
     counts = modes.log_mass > min(modes.log_mass.max() - FAR_BEHIND, 0.0)
@@ -48,35 +48,35 @@ def log_gains(model: DetectionModel, modes: Modes, copies: Copies = ()) -> Float
     own, *exact = odds - np.logaddexp.reduce(odds)
     gains, kept = np.full(len(counts), own), modes.take(some)
     for share, shape in zip(exact, shapes, strict=True):
-        gains[some] = np.logaddexp(gains[some], share + _gained(model, kept, shape))
+        gains[some] = np.logaddexp(gains[some], share + _shape_log_gains(model, kept, shape))
     before, after = (float(np.logaddexp.reduce(one)) for one in (modes.log_mass, modes.log_mass + gains))
     return np.asarray(gains + before - after)
 
 
-def grown_in_place_of(copies: Copies, model: DetectionModel, modes: Modes) -> Modes:
+def grow_in_copies_place(copies: Copies, model: DetectionModel, modes: Modes) -> Modes:
     """Modes of a body that may be an exact copy of others, with the sums of those that are far behind the best.
 
     What the body shows in the place of a copy is as much its own.
     """
-    if model.source_covariance is None or not copies or not _shapes_of(model, copies):
+    if model.source_covariance is None or not copies or not _candidate_shapes(model, copies):
         return modes
     for _ in range(GROWN):
         (left,) = np.nonzero(~modes.summed & (modes.log_odds > 0.0))
         if not len(left):
             break
-        modes = with_sums(model, modes, int(left[0]))
+        modes = grow_mode(model, modes, int(left[0]))
     return modes
 
 
-def _gained(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
+def _shape_log_gains(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
     """Logarithm (M,) of the evidence of modes with points of an exact shape, over that with those measured.
 
     With matches that fit that shape alone, and with what other turns of all points onto themselves match: any turn may.
     """
     of, every = np.arange(len(modes.log_odds)), modes.assignments
-    adding = [_adding(one, near[0]) for one, near in zip(every, modes.near, strict=True)]
+    adding = [_additions(one, near[0]) for one, near in zip(every, modes.near, strict=True)]
     of = np.concatenate([of, np.repeat(of, [len(one) for one in adding])])
-    values = _log_odds(model, modes, (of, np.concatenate([every, *adding])), shape)
+    values = _shape_log_odds(model, modes, (of, np.concatenate([every, *adding])), shape)
     out = values[: len(every)].copy()
     np.maximum.at(out, of, values)
     more, together = np.concatenate([every[:0], *adding]), every.copy()
@@ -86,19 +86,19 @@ def _gained(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:
             together[k] = np.where(one == new[0], new[0], together[k])
     (several,) = np.nonzero((together >= 0).sum(axis=1) > (every >= 0).sum(axis=1) + 1)
     if len(several):
-        at_once = _log_odds(model, modes, (several, together[several]), shape)
+        at_once = _shape_log_odds(model, modes, (several, together[several]), shape)
         out[several] = np.maximum(out[several], at_once)
-    of_turns = _turns_of(model, modes, shape)
+    of_turns = _group_by_turn(model, modes, shape)
     best = np.full(len(out), -np.inf)
     np.maximum.at(best, of_turns, out)
     return np.asarray(best[of_turns] - modes.log_odds)
 
 
-def _turns_of(model: DetectionModel, modes: Modes, shape: ExactShape) -> Integers:
+def _group_by_turn(model: DetectionModel, modes: Modes, shape: ExactShape) -> Integers:
     """The first (M,) of the modes that puts all points of an exact shape where each mode puts others of them."""
-    points = model.about_centre[0][: len(shape.moved)] + shape.moved
+    points = model.centred_body[0][: len(shape.moved)] + shape.moved
     placed = points @ modes.rotation.swapaxes(1, 2) + modes.position[:, None]
-    reach = distinct_within(points)
+    reach = neighbour_tolerance(points)
     assert model.source_covariance is not None
     variance, out = np.trace(model.source_covariance, axis1=1, axis2=2).min(), np.arange(len(placed))
     for k in range(1, len(placed)):
@@ -107,7 +107,7 @@ def _turns_of(model: DetectionModel, modes: Modes, shape: ExactShape) -> Integer
             to = off.argmin(axis=1)
             if (off.min(axis=1) >= reach).any() or len(np.unique(to)) < len(points):
                 continue
-            turn = fitted_motions(points[None], points[None, to], scaled=False, mirror=False)
+            turn = fit_motions(points[None], points[None, to], scaled=False, mirror=False)
             left = points @ turn.linear[0].T + turn.shift[0] - points[to]
             if (left**2).sum(axis=1).max() < DRAWN * variance:  # rather than displaced, as a landmark
                 out[k] = first
@@ -115,19 +115,21 @@ def _turns_of(model: DetectionModel, modes: Modes, shape: ExactShape) -> Integer
     return out
 
 
-def _adding(assignment: Integers, changed: Integers) -> Integers:
+def _additions(assignment: Integers, changed: Integers) -> Integers:
     """Those of some changes (C, n) of an assignment (n,) that add a match and leave the others."""
     left = (changed == assignment) | (assignment < 0)
     return np.asarray(changed[left.all(axis=1) & ((changed >= 0).sum(axis=1) > (assignment >= 0).sum())])
 
 
-def _log_odds(model: DetectionModel, modes: Modes, hypotheses: tuple[Integers, Integers], shape: ExactShape) -> Floats:
+def _shape_log_odds(
+    model: DetectionModel, modes: Modes, hypotheses: tuple[Integers, Integers], shape: ExactShape
+) -> Floats:
     """Log-odds (K,) of assignments (K, n) about the poses of some modes (K,), with points of an exact shape."""
     of, assignments = hypotheses
-    n, at = len(shape.moved), model.linearised(modes.rotation[of], modes.position[of])
-    found = evidence(model, assignments, at)
+    n, at = len(shape.moved), model.linearise_about(modes.rotation[of], modes.position[of])
+    found = weigh_assignments(model, assignments, at)
     by_point = at.by_position @ at.rotation[:, None]
-    own = model.own_covariances(at, np.maximum(assignments, 0))
+    own = model.assigned_covariances(at, np.maximum(assignments, 0))
     out = found.log_odds.copy()
     for k in np.flatnonzero(np.isfinite(out)).tolist():
         checkpoint()
@@ -144,17 +146,19 @@ def _log_odds(model: DetectionModel, modes: Modes, hypotheses: tuple[Integers, I
         spread = white.reshape(size, size) + rows @ shape.covariance @ rows.T
         offset = (model.target[assignments[k, used]] - at.pixels[k, used]).ravel()
         known = at.jacobian[k, used].reshape(size, 6), offset, alone, model.noise_freedom
-        out[k] += reweighed(found.take(slice(k, k + 1)), known, spread, offset - rows @ shape.moved.ravel()).gained
+        out[k] += reweigh_evidence(
+            found.take(slice(k, k + 1)), known, spread, offset - rows @ shape.moved.ravel()
+        ).gained
     return out
 
 
-def _shapes_of(model: DetectionModel, copies: Copies) -> tuple[ExactShape, ...]:
+def _candidate_shapes(model: DetectionModel, copies: Copies) -> tuple[ExactShape, ...]:
     """The exact shapes of a body by its own near symmetries and its copies."""
     assert model.source_covariance is not None
     n = len(model.points) // max(len(model.images), 1)
     points, covariance = [model.points[:n]], [model.source_covariance[:n]]
     normals = None if model.normals is None else model.normals[:n]
-    images = [one.image for one in symmetries_of(points[0], normals, covariance=covariance[0])]
+    images = [one.image for one in find_symmetries(points[0], normals, covariance=covariance[0])]
     for copy, image in copies:
         assert copy.source_covariance is not None
         images.append(n * len(points) + image)
@@ -162,11 +166,11 @@ def _shapes_of(model: DetectionModel, copies: Copies) -> tuple[ExactShape, ...]:
         covariance.append(copy.source_covariance[:n])
     if not images:
         return ()
-    return _exact_shapes(np.concatenate(points), np.concatenate(covariance), np.array(images))
+    return _find_exact_shapes(np.concatenate(points), np.concatenate(covariance), np.array(images))
 
 
-@kept_by_values(128)
-def _exact_shapes(points: Floats, covariance: Floats, images: Integers) -> tuple[ExactShape, ...]:
+@cache_by_values(128)
+def _find_exact_shapes(points: Floats, covariance: Floats, images: Integers) -> tuple[ExactShape, ...]:
     """The shapes of a body, the first n points, by motions that are exact with one half or more; none without any.
 
     Parameters
@@ -183,13 +187,13 @@ def _exact_shapes(points: Floats, covariance: Floats, images: Integers) -> tuple
         (first,) = np.nonzero(image >= 0)
         every, place = np.unique(np.concatenate([first, image[first]]), return_inverse=True)
         motion = place[: len(first)], place[len(first) :]
-        one = exact_shape(points[every], covariance[every], [motion])
-        if one is not None and one.log_odds + log_odds_of_others(n - len(first), n) >= 0.0:
+        one = fit_exact_shape(points[every], covariance[every], [motion])
+        if one is not None and one.log_odds + log_prior_of_outliers(n - len(first), n) >= 0.0:
             motions.append((first, image[first]))
             fewest = min(fewest, n - len(first))
-    found = exact_shape(points, covariance, motions) if motions else None
+    found = fit_exact_shape(points, covariance, motions) if motions else None
     if found is None or found.squared < DRAWN * found.freedom:
         return ()
-    found = found._replace(log_odds=found.log_odds + log_odds_of_others(fewest, n))
-    own = without_some(points, covariance, motions, found)
+    found = found._replace(log_odds=found.log_odds + log_prior_of_outliers(fewest, n))
+    own = leave_points_out(points, covariance, motions, found)
     return tuple(one._replace(moved=one.moved[:n], covariance=one.covariance[: 3 * n, : 3 * n]) for one in own)

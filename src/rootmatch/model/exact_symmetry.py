@@ -17,10 +17,10 @@ import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.arrays import Floats, Integers
-from rootmatch.model.point_set_model import student
+from rootmatch.model.point_set_model import log_student_factor
 from rootmatch.model.priors import NOISE_FREEDOM, probability
 from rootmatch.problems.points import PointClouds
-from rootmatch.samplers.point_sets.motions import fitted_motions
+from rootmatch.samplers.point_sets.motions import fit_motions
 
 EXACT = 0.5
 """Prior probability that a self-motion is an exact symmetry. A round value."""
@@ -67,7 +67,7 @@ class ExactShape(NamedTuple):
     excess: Floats
 
 
-def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mirror: bool = False) -> float:
+def exact_symmetry_probability(clouds: PointClouds, first: Integers, second: Integers, mirror: bool = False) -> float:
     """Probability that a motion takes some points of the source exactly onto others, given their measured positions.
 
     ``first`` (m,) are the points, ``second`` (m,) those whose places they take; ``mirror``: or by a reflection.
@@ -75,11 +75,11 @@ def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mi
     every, place = np.unique(np.concatenate([first, second]), return_inverse=True)
     points = clouds.source[every]
     covariance = clouds.source_variance[every, None, None] * np.eye(points.shape[1])
-    found = exact_shape(points, covariance, [(place[: len(first)], place[len(first) :])], mirror)
+    found = fit_exact_shape(points, covariance, [(place[: len(first)], place[len(first) :])], mirror)
     return 0.0 if found is None else probability(found.log_odds)
 
 
-def exact_shape(
+def fit_exact_shape(
     points: Floats, covariance: Floats, motions: Sequence[tuple[Integers, Integers]], mirror: bool = False
 ) -> ExactShape | None:
     """Measured points under motions that take some of them exactly onto others; None where they hardly do.
@@ -96,9 +96,9 @@ def exact_shape(
     root = axes * np.sqrt(np.maximum(values, 0.0))[:, None]  # of what may be known exactly along some axes
     gram, slope, spread = np.zeros((n * size, n * size)), np.zeros(n * size), 0.0
     for first, second in motions:
-        if _fixes_all(points[first[first == second]], float(variance.max()), size - 1 + mirror):
+        if _is_identity_forced(points[first[first == second]], float(variance.max()), size - 1 + mirror):
             return None  # two points would be in one place
-        motion = fitted_motions(points[None, first], points[None, second], scaled=False, mirror=mirror)
+        motion = fit_motions(points[None, first], points[None, second], scaled=False, mirror=mirror)
         turn = motion.linear[0]
         moved = points[first] @ turn.T + motion.shift[0]
         deviation = (points[second] - moved).ravel()
@@ -133,8 +133,8 @@ def exact_shape(
     if rank:
         largest = max(math.sqrt(spread * len(motions) / float(scales[-1])), math.e)
         excess = 1.0 + np.exp(np.linspace(0.0, 2.0 * math.log(largest), SIZES))
-        displaced = student(chi2 / excess, np.full(SIZES, rank), NOISE_FREEDOM) - 0.5 * rank * np.log(excess)
-        exact = float(student(np.array([chi2]), np.array([rank]), NOISE_FREEDOM)[0])
+        displaced = log_student_factor(chi2 / excess, np.full(SIZES, rank), NOISE_FREEDOM) - 0.5 * rank * np.log(excess)
+        exact = float(log_student_factor(np.array([chi2]), np.array([rank]), NOISE_FREEDOM)[0])
         odds = exact - (float(np.logaddexp.reduce(displaced)) - math.log(SIZES))
     by_noise = np.einsum("iab,ibf->iaf", root, axes.reshape(n, size, -1)).reshape(n * size, -1)
     whole = np.zeros((n, size, n, size))
@@ -149,17 +149,17 @@ def exact_shape(
     )
 
 
-def log_odds_of_others(count: int, n: int) -> float:
+def log_prior_of_outliers(count: int, n: int) -> float:
     """Prior log-odds of a shape of n points that is exact but for so many of them, over one that is exact."""
     return count * math.log(ODD) - math.lgamma(n + 1) + math.lgamma(count + 1) + math.lgamma(n - count + 1)
 
 
-def without_some(
+def leave_points_out(
     points: Floats, covariance: Floats, motions: Sequence[tuple[Integers, Integers]], whole: ExactShape
 ) -> list[ExactShape]:
     """An exact shape, and those with one or two points displaced from it by a distance of unknown size, if these count.
 
-    ``whole``: the first, of all points and motions, see `exact_shape`.
+    ``whole``: the first, of all points and motions, see `fit_exact_shape`.
     """
     n, size = points.shape
     # by how much χ² decreases, to first order, without each of the points
@@ -174,19 +174,19 @@ def without_some(
             kept = [~(np.isin(first, some) | np.isin(second, some)) for first, second in motions]
             pairs = zip(motions, kept, strict=True)
             left = [(first[which], second[which]) for (first, second), which in pairs if which.sum() > size]
-            one = exact_shape(points, covariance, left) if left else None
+            one = fit_exact_shape(points, covariance, left) if left else None
             if one is None:
                 continue
             less, fewer = whole.squared - one.squared, whole.freedom - one.freedom
             squared = np.append(one.squared + less / whole.excess, whole.squared)
-            *of_sizes, exact = student(squared, np.full(SIZES + 1, whole.freedom), NOISE_FREEDOM)
+            *of_sizes, exact = log_student_factor(squared, np.full(SIZES + 1, whole.freedom), NOISE_FREEDOM)
             odds = np.logaddexp.reduce(of_sizes - 0.5 * fewer * np.log(whole.excess)) - math.log(SIZES) - exact
-            found.append(one._replace(log_odds=whole.log_odds + float(odds) + log_odds_of_others(count, n)))
+            found.append(one._replace(log_odds=whole.log_odds + float(odds) + log_prior_of_outliers(count, n)))
     best = max(one.log_odds for one in found)
     return [one for one in found if one.log_odds > best - COUNTS]
 
 
-def _fixes_all(points: Floats, variance: float, rank: int) -> bool:
+def _is_identity_forced(points: Floats, variance: float, rank: int) -> bool:
     """Whether a motion that leaves these points (m, k) where they are leaves all: they span so many dimensions."""
     if len(points) <= rank:
         return False

@@ -13,11 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.frozen import amended, copied, once
+from rootmatch.frozen import amend, copy_with, once
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.pose_density import Doubted, Gaussian, Mixed, Mixture, PoseDensity, largest, packed
+from rootmatch.model.pose_density import (
+    Doubted,
+    Gaussian,
+    Mixed,
+    Mixture,
+    PoseDensity,
+    largest_component,
+    pack_predictions,
+)
 from rootmatch.model.posterior import Posterior
-from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.reference_point import pose_about_point
 
 EXCHANGED = 1e-3
 """Prior probability that a body is in the place of another one of its family. A stated value, not measured."""
@@ -43,7 +51,7 @@ class Places:
 
     def of(self, other: Gaussian) -> Gaussian:
         """Where the body is in the place in which the other one is predicted."""
-        position, covariance = about_point(other.rotation, other.position, other.covariance, self.point)
+        position, covariance = pose_about_point(other.rotation, other.position, other.covariance, self.point)
         return Gaussian(other.rotation @ self.rotation, position, covariance + np.diag(self.variance), other.freedom)
 
 
@@ -73,22 +81,22 @@ class Exchanged(Mixed):
         left = math.log1p(-sum(math.exp(share) for _, share in self.others))
         (*parts, peaks, freedom), (*numbers, log_share, radius), (*pieces, known) = self.known.for_kernels
         own = *parts, peaks + left, freedom  # others follow what is known of the body itself
-        predictions = tuple(map(np.concatenate, zip(own, packed(self.others), strict=True)))
+        predictions = tuple(map(np.concatenate, zip(own, pack_predictions(self.others), strict=True)))
         return predictions, (*numbers, log_share + left, radius), (*pieces, known + left)  # type: ignore[return-value]
 
-    def in_other_places(self, rotation: Floats, position: Floats) -> Bools:
+    def is_in_other_place(self, rotation: Floats, position: Floats) -> Bools:
         """Whether each of some poses (K,) is most probably in the place of another body."""
         every, which = self._components(rotation, position)
         own = len(self.known.for_kernels[0][0])
-        return np.asarray((largest(every) == 0) & (which >= own) & (which < own + len(self.others)))
+        return np.asarray((largest_component(every) == 0) & (which >= own) & (which < own + len(self.others)))
 
 
-def of_itself(prior: PoseDensity) -> PoseDensity:
+def own_prior(prior: PoseDensity) -> PoseDensity:
     """What a prior knows of the body itself, but for the places of others."""
     return prior.known if isinstance(prior, Exchanged) else prior
 
 
-def beside_others(model: DetectionModel, others: Sequence[tuple[Places, PoseDensity]]) -> DetectionModel:
+def add_family_places(model: DetectionModel, others: Sequence[tuple[Places, PoseDensity]]) -> DetectionModel:
     """The model of a body that may be where others of its family are expected; as given if none is.
 
     ``others``: how the body lies where each of them does, and what is known of that one's pose.
@@ -102,11 +110,11 @@ def beside_others(model: DetectionModel, others: Sequence[tuple[Places, PoseDens
     ]
     if not predicted or not isinstance(model.prior, Mixed):
         return model
-    return amended(model, prior=Exchanged(model.prior, predicted))
+    return amend(model, prior=Exchanged(model.prior, predicted))
 
 
-def marked(model: DetectionModel, told: Posterior) -> Posterior:
-    """A posterior by `beside_others` that tells which modes are where another body was expected."""
+def mark_exchanged(model: DetectionModel, told: Posterior) -> Posterior:
+    """A posterior by `add_family_places` that tells which modes are where another body was expected."""
     if not isinstance(model.prior, Exchanged):
         return told
-    return copied(told, exchanged=model.prior.in_other_places(told.modes.rotation, told.modes.position))
+    return copy_with(told, exchanged=model.prior.is_in_other_place(told.modes.rotation, told.modes.position))

@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import OutOfTime
-from rootmatch.jit.threads import in_pieces
+from rootmatch.jit.threads import run_in_pieces
 from rootmatch.model.compiled.gathering import gather, gather_about
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.prediction import HIDDEN
@@ -19,13 +19,13 @@ RATE = 0.7
 """Detection rate that their order supposes; the model of the image judges them later. A round value."""
 
 
-def gathered(model: DetectionModel, proposals: Proposals, *, least: int, most: int) -> Proposals:
+def gather_assignments(model: DetectionModel, proposals: Proposals, *, least: int, most: int) -> Proposals:
     """What hypotheses lead to, each assignment once, the most likely first, at the poses that led to it.
 
     ``proposals``: poses with the matches, three or more, that determine them; ``least``: fewest matches of an
     assignment; ``most``: how many assignments.
     """
-    assignments, gains = gathered_by_each(model, proposals)
+    assignments, gains = gather_each(model, proposals)
     enough = np.flatnonzero(((assignments >= 0).sum(axis=1) >= least) & np.isfinite(gains))
     kept: dict[bytes, int] = {}
     for k in enough[np.argsort(-gains[enough], kind="stable")].tolist():
@@ -35,7 +35,7 @@ def gathered(model: DetectionModel, proposals: Proposals, *, least: int, most: i
     return proposals._replace(assignments=assignments).take(np.array(list(kept.values()), np.int64))
 
 
-def gathered_by_each(model: DetectionModel, proposals: Proposals) -> tuple[Integers, Floats]:
+def gather_each(model: DetectionModel, proposals: Proposals) -> tuple[Integers, Floats]:
     """The assignment (K, n) that each pose leads to, and its log-odds (K,) against clutter, to first order.
 
     −∞ for a pose from which a point of its own would not be seen, and for one that a deadline leaves out.
@@ -51,12 +51,12 @@ def gathered_by_each(model: DetectionModel, proposals: Proposals) -> tuple[Integ
         if scene is not None:
             gather_about((rotation, position), sources, scene, limits, out)
             return
-        at = model.linearised(rotation, position)
+        at = model.linearise_about(rotation, position)
         visible = model.visibility(at, np.zeros(last - first))
         gather((at.pixels, at.jacobian, visible), sources, image, limits, out)
 
     target, sigma, log_weights, *_ = model.image_for_kernels
-    image = target, sigma, np.array(model.clutter.log_density), log_weights, np.array(model.image_of)
+    image = target, sigma, np.array(model.clutter.log_density), log_weights, np.array(model.image_indices)
     with suppress(OutOfTime):
-        in_pieces(work, len(gains))
+        run_in_pieces(work, len(gains))
     return assignments, gains

@@ -16,12 +16,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.frozen import amended
-from rootmatch.model.compiled.near_misses import near_misses
-from rootmatch.model.detection_model import DetectionModel, log_odds_of_counts
-from rootmatch.model.evidence import evidence, residuals_of, settled_about
+from rootmatch.frozen import amend
+from rootmatch.model.compiled.near_misses import fill_near_misses
+from rootmatch.model.detection_model import DetectionModel, log_count_odds
+from rootmatch.model.evidence import residual_statistics, settle_poses, weigh_assignments
 from rootmatch.model.modes import Modes
-from rootmatch.model.prediction import HIDDEN, Settled, settle
+from rootmatch.model.prediction import HIDDEN, Settled, settle_assignment
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
 
 Told = TypeVar("Told")
@@ -45,7 +45,7 @@ LEAST = -3.0
 twentieth of what is allowed for. A round value; it bounds time."""
 
 
-def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> Floats | None:
+def alike_log_odds(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> Floats | None:
     """Log-odds (W,) of a body with points that are off by each of `ERRORS`, in about the pose of one of the modes.
 
     ``k``: which mode; ``taken`` (n',): detections of other bodies.
@@ -62,24 +62,24 @@ def log_odds_alike(model: DetectionModel, modes: Modes, k: int, taken: Bools | N
     if not missed and not shared:
         return None
     errors = ERRORS * model.radius
-    gains, free = _near(model, modes, k, errors, taken) if missed else (np.zeros((len(errors), 0)), 0)
+    gains, free = _near_miss_gains(model, modes, k, errors, taken) if missed else (np.zeros((len(errors), 0)), 0)
     if not gains.any() and not shared:
         return None
     mode, freedom = modes.take(slice(k, k + 1)), float(modes.freedom[k])
-    residuals = residuals_of(model, assignment, modes.rotation[k], modes.position[k])
+    residuals = residual_statistics(model, assignment, modes.rotation[k], modes.position[k])
     before, out = float(mode.log_odds[0] - mode.log_mass[0]), np.full(len(errors), -np.inf)
     if gains.any():
-        counts = log_odds_of_counts((-(-free // images),), gains.shape[1])[0, 1:]
-        most = before + gains_of_residuals(model.noise_freedom, residuals, freedom, errors)
+        counts = log_count_odds((-(-free // images),), gains.shape[1])[0, 1:]
+        most = before + residual_log_gains(model.noise_freedom, residuals, freedom, errors)
         most += (np.cumsum(np.sort(gains, axis=1)[:, ::-1], axis=1) + counts).max(axis=1)
         for one in (most + LOG_PRIOR >= LEAST).nonzero()[0].tolist():
-            out[one] = asked_once(_settled, model, mode[:4], errors[one], taken) - mode.log_mass[0]
+            out[one] = cache_answer(_settle_alike, model, mode[:4], errors[one], taken) - mode.log_mass[0]
     if shared and residuals[0] > freedom:
-        out = np.maximum(out, before + _of_sightings(model, mode, errors))
+        out = np.maximum(out, before + _sighting_log_gains(model, mode, errors))
     return out if (out + LOG_PRIOR >= LEAST).any() else None
 
 
-def asked_once(answer: Callable[..., Told], model: DetectionModel, mode: tuple[Any, ...], *more: Any) -> Told:
+def cache_answer(answer: Callable[..., Told], model: DetectionModel, mode: tuple[Any, ...], *more: Any) -> Told:
     """What a function tells of a model, arrays of a mode and more, kept by their values: a search asks it again."""
     key = answer, model.prior, *(one.tobytes() if isinstance(one, np.ndarray) else one for one in (*mode, *more))
     if key not in model.alike:
@@ -87,7 +87,7 @@ def asked_once(answer: Callable[..., Told], model: DetectionModel, mode: tuple[A
     return model.alike[key]  # type: ignore[no-any-return]
 
 
-def gains_of_residuals(given: float, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
+def residual_log_gains(given: float, residuals: tuple[float, float], freedom: float, errors: Floats) -> Floats:
     """Log-odds (W,) that points are off by errors (W,), by `residuals_of` their matches alone, to first order.
 
     ``given``: residuals by which σ is known; ``freedom``: degrees of freedom of the squared deviation.
@@ -98,56 +98,58 @@ def gains_of_residuals(given: float, residuals: tuple[float, float], freedom: fl
     return np.asarray(0.5 * (given + freedom) * less - 0.5 * freedom * np.log(ratio))
 
 
-def _of_sightings(model: DetectionModel, mode: Modes, errors: Floats) -> Floats:
+def _sighting_log_gains(model: DetectionModel, mode: Modes, errors: Floats) -> Floats:
     """Log-odds (W,) that points are off by errors (W,), by their matches alone, over those of the mode.
 
     Cameras that see a point off see it off in one place, which larger noise would not do.
     """
     pose, out = (mode.rotation, mode.position), np.empty(len(errors))
     for k, error in enumerate(errors.tolist()):
-        found, _ = settled_about(off_by(model, error), mode.assignments, *pose)
+        found, _ = settle_poses(perturb_points(model, error), mode.assignments, *pose)
         out[k] = found.log_odds[0] - mode.log_odds[0]
     return out
 
 
-def off_by(model: DetectionModel, error: float, off: Bools | None = None) -> DetectionModel:
+def perturb_points(model: DetectionModel, error: float, off: Bools | None = None) -> DetectionModel:
     """The model of a body whose points are off by N(0, error² I) as well; ``off`` (n,): which, all by default."""
     spread = error**2 * np.eye(3) * (np.ones(len(model.points)) if off is None else off)[:, None, None]
     known = model.source_covariance
     # a search asks this of mode after mode, and what is known of the image takes longer than all the rest
     wide = spread if known is None else known + spread
-    return amended(model, "spread_for_kernels", "alike", source_covariance=wide)
+    return amend(model, "spread_for_kernels", "alike", source_covariance=wide)
 
 
-def _without(model: DetectionModel, taken: Bools) -> DetectionModel:
+def _exclude_detections(model: DetectionModel, taken: Bools) -> DetectionModel:
     """The model without the detections (n',) of other bodies."""
     if (key := (taken.tobytes(),)) not in model.alike:
         allowed = np.tile(~taken, (model.shape[0], 1)) if model.allowed is None else model.allowed & ~taken
         of_pairs = "weights_of_pairs", "image_for_kernels", "scene_for_kernels"
-        model.alike[key] = amended(model, *of_pairs, "alike", allowed=allowed)
+        model.alike[key] = amend(model, *of_pairs, "alike", allowed=allowed)
     return model.alike[key]  # type: ignore[no-any-return]
 
 
-def _near(model: DetectionModel, modes: Modes, k: int, errors: Floats, taken: Bools | None) -> tuple[Floats, int]:
+def _near_miss_gains(
+    model: DetectionModel, modes: Modes, k: int, errors: Floats, taken: Bools | None
+) -> tuple[Floats, int]:
     """About the most (W, m) that points without a match gain by one that is near if all are off by errors (W,).
 
     And the number of detections that they may have; no columns if nothing is near a visible point.
     """
-    at = model.linearised(modes.rotation[k : k + 1], modes.position[k : k + 1])
+    at = model.linearise_about(modes.rotation[k : k + 1], modes.position[k : k + 1])
     mode = np.array(modes.assignments[k]), np.array(modes.visible[k]), np.array(modes.covariance[k])
     left, gains = np.ones(model.shape[1], np.bool_) if taken is None else ~taken, np.empty((len(errors), len(mode[0])))
     target, sigma = model.image_for_kernels[:2]
     image = target, sigma, model.clutter.log_density, left
     points = at.pixels[0], at.jacobian[0], at.by_position[0]
-    missed, free = near_misses(points, mode, image, errors, (HIDDEN, REACH, SEEN), gains)
+    missed, free = fill_near_misses(points, mode, image, errors, (HIDDEN, REACH, SEEN), gains)
     return gains[:, :missed], free
 
 
-def _settled(model: DetectionModel, mode: tuple[Any, ...], error: float, taken: Bools | None) -> float:
+def _settle_alike(model: DetectionModel, mode: tuple[Any, ...], error: float, taken: Bools | None) -> float:
     """Log-odds of the body with points that are off, with all that is near them."""
-    wide = off_by(model if taken is None or not taken.any() else _without(model, taken), error)
+    wide = perturb_points(model if taken is None or not taken.any() else _exclude_detections(model, taken), error)
     known: dict[bytes, Settled] = {}
     assignments, rotation, position, (covariance,) = mode
-    settle(wide, (rotation, position), covariance, known=known)
-    matched = evidence(wide, assignments, wide.linearised(rotation, position))
+    settle_assignment(wide, (rotation, position), covariance, known=known)
+    matched = weigh_assignments(wide, assignments, wide.linearise_about(rotation, position))
     return max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])

@@ -16,7 +16,7 @@ BEAM = 4096
 """Most joint hypotheses that are kept from one body to the next, the most probable ones. A round value."""
 
 
-def marginals(
+def joint_marginals(
     uses: Sequence[Bools],
     masses: Sequence[Floats],
     log_left: Callable[[Bools], Floats],
@@ -44,7 +44,7 @@ def marginals(
         Probability of each hypothesis, and of the body's absence as the last.
     """
     if len(uses) == 1:
-        return [_shares(np.concatenate([masses[0], [0.0]]))]
+        return [_softmax(np.concatenate([masses[0], [0.0]]))]
     count = uses[0].shape[1]
     absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
     taken, value = np.zeros((1, count), np.float32), np.zeros(1)
@@ -61,12 +61,12 @@ def marginals(
         if len(value) > BEAM:
             best = np.argsort(-whole, kind="stable")[:BEAM]
             value, taken, whole, chosen = value[best], taken[best], whole[best], chosen[best]
-    shares = _shares(whole)
+    shares = _softmax(whole)
     counts = [np.bincount(chosen[:, k], shares, mass.shape[-1] + 1) for k, mass in enumerate(masses)]
     return [np.asarray(one, np.float64) for one in counts]
 
 
-def parts_left(assignments: Integers, others: Bools, shared: Bools, least: int) -> tuple[Integers, Integers]:
+def remaining_parts(assignments: Integers, others: Bools, shared: Bools, least: int) -> tuple[Integers, Integers]:
     """What remains of assignments (K, n) if others (J, n') take the detections that they share, each part once.
 
     The row (P,) that each is part of, and the parts (P, n) with so many matches at the ``least``; ``shared`` (J, K):
@@ -82,7 +82,7 @@ def parts_left(assignments: Integers, others: Bools, shared: Bools, least: int) 
     return np.array(rows, np.int64), np.concatenate(parts)
 
 
-def _shares(log_odds: Floats) -> Floats:
+def _softmax(log_odds: Floats) -> Floats:
     """Probabilities of hypotheses by their log-odds."""
     shares = np.exp(log_odds - log_odds.max())
     return np.asarray(shares / shares.sum())

@@ -30,7 +30,7 @@ from rootmatch.model.pose_density import (
 from rootmatch.model.priors import DEPTHS
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
-from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.reference_point import pose_about_point
 
 LEAST_SPREAD = 1e-4
 """Least standard deviation, in radians, of a vertical in a density over poses; in a combination of measurements it is
@@ -58,7 +58,7 @@ class Known(Mixed):
     @once
     def for_kernels(self) -> Mixture:
         """See `rootmatch.model.pose_density.PoseDensity.for_kernels`."""
-        return NO_PREDICTIONS, Broad(self.radius).with_share(-math.inf), self._knowledge
+        return NO_PREDICTIONS, Broad(self.radius).weigh_share(-math.inf), self._kernel_knowledge
 
     def about(self, pose: Pose) -> Pose:
         """The normal distribution that it is about a pose, to first order; very wide in what is not known."""
@@ -68,17 +68,17 @@ class Known(Mixed):
         covariance = np.linalg.inv(terms.precision[0] / np.outer(scale, scale)) / np.outer(scale, scale)
         step = covariance @ terms.slope[0]
         R = rotation_from_vector(step[None, :3])[0] @ pose.R
-        return Pose.unchecked(R, *about_point(R, position + step[3:], covariance, -self.centre))
+        return Pose.unchecked(R, *pose_about_point(R, position + step[3:], covariance, -self.centre))
 
     @property
-    def _knowledge(self) -> Knowledge:
+    def _kernel_knowledge(self) -> Knowledge:
         """All of it in the form that kernels take."""
         vector, matrix = NOTHING
         turn, down, place = self.prior.turn, self.prior.down, self.prior.place
         rotations, directions, places = (matrix, matrix), (vector, vector, np.zeros(1)), (vector, matrix, vector)
         log_density = -math.log(ROTATIONS)
         if turn is not None:
-            precision, log_gain = _gain(turn[1], EXACT, 1.0 / ANY_TURN)
+            precision, log_gain = _precision_and_gain(turn[1], EXACT, 1.0 / ANY_TURN)
             rotations, log_density = (turn[0][None], precision), log_density + log_gain
         elif down is not None:
             concentration = 1.0 / max(down[2], LEAST_SPREAD) ** 2
@@ -91,12 +91,12 @@ class Known(Mixed):
             reach2 = float(t @ t) + size2 if turn is None else float(np.sum((t + turn[0] @ self.centre) ** 2))
             reach2 += self.radius**2
             volume2 = (FIELD * math.log(DEPTHS)) ** (2.0 / 3.0) * reach2 / (2.0 * math.pi)
-            precision, log_gain = _gain(place[1], EXACT * math.sqrt(reach2), volume2)
+            precision, log_gain = _precision_and_gain(place[1], EXACT * math.sqrt(reach2), volume2)
             places, log_density = (t[None], precision, self.centre[None]), log_density + log_gain
         return rotations, directions, places, np.array([log_density])
 
 
-def _gain(covariance: Floats, least: float, broad: float) -> tuple[Floats, float]:
+def _precision_and_gain(covariance: Floats, least: float, broad: float) -> tuple[Floats, float]:
     """Precision (1, 3, 3) of a measurement no more precise than ``least``, and what it adds to a log density there.
 
     ``broad``: variance of the density without it.

@@ -20,10 +20,10 @@ import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector, rotation_vector
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.matchings import matchings_in_parts
+from rootmatch.model.matchings import sum_matchings_by_part
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import NOISE_FREEDOM
-from rootmatch.model.shown_regions import log_of_regions
+from rootmatch.model.shown_regions import log_region_factor
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
 SAMPLES = 128
@@ -98,13 +98,13 @@ class LabellingSums:
         return np.asarray(np.where(has[:, last] > 0.0, 0.0, np.exp(np.minimum(each, 0.0)) @ self.weights))
 
 
-def same_motion(assignments: Integers, first: Integers) -> Bools:
+def is_same_motion(assignments: Integers, first: Integers) -> Bools:
     """Which assignments (K, n) have so many matches of a first one that they are about its motion."""
     common = ((assignments == first) & (first >= 0)).sum(axis=1)
     return np.asarray(common >= SHARED * max(int((first >= 0).sum()), 1))
 
 
-def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: Floats) -> LabellingSums | None:
+def sum_labellings(model: PointSetModel, assignments: Integers, probabilities: Floats) -> LabellingSums | None:
     """The sums over all labellings about the motion that some labellings (K, n) share, the best one first.
 
     ``probabilities`` (K,): of these, up to a common factor. None if no sample has labellings that determine a motion.
@@ -115,18 +115,18 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     kind = np.linalg.det(fit.rotation)
     about = np.flatnonzero((kind * kind[0] > 0.0) & (probabilities > RARE * probabilities[0]))
     fit, share = fit.take(about), probabilities[about] / probabilities[about].sum()
-    motions, log_weight = _motions(fit, share, rng)
+    motions, log_weight = _sample_motions(fit, share, rng)
     # the factor of the best labelling, and how a point's having a target changes that of regions
     best = np.tile(assignments[0], (SAMPLES, 1))
-    changed = _log_changes(model, assignments[0])
+    changed = _region_log_changes(model, assignments[0])
     log_weight += np.logaddexp.reduce(model.log_factors(replace(motions, assignments=best)), axis=0)
     log_weight -= changed[assignments[0] >= 0].sum()
     # 1 / the factor of the variances, whose prior is a gamma distribution, as is what one labelling tells
     freedom, squares = NOISE_FREEDOM + float(share @ fit.dof), NOISE_FREEDOM + float(share @ fit.chi2)
-    exact, log_exact = _gamma(PART * 0.5 * freedom, PART * 0.5 * squares, rng)
+    exact, log_exact = _sample_gamma(PART * 0.5 * freedom, PART * 0.5 * squares, rng)
     log_weight += (0.5 * NOISE_FREEDOM - 1.0) * np.log(exact) - 0.5 * NOISE_FREEDOM * exact - log_exact
     matched = float(share @ (fit.assignments >= 0).sum(axis=1))
-    density, log_density = _gamma(PART * (n_target - matched + 0.5), PART, rng)
+    density, log_density = _sample_gamma(PART * (n_target - matched + 0.5), PART, rng)
     log_weight += (n_target - 0.5) * np.log(density) - density - log_density
     rate = np.full(SAMPLES, model.detection_rate)
     if model.detection_rate is None:
@@ -135,14 +135,14 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
         log_weight -= (a - 1.0) * np.log(rate) + (b - 1.0) * np.log1p(-rate)
     log_weight += n * np.log1p(-rate)
     rows, columns = np.nonzero(model.gains(fit, 0) > LEAST - MARGIN)
-    near = model.about_points(motions, np.ones((SAMPLES, n), np.bool_))
-    of_hidden = model.log_more_clutter(matched) - model.log_more_clutter(min(matched + 1.0, n, n_target))
-    log_clutter = model.clutter.log_alone
+    near = model.clutter_about_points(motions, np.ones((SAMPLES, n), np.bool_))
+    of_hidden = model.log_hidden_clutter(matched) - model.log_hidden_clutter(min(matched + 1.0, n, n_target))
+    log_clutter = model.clutter.log_density_of_all
     more = near * np.exp(model.clutter.log_density - log_clutter)
     log_weight += np.log1p(more).sum(axis=1)
-    log_odds = _log_odds(model, motions, exact, (rows, columns)) - (log_clutter + np.log1p(more))[:, columns]
+    log_odds = _pair_log_densities(model, motions, exact, (rows, columns)) - (log_clutter + np.log1p(more))[:, columns]
     log_odds += (np.log(rate) - np.log1p(-rate) - np.log(density) + of_hidden)[:, None] + changed[rows]
-    sums = matchings_in_parts(log_odds, rows, columns, LEAST)
+    sums = sum_matchings_by_part(log_odds, rows, columns, LEAST)
     log_weight += sums.log_total
     known = np.flatnonzero(np.isfinite(log_weight))
     if not len(known):
@@ -157,22 +157,24 @@ def labelling_sums(model: PointSetModel, assignments: Integers, probabilities: F
     )  # fmt: skip
 
 
-def _gamma(shape: float, rate: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def _sample_gamma(shape: float, rate: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Samples of a gamma distribution, and the logarithm of their density, up to a constant."""
     drawn = np.maximum(rng.gamma(shape, 1.0 / rate, SAMPLES), 1e-300)
     return drawn, (shape - 1.0) * np.log(drawn) - rate * drawn
 
 
-def _log_changes(model: PointSetModel, assignment: Integers) -> Floats:
-    """Logarithm (n,) by which a target of each point, given those of the others, changes `log_of_regions`."""
+def _region_log_changes(model: PointSetModel, assignment: Integers) -> Floats:
+    """Logarithm (n,) by which a target of each point, given those of the others, changes `log_region_factor`."""
     n, matched = len(assignment), assignment >= 0
     changed = np.tile(matched, (n + 1, 1))
     changed[np.arange(n), np.arange(n)] = ~matched
-    *others, own = log_of_regions(model.clouds.source, changed, model.detection_rate)
+    *others, own = log_region_factor(model.clouds.source, changed, model.detection_rate)
     return np.asarray(np.where(matched, -1.0, 1.0) * (np.array(others) - own))
 
 
-def _log_odds(model: PointSetModel, motions: PointSetFit, exact: Floats, pairs: tuple[Integers, Integers]) -> Floats:
+def _pair_log_densities(
+    model: PointSetModel, motions: PointSetFit, exact: Floats, pairs: tuple[Integers, Integers]
+) -> Floats:
     """Logarithm (S, P) of the density of each pair."""
     rows, columns = pairs
     clouds, size = model.clouds, model.clouds.source.shape[1]
@@ -192,7 +194,7 @@ def _log_odds(model: PointSetModel, motions: PointSetFit, exact: Floats, pairs: 
     return np.asarray(odds)
 
 
-def _motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -> tuple[PointSetFit, Floats]:
+def _sample_motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -> tuple[PointSetFit, Floats]:
     """Motions (S,) about those of labellings, without any uncertainty of their own, and −log of their density."""
     which = rng.choice(len(share), SAMPLES, p=share)
     size = fit.shift.shape[1]
@@ -207,7 +209,7 @@ def _motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -> tuple
         turned = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
     scale = near.scale * np.exp(step[:, -1]) if fit.clouds.scaled else near.scale
     rotation = turned @ near.rotation
-    shift = _images(near, near.centre) + off - scale[:, None] * (rotation @ near.centre[:, :, None])[:, :, 0]
+    shift = _transform_points(near, near.centre) + off - scale[:, None] * (rotation @ near.centre[:, :, None])[:, :, 0]
     motions = replace(
         near, rotation=rotation, shift=shift, scale=scale, full=np.zeros_like(near.full),
         spread=np.zeros_like(near.spread), total=np.full(SAMPLES, np.inf),
@@ -218,7 +220,7 @@ def _motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -> tuple
     else:
         steps = [np.arctan2(turns[:, :, 1, :1], turns[:, :, 0, :1])]
     moved = scale[:, None] * (fit.centre @ rotation.swapaxes(1, 2)).swapaxes(0, 1) + shift
-    steps.append(moved - _images(fit, fit.centre)[:, None])
+    steps.append(moved - _transform_points(fit, fit.centre)[:, None])
     if fit.clouds.scaled:
         steps.append(np.log(scale / fit.scale[:, None])[..., None])
     white = np.linalg.inv(root)
@@ -227,7 +229,7 @@ def _motions(fit: PointSetFit, share: Floats, rng: np.random.Generator) -> tuple
     return motions, -np.logaddexp.reduce(log_density + np.log(np.maximum(share, 1e-300))[:, None], axis=0)
 
 
-def _images(motions: PointSetFit, points: Floats) -> Floats:
+def _transform_points(motions: PointSetFit, points: Floats) -> Floats:
     """Images (S, k) of a point each, (S, k)."""
     turned = (motions.rotation @ points[:, :, None])[:, :, 0]
     return np.asarray(motions.scale[:, None] * turned + motions.shift)

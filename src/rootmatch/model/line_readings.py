@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.proposals import Proposals, joined, no_proposals
+from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals
 
 FLAT = 0.02
 """Width of matched points over their length up to which they are on a line: of a wand of 20 cm whose line is bent by
@@ -32,25 +32,25 @@ MOST, KEPT = 40, 4
 values."""
 
 
-def line_readings(model: DetectionModel, assignments: Integers) -> Proposals:
+def propose_line_readings(model: DetectionModel, assignments: Integers) -> Proposals:
     """Poses in which points on a line have the detections of assignments (K, n) of one image, if these are on one.
 
     From either end, and turned about the line.
     """
-    parts = [no_proposals(model.shape[0])]
+    parts = [empty_proposals(model.shape[0])]
     if len(model.images) > 1 or not len(assignments):
         return parts[0]  # several cameras tell the depth of each end
-    for row in assignments[_on_lines(model, assignments)]:
-        for reading in _readings(model, row):
+    for row in assignments[_is_on_line(model, assignments)]:
+        for reading in _read_line(model, row):
             (used,) = np.nonzero(reading >= 0)
-            origin, axis = _line_through(model.points[used])
-            seen = _lines_of(model.rays[reading[used]][None], ((model.points[used] - origin) @ axis)[None])
+            origin, axis = _fit_line(model.points[used])
+            seen = _fit_camera_lines(model.rays[reading[used]][None], ((model.points[used] - origin) @ axis)[None])
             if seen.in_front[0]:
-                parts.append(_about(model, reading, (origin, axis), (seen.place[0], seen.direction[0])))
-    return joined(parts)
+                parts.append(_poses_about_line(model, reading, (origin, axis), (seen.place[0], seen.direction[0])))
+    return join_proposals(parts)
 
 
-def _on_lines(model: DetectionModel, assignments: Integers) -> Bools:
+def _is_on_line(model: DetectionModel, assignments: Integers) -> Bools:
     """Whether the detections of assignments (K, n), three or more, are on a line: their rays are in a plane."""
     used = assignments >= 0
     rays = np.where(used[..., None], model.rays[np.maximum(assignments, 0)], 0.0)
@@ -58,19 +58,19 @@ def _on_lines(model: DetectionModel, assignments: Integers) -> Bools:
     return np.asarray((used.sum(axis=1) >= LEAST) & (across <= FLAT**2 * along))
 
 
-def _readings(model: DetectionModel, row: Integers) -> list[Integers]:
+def _read_line(model: DetectionModel, row: Integers) -> list[Integers]:
     """Assignments of the detections of another (n,), which are on a line, to points on one."""
     (used,) = np.nonzero(row >= 0)
-    if _is_line(model.points[used]):
-        return [row, _reversed(model, row)]
+    if _is_collinear(model.points[used]):
+        return [row, _reverse_reading(model, row)]
     detections, found = row[used], list[tuple[float, Integers]]()
     rays = model.rays[detections]
     in_order = detections[np.argsort(rays @ np.linalg.svd(rays)[2][1])]
-    for points, images in _choices(model.points, len(detections)):
+    for points, images in _list_line_choices(model.points, len(detections)):
         places, seen = model.points[points], in_order[images]
         own = places - places.mean(axis=1, keepdims=True)
         axis = np.linalg.eigh(own.swapaxes(1, 2) @ own)[1][:, :, 2:]
-        lines = _lines_of(model.rays[seen], (own @ axis)[..., 0])
+        lines = _fit_camera_lines(model.rays[seen], (own @ axis)[..., 0])
         for k in np.flatnonzero(lines.in_front)[np.argsort(lines.misfit[lines.in_front], kind="stable")][:KEPT]:
             reading = np.full_like(row, -1)
             reading[points[k]] = seen[k]
@@ -78,14 +78,14 @@ def _readings(model: DetectionModel, row: Integers) -> list[Integers]:
     return [one for _, one in sorted(found, key=lambda each: each[0])[:KEPT]]
 
 
-@kept_by_values(64)
-def _choices(points: Floats, count: int) -> list[tuple[Integers, Integers]]:
+@cache_by_values(64)
+def _list_line_choices(points: Floats, count: int) -> list[tuple[Integers, Integers]]:
     """Points on lines of a body (n, 3) and images of these, (B, k) each, as places among so many in order on a line.
 
     From either end. At least `FOUR` of them: any three on a line look like three others.
     """
     of_size: dict[int, tuple[list[tuple[int, ...]], list[tuple[int, ...]]]] = {}
-    for line in lines_of(points):
+    for line in find_lines(points):
         size = min(len(line), count)
         if size < FOUR or math.comb(len(line), size) * math.comb(count, size) > MOST:
             continue
@@ -96,29 +96,29 @@ def _choices(points: Floats, count: int) -> list[tuple[Integers, Integers]]:
     return [(np.array(own), np.array(images)) for own, images in of_size.values()]
 
 
-def _reversed(model: DetectionModel, row: Integers) -> Integers:
+def _reverse_reading(model: DetectionModel, row: Integers) -> Integers:
     """An assignment (n,) of points on a line, read from the other end."""
     (used,) = np.nonzero(row >= 0)
-    order = used[np.argsort((model.points[used] - model.points[used[0]]) @ _line_through(model.points[used])[1])]
+    order = used[np.argsort((model.points[used] - model.points[used[0]]) @ _fit_line(model.points[used])[1])]
     other = row.copy()
     other[order] = row[order[::-1]]
     return other
 
 
-def _line_through(points: Floats) -> tuple[Floats, Floats]:
+def _fit_line(points: Floats) -> tuple[Floats, Floats]:
     """Mean (3,) and direction (3,) of points (k, 3)."""
     origin = points.mean(axis=0)
     return origin, np.linalg.svd(points - origin, full_matrices=False)[2][0]
 
 
-def _is_line(points: Floats) -> bool:
+def _is_collinear(points: Floats) -> bool:
     """Whether points (k, 3) hardly extend across the direction in which they extend most."""
     lengths = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(lengths[1] <= FLAT * lengths[0])
 
 
-@kept_by_values(64)
-def lines_of(points: Floats) -> list[Integers]:
+@cache_by_values(64)
+def find_lines(points: Floats) -> list[Integers]:
     """The sets of `FOUR` points or more of a body (n, 3) that are on a line, in their order on it."""
     if len(points) > MOST_POINTS or len(points) < FOUR:
         return []
@@ -132,7 +132,7 @@ def lines_of(points: Floats) -> list[Integers]:
     found = dict[bytes, Integers]()
     for pair in np.flatnonzero(near.sum(axis=1) >= FOUR):
         (own,) = np.nonzero(near[pair])
-        if _is_line(points[own]):
+        if _is_collinear(points[own]):
             own = own[np.argsort(along[pair, own])]
             own = own if own[0] < own[-1] else own[::-1]
             found[own.tobytes()] = own
@@ -152,7 +152,7 @@ class _Lines(NamedTuple):
     """(B,)."""
 
 
-def _lines_of(rays: Floats, along: Floats) -> _Lines:
+def _fit_camera_lines(rays: Floats, along: Floats) -> _Lines:
     """Lines from rays (B, k, 3) to points at known places (B, k) on them.
 
     The least squares of r × (c + s d) over unit vectors (c, d), brought to the length of d.
@@ -169,7 +169,7 @@ def _lines_of(rays: Floats, along: Floats) -> _Lines:
     return _Lines(place / size[:, None], direction / size[:, None], in_front, misfit)
 
 
-def _about(
+def _poses_about_line(
     model: DetectionModel, reading: Integers, line: tuple[Floats, Floats], found: tuple[Floats, Floats]
 ) -> Proposals:
     """Poses of a body with a line of its own (origin, direction) on one in the camera frame, turned about that."""

@@ -11,7 +11,7 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.model.compiled.projection import linearise
 from rootmatch.model.views import Views
-from rootmatch.model.visibility import facing
+from rootmatch.model.visibility import facing_cosines
 
 NO_ROWS, NO_LABELS = np.empty((0, 0)), np.empty((0, 0), np.int64)
 """What a kernel gets in the place of None."""
@@ -61,7 +61,7 @@ class Linearised(NamedTuple):
         """One of the poses."""
         return self.take(slice(k, k + 1))
 
-    def squared_from(self, target: Floats, sigma: Floats, covariance: Floats) -> Floats:
+    def squared_distances_from(self, target: Floats, sigma: Floats, covariance: Floats) -> Floats:
         """Squared distances (n, n') of detections (n', 2) from the first pose's image, in units of both variances.
 
         ``sigma`` (n',): that of the detections; ``covariance`` (6, 6): that of the pose.
@@ -70,15 +70,15 @@ class Linearised(NamedTuple):
         squared = ((self.pixels[0][:, None] - target) ** 2).sum(axis=2)
         return np.asarray(squared / (by_pose[:, None] + sigma**2))
 
-    def with_(self, which: Integers, others: Linearised) -> Linearised:
+    def replace_rows(self, which: Integers, others: Linearised) -> Linearised:
         """The same with other poses in the place of some."""
         one = self
         if (one.blob is None) != (others.blob is None):
-            one, others = one._with_blobs(), others._with_blobs()
+            one, others = one._fill_blobs(), others._fill_blobs()
         pairs = zip(one, others, strict=True)
-        return Linearised._make(None if old is None else with_rows(old, which, new) for old, new in pairs)
+        return Linearised._make(None if old is None else replace_array_rows(old, which, new) for old, new in pairs)
 
-    def _with_blobs(self) -> Linearised:
+    def _fill_blobs(self) -> Linearised:
         """The same where a blob may be of one point."""
         if self.blob is not None:
             return self
@@ -95,14 +95,14 @@ class Linearised(NamedTuple):
         )
 
 
-def with_rows(array: Any, which: Integers, rows: Any) -> Any:
+def replace_array_rows(array: Any, which: Integers, rows: Any) -> Any:
     """A copy of an array with other rows in the place of some."""
     out = array.copy()
     out[which] = rows
     return out
 
 
-def linearised(
+def linearise_body(
     body: tuple[Floats, Floats], camera: CameraModel, views: Views | None, rotation: Floats, position: Floats
 ) -> Linearised:
     """Images of a body in poses (K, 3, 3) with its centre at (K, 3).
@@ -111,13 +111,13 @@ def linearised(
     """
     points, normals = body
     if views is None:
-        return _by_numpy(points, normals, camera, np.array(rotation, float), np.array(position, float))
-    at = unfilled(len(points), len(normals) > 0, rotation, position)
+        return _linearise_numpy(points, normals, camera, np.array(rotation, float), np.array(position, float))
+    at = image_room(len(points), len(normals) > 0, rotation, position)
     linearise(body, (at.rotation, at.position), views, (*at[:4], at.for_kernels[0], at.expected))
     return at
 
 
-def unfilled(n: int, with_normals: bool, rotation: Floats, position: Floats) -> Linearised:
+def image_room(n: int, with_normals: bool, rotation: Floats, position: Floats) -> Linearised:
     """Room for the images of n points in poses (K, 3, 3) and (K, 3), which are in it."""
     shape = len(rotation), n
     return Linearised(
@@ -132,7 +132,9 @@ def unfilled(n: int, with_normals: bool, rotation: Floats, position: Floats) -> 
     )
 
 
-def _by_numpy(points: Floats, normals: Floats, camera: CameraModel, rotation: Floats, position: Floats) -> Linearised:
+def _linearise_numpy(
+    points: Floats, normals: Floats, camera: CameraModel, rotation: Floats, position: Floats
+) -> Linearised:
     """`linearised` for cameras that are not compiled."""
     rotated = points @ rotation.swapaxes(-1, -2)
     places = rotated + position[:, None]
@@ -150,7 +152,7 @@ def _by_numpy(points: Floats, normals: Floats, camera: CameraModel, rotation: Fl
         jacobian=np.where(seen[..., None, None], jacobian, 0.0),
         by_position=np.where(seen[..., None, None], by_position, 0.0),
         seen=seen,
-        cosine=facing(normals if len(normals) else None, camera.from_centre(places), rotation),
+        cosine=facing_cosines(normals if len(normals) else None, camera.from_centre(places), rotation),
         expected=np.where(seen, camera.in_image(pixels), 0.0),
         rotation=rotation,
         position=position,

@@ -44,7 +44,7 @@ class Matchings(NamedTuple):
         return Matchings(self.log_total[tables], self.rows, self.columns, *chosen)
 
 
-def matchings(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, least: float) -> Matchings:
+def sum_matchings(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, least: float) -> Matchings:
     """Sums over all assignments.
 
     Parameters
@@ -58,10 +58,10 @@ def matchings(log_odds: Floats, rows: Integers, columns: Integers, order: Intege
     least : float
         Log-odds below which a pair counts for nothing in every table.
     """
-    return _of_enough(_of_any_number(log_odds, rows, columns, order, least))
+    return _drop_small_matchings(_sum_any_size(log_odds, rows, columns, order, least))
 
 
-def matchings_in_parts(log_odds: Floats, rows: Integers, columns: Integers, least: float) -> Matchings:
+def sum_matchings_by_part(log_odds: Floats, rows: Integers, columns: Integers, least: float) -> Matchings:
     """As `matchings`, where many points have few detections near them: what has none in common is summed by itself.
 
     Its order is found, and the number of steps is bounded for each part.
@@ -72,14 +72,14 @@ def matchings_in_parts(log_odds: Floats, rows: Integers, columns: Integers, leas
     own = log_odds[:, alone]
     free = -np.logaddexp(0.0, own)
     parts = [Matchings(-free.sum(axis=1), rows[alone], columns[alone], np.exp(own + free), own)]
-    for pairs, order in _parts(rows, columns, np.flatnonzero(~alone)):
-        parts.append(_of_any_number(log_odds[:, pairs], rows[pairs], columns[pairs], order, least))
+    for pairs, order in _iterate_components(rows, columns, np.flatnonzero(~alone)):
+        parts.append(_sum_any_size(log_odds[:, pairs], rows[pairs], columns[pairs], order, least))
     log_total = np.sum([part.log_total for part in parts], axis=0)
     joined = (np.concatenate(each, axis=-1) for each in zip(*(part[1:] for part in parts), strict=True))
-    return _of_enough(Matchings(log_total, *joined))
+    return _drop_small_matchings(Matchings(log_total, *joined))
 
 
-def _of_any_number(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, least: float) -> Matchings:
+def _sum_any_size(log_odds: Floats, rows: Integers, columns: Integers, order: Integers, least: float) -> Matchings:
     """As `matchings`, over assignments of any number of matches."""
     count, n = len(log_odds), len(order)
     highest = log_odds.max(axis=0)
@@ -87,7 +87,7 @@ def _of_any_number(log_odds: Floats, rows: Integers, columns: Integers, order: I
         good = highest > least
         own = [np.flatnonzero(good & (rows == i)) for i in order]
         possible = [columns[some].tolist() for some in own]
-        if _steps(possible) <= MOST:
+        if _count_transitions(possible) <= MOST:
             break
         least += HARDER
     kept = np.concatenate(own)
@@ -101,15 +101,15 @@ def _of_any_number(log_odds: Floats, rows: Integers, columns: Integers, order: I
         odds[first[i] : first[i + 1]] /= total
         free[i] = 1.0 / total
         scale += np.log(total)
-    later = _wanted_later(possible)
+    later = _future_masks(possible)
     forward: list[dict[int, Floats]] = [{0: np.ones(count)}]
     for i in range(n):
         reached: dict[int, Floats] = {}
         for state, weight in forward[-1].items():
-            _add(reached, state & later[i], weight * free[i])
+            _add_weight(reached, state & later[i], weight * free[i])
             for place, k in enumerate(possible[i], first[i]):
                 if not state >> k & 1:
-                    _add(reached, (state | 1 << k) & later[i], weight * odds[place])
+                    _add_weight(reached, (state | 1 << k) & later[i], weight * odds[place])
         forward.append(reached)
     total = np.maximum(forward[-1][0], 1e-300)
     marginals = np.zeros((len(columns), count))
@@ -128,26 +128,26 @@ def _of_any_number(log_odds: Floats, rows: Integers, columns: Integers, order: I
     return Matchings(np.log(total) + scale, rows, columns, marginals.T, chosen)
 
 
-def log_of_enough(log_total: Floats, log_odds: Floats, rows: Integers, columns: Integers | None) -> Floats:
+def log_sum_of_enough(log_total: Floats, log_odds: Floats, rows: Integers, columns: Integers | None) -> Floats:
     """Logarithm (K,) of a sum over assignments, or of a bound of it, without those of fewer than `FEWEST` matches.
 
     ``columns`` None: a detection may have many points.
     """
     odds = np.exp(np.minimum(log_odds, 300.0))
     total = odds.sum(axis=1)
-    pairs = total**2 - (_sums(odds, rows) ** 2).sum(axis=1)
+    pairs = total**2 - (_label_sums(odds, rows) ** 2).sum(axis=1)
     if columns is not None:
-        pairs += (odds**2).sum(axis=1) - (_sums(odds, columns) ** 2).sum(axis=1)
+        pairs += (odds**2).sum(axis=1) - (_label_sums(odds, columns) ** 2).sum(axis=1)
     few = (1.0 + total + 0.5 * pairs) * np.exp(-np.minimum(log_total, 700.0))
     enough = few < 1.0 - ROUNDING
     return np.where(enough, log_total + np.log1p(-np.where(enough, few, 0.0)), -np.inf)
 
 
-def _of_enough(sums: Matchings) -> Matchings:
+def _drop_small_matchings(sums: Matchings) -> Matchings:
     """Sums over the assignments of `FEWEST` matches and more."""
-    log_total = log_of_enough(sums.log_total, sums.log_odds, sums.rows, sums.columns)
+    log_total = log_sum_of_enough(sums.log_total, sums.log_odds, sums.rows, sums.columns)
     odds = np.exp(np.minimum(sums.log_odds, 300.0))
-    of_row, of_column = (_sums(odds, some)[:, some] for some in (sums.rows, sums.columns))
+    of_row, of_column = (_label_sums(odds, some)[:, some] for some in (sums.rows, sums.columns))
     few = odds * (1.0 + odds.sum(axis=1, keepdims=True) - of_row - of_column + odds)
     known = np.isfinite(log_total)
     here = sums.marginals * np.exp(np.where(known, sums.log_total - log_total, 0.0))[:, None]
@@ -155,7 +155,7 @@ def _of_enough(sums: Matchings) -> Matchings:
     return sums._replace(log_total=log_total, marginals=np.clip(here - few, 0.0, 1.0))
 
 
-def _parts(rows: Integers, columns: Integers, pairs: Integers) -> Iterator[tuple[Integers, Integers]]:
+def _iterate_components(rows: Integers, columns: Integers, pairs: Integers) -> Iterator[tuple[Integers, Integers]]:
     """Pairs that have points or detections in common, and the points of each such part, neighbours after each other."""
     of_row: dict[int, list[int]] = {}
     of_column: dict[int, list[int]] = {}
@@ -175,18 +175,18 @@ def _parts(rows: Integers, columns: Integers, pairs: Integers) -> Iterator[tuple
         yield np.array([pair for row in order for pair in of_row[row]]), np.array(order)
 
 
-def _sums(values: Floats, labels: Integers) -> Floats:
+def _label_sums(values: Floats, labels: Integers) -> Floats:
     """Sums (K, L) of values (K, P) of each label."""
     members = labels[:, None] == np.arange(int(labels.max(initial=0)) + 1)
     return np.asarray(values @ members)
 
 
-def _add(states: dict[int, Floats], state: int, weight: Floats) -> None:
+def _add_weight(states: dict[int, Floats], state: int, weight: Floats) -> None:
     """Add a weight to that of a state."""
     states[state] = states[state] + weight if state in states else weight
 
 
-def _wanted_later(possible: list[list[int]]) -> list[int]:
+def _future_masks(possible: list[list[int]]) -> list[int]:
     """Detections that a later point may want, after each point, as bits."""
     kept, later = [], 0
     for some in reversed(possible):
@@ -196,10 +196,10 @@ def _wanted_later(possible: list[list[int]]) -> list[int]:
     return kept[::-1]
 
 
-def _steps(possible: list[list[int]]) -> int:
+def _count_transitions(possible: list[list[int]]) -> int:
     """Number of steps from one state to another, or more than `MOST`."""
     states, steps = {0}, 0
-    for some, mask in zip(possible, _wanted_later(possible), strict=True):
+    for some, mask in zip(possible, _future_masks(possible), strict=True):
         steps += len(states) * (1 + len(some))
         if steps > MOST:
             return steps

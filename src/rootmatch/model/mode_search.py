@@ -15,24 +15,24 @@ from operator import attrgetter
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.deadline import checkpoint, in_force
+from rootmatch.deadline import active_deadline, checkpoint
 from rootmatch.frozen import once
-from rootmatch.hypergraph.assignment import apart_from
-from rootmatch.model.blobs import of_blobs
-from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
+from rootmatch.hypergraph.assignment import are_targets_disjoint
+from rootmatch.model.blobs import assign_blobs
+from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, likely_mode_changes, sum_over_changes
 from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
 from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import (
     Evidence,
-    evidence,
-    mixture_of,
-    settled,
-    settled_about,
-    settled_of_likely,
-    stepped,
+    kernel_mixture,
+    settle_evidence,
+    settle_likely,
+    settle_poses,
+    step_poses,
+    weigh_assignments,
 )
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.modes import Modes, as_objects, no_modes, nothing_near
+from rootmatch.model.modes import Modes, empty_changes, empty_modes, object_array
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.proposals import Proposals
@@ -60,7 +60,7 @@ SAME_POSE = 2.0
 camera were one, and a tracker kept to the wrong one; 1 finds the same as 2.5 (benchmarks/flights.py, board)."""
 
 
-def modes_of(
+def find_modes(
     model: DetectionModel,
     proposals: Proposals,
     known: Modes | None = None,
@@ -88,7 +88,7 @@ def modes_of(
     """
     proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     if not len(proposals.assignments):
-        return no_modes(model.shape[0]) if known is None else known
+        return empty_modes(model.shape[0]) if known is None else known
     kept = before = [] if known is None else _Mode.every(known)
     enough = 0.0 if of_several else math.inf
     """Log-odds from which a mode counts, however much better others are."""
@@ -99,23 +99,23 @@ def modes_of(
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * NEGLIGIBLE
     checkpoint()
     each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
-    proposals = proposals.take(slice(in_force().cut(len(proposals.assignments), each)))
-    assignments, found, at, poses = _possible(model, proposals, floor, of_copy)
+    proposals = proposals.take(slice(active_deadline().cut(len(proposals.assignments), each)))
+    assignments, found, at, poses = _settle_possible(model, proposals, floor, of_copy)
     order = (-found.log_odds).argsort(kind="stable")
     for k in order[np.isfinite(found.log_odds[order])].tolist():
         log_odds = float(found.log_odds[k])
         behind = bool(kept) and log_odds < min(kept[0].log_mass - far, enough)
-        if kept and ((behind and log_odds < of_copy) or in_force().passed()):
+        if kept and ((behind and log_odds < of_copy) or active_deadline().passed()):
             break
-        if behind and not apart_from(assignments[[k]], kept[0].assignment)[0]:
+        if behind and not are_targets_disjoint(assignments[[k]], kept[0].assignment)[0]:
             continue
         mode = _Mode.of(assignments[k], found, poses, k)
         grows = max(min(kept[0].log_mass - near, enough), least) if kept else least
-        kept = _with(kept, mode, model, (at, k), least=grows)
-    return known if known is not None and kept is before else _as_arrays(kept, model.shape[0])
+        kept = _add_proposal(kept, mode, model, (at, k), least=grows)
+    return known if known is not None and kept is before else _stack_modes(kept, model.shape[0])
 
 
-def _with(
+def _add_proposal(
     kept: list[_Mode], mode: _Mode, model: DetectionModel, place: tuple[Linearised, int], *, least: float
 ) -> list[_Mode]:
     """Modes with another one, grown if it may count, unless it is one of them.
@@ -127,37 +127,37 @@ def _with(
     better = sum(other.log_mass > mode.log_odds for other in kept)
     if better < GROWN and mode.log_odds > least:
         at, k = place
-        return _joined(kept, _grown(model, mode, at.one(k)))
-    return _beside(kept, mode)
+        return _add_mode(kept, _grow(model, mode, at.one(k)))
+    return _insert_mode(kept, mode)
 
 
-def _joined(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
+def _add_mode(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
     """Modes with another one, unless it is one of them."""
-    return kept if _is_known(mode, kept) else _beside(kept, mode)
+    return kept if _is_known(mode, kept) else _insert_mode(kept, mode)
 
 
-def _beside(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
+def _insert_mode(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
     """Modes with another one that is none of them, but without those that are part of it."""
-    parts = [other for other in _turned_alike(mode, kept) if _is_part(other, mode)]
+    parts = [other for other in _similarly_turned(mode, kept) if _is_part(other, mode)]
     kept = [other for other in kept if other not in parts]
     return sorted([*kept, mode], key=lambda one: -one.log_mass)
 
 
-def with_sums(model: DetectionModel, modes: Modes, which: int) -> Modes:
+def grow_mode(model: DetectionModel, modes: Modes, which: int) -> Modes:
     """Modes of which one is grown that seemed too far behind the best: other bodies may have taken its detections."""
     kept = _Mode.every(modes)
     mode = kept.pop(which)
-    at = model.linearised(mode.rotation[None], mode.position[None])
-    return _as_arrays(_joined(kept, _grown(model, mode, at)), model.shape[0])
+    at = model.linearise_about(mode.rotation[None], mode.position[None])
+    return _stack_modes(_add_mode(kept, _grow(model, mode, at)), model.shape[0])
 
 
 def _is_known(mode: _Mode, kept: list[_Mode]) -> bool:
     """Whether a mode is part of one that is no worse; a worse one, known from a search among less, gives way to it."""
     no_worse = [other for other in kept if mode.log_odds <= other.log_mass]
-    return any(_is_part(mode, other) for other in _turned_alike(mode, no_worse))
+    return any(_is_part(mode, other) for other in _similarly_turned(mode, no_worse))
 
 
-def _possible(
+def _settle_possible(
     model: DetectionModel, proposals: Proposals, floor: float, enough: float
 ) -> tuple[Integers, Evidence, Linearised, tuple[Floats, Floats]]:
     """The proposals that may be worth a fit, to first order about their given poses, fitted, with their best poses.
@@ -165,19 +165,19 @@ def _possible(
     Compiled: log-odds of −∞ for the others, and for what ends where another one does.
     """
     assignments, *poses = proposals
-    if (prior := mixture_of(model)) is not None:
+    if (prior := kernel_mixture(model)) is not None:
         hopeless = HOPELESS, floor, enough
-        return assignments, *settled_of_likely(model, assignments, (poses[0], poses[1]), prior, hopeless)
-    at = model.linearised(*poses)
-    assignments = assignments if at.blob is None else of_blobs(assignments, at.blob)
-    rough = evidence(model, assignments, at)
+        return assignments, *settle_likely(model, assignments, (poses[0], poses[1]), prior, hopeless)
+    at = model.linearise_about(*poses)
+    assignments = assignments if at.blob is None else assign_blobs(assignments, at.blob)
+    rough = weigh_assignments(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
     worth = rough.log_odds > min(best - HOPELESS, enough)
     if not worth.all():
         (some,) = np.nonzero(worth)
         assignments, rough, at = assignments[some], rough.take(some), at.take(some)
-    found, at = settled(model, assignments, rough, at)
-    return assignments, found, at, stepped(found, at)
+    found, at = settle_evidence(model, assignments, rough, at)
+    return assignments, found, at, step_poses(found, at)
 
 
 @dataclass(eq=False)
@@ -231,11 +231,11 @@ class _Mode:
             local=np.ones(len(assignment)),
             unmatched=(assignment < 0).astype(float),
             summed=False,
-            near=nothing_near(len(assignment)),
+            near=empty_changes(len(assignment)),
         )
 
 
-def _turned_alike(mode: _Mode, others: list[_Mode]) -> list[_Mode]:
+def _similarly_turned(mode: _Mode, others: list[_Mode]) -> list[_Mode]:
     """Those of several modes that are turned nearly as one is: no other is part of it, nor it of another."""
     if not others:
         return []
@@ -253,59 +253,61 @@ def _is_part(mode: _Mode, other: _Mode) -> bool:
     return mode.log_odds < value + 1.0 and bool(is_same_pose(mode.pose, other.pose, moved, SAME_POSE))
 
 
-def _step(turn: Floats, shift: Floats) -> Floats:
+def _small_step(turn: Floats, shift: Floats) -> Floats:
     """A step (6,) of a rotation by a small angle and a translation."""
     half = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return np.concatenate([half, shift])
 
 
-def _grown(model: DetectionModel, mode: _Mode, at: Linearised) -> _Mode:
+def _grow(model: DetectionModel, mode: _Mode, at: Linearised) -> _Mode:
     """A mode after its best changes, with the sum over the others."""
     for turn in range(ROUNDS + 1):
         checkpoint()
-        columns, gains, order, changed = _changes_of(model, mode, at)
+        columns, gains, order, changed = _list_mode_changes(model, mode, at)
         if len(order):
-            weighed = evidence(model, changed, at)
+            weighed = weigh_assignments(model, changed, at)
             values = np.maximum(weighed.log_odds, IMPOSSIBLE)
             gains[order] = values[: len(order)] - mode.log_odds
-            to_mode = _step(mode.rotation @ at.rotation[0].T, mode.position - at.position[0])
+            to_mode = _small_step(mode.rotation @ at.rotation[0].T, mode.position - at.position[0])
             mode.near = changed, values, weighed.step - to_mode
             vars(mode).pop("changes", None)
             enough = (changed >= 0).sum(axis=1) >= model.prior.least
             best = int(np.where(enough, values, -np.inf).argmax())
             if enough[best] and values[best] > mode.log_odds and turn < ROUNDS:
-                found, settled_at = settled_about(model, changed[[best]], mode.rotation[None], mode.position[None])
-                better = _Mode.of(changed[best], found, stepped(found, settled_at), 0)
+                found, settled_at = settle_poses(model, changed[[best]], mode.rotation[None], mode.position[None])
+                better = _Mode.of(changed[best], found, step_poses(found, settled_at), 0)
                 if better.log_odds > mode.log_odds:
                     mode, at = better, settled_at
                     continue
         break
     mode.local, mode.unmatched = np.empty(len(mode.assignment)), np.empty(len(mode.assignment))
-    sums = sum_over(mode.assignment, columns, gains, INDEPENDENT, mode.local, mode.unmatched)
+    sums = sum_over_changes(mode.assignment, columns, gains, INDEPENDENT, mode.local, mode.unmatched)
     mode.log_mass, mode.summed = mode.log_odds + sums, True
     return mode
 
 
-def _changes_of(model: DetectionModel, mode: _Mode, at: Linearised) -> tuple[Integers, Floats, Integers, Integers]:
-    """The changes of a mode that are not negligible to first order in its pose, see `changes_of`."""
+def _list_mode_changes(
+    model: DetectionModel, mode: _Mode, at: Linearised
+) -> tuple[Integers, Floats, Integers, Integers]:
+    """The changes of a mode that are not negligible to first order in its pose, see `likely_mode_changes`."""
     of_points, least = model.of_points(at), model.prior.least
     _, _, log_weights, _, log_counts, image_of = model.image_for_kernels
     may_lose = np.count_nonzero(mode.assignment >= 0) > least or least < LEAST  # one match is no mode, but is weighed
-    found: tuple[Integers, Floats, Integers, Integers] = changes_of(
+    found: tuple[Integers, Floats, Integers, Integers] = likely_mode_changes(
         mode.assignment,
         (at.pixels[0], at.jacobian[0], EXACT if of_points is None else of_points[0].copy(), mode.visible, at.seen[0]),
         mode.covariance,
-        (*model.detections_for_gates, model.clutter.log_density, log_weights, log_counts, image_of),
+        (*model.gating_arguments, model.clutter.log_density, log_weights, log_counts, image_of),
         (math.nan if model.rate is None else model.rate, -NEGLIGIBLE, may_lose, WEIGHED, least),
     )
     return found
 
 
-def _as_arrays(kept: list[_Mode], n: int) -> Modes:
+def _stack_modes(kept: list[_Mode], n: int) -> Modes:
     if not kept:
-        return no_modes(n)
+        return empty_modes(n)
     *arrays, near = zip(*map(_COLUMNS, kept), strict=True)
-    return Modes._make([*map(np.array, arrays), as_objects(near)])
+    return Modes._make([*map(np.array, arrays), object_array(near)])
 
 
 _COLUMNS = attrgetter(*(field.name for field in fields(_Mode)))

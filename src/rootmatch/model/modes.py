@@ -57,7 +57,7 @@ class Modes(NamedTuple):
 
     def uses(self, count: int) -> Bools:
         """Which of so many detections (M, n') each mode takes."""
-        return uses_of(self.assignments, count)
+        return used_mask(self.assignments, count)
 
     def take(self, which: Integers | slice) -> Modes:
         """A subset of the modes."""
@@ -72,14 +72,14 @@ class Modes(NamedTuple):
         return Modes._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
 
 
-def uses_of(assignments: Integers, count: int) -> Bools:
+def used_mask(assignments: Integers, count: int) -> Bools:
     """Which of so many detections or targets each assignment (K, n) takes, (K, count)."""
     out = np.zeros((len(assignments), count + 1), np.bool_)
     out[np.arange(len(out))[:, None], assignments] = True  # −1 is the last place
     return out[:, :count]
 
 
-def same_place(uses: Bools) -> Bools:
+def is_same_place(uses: Bools) -> Bools:
     """Which modes (M, M) are of the same thing, by their detections (M, n'): most of those of the smaller one."""
     shared = uses.astype(float) @ uses.T
     count = shared.diagonal()
@@ -87,7 +87,7 @@ def same_place(uses: Bools) -> Bools:
 
 
 @lru_cache(maxsize=64)
-def no_modes(n: int) -> Modes:
+def empty_modes(n: int) -> Modes:
     """Empty modes of a body with ``n`` points."""
     none = np.empty(0)
     return Modes(
@@ -108,17 +108,17 @@ def no_modes(n: int) -> Modes:
 
 
 @lru_cache(maxsize=64)
-def nothing_near(n: int) -> tuple[Integers, Floats, Floats]:
+def empty_changes(n: int) -> tuple[Integers, Floats, Floats]:
     """What `Modes.near` holds of a mode without weighed changes."""
     return np.empty((0, n), np.int64), np.empty(0), np.empty((0, 6))
 
 
-def none_near(count: int, n: int) -> NDArray[np.object_]:
+def empty_changes_each(count: int, n: int) -> NDArray[np.object_]:
     """`Modes.near` for modes without weighed changes."""
-    return as_objects([nothing_near(n)] * count)
+    return object_array([empty_changes(n)] * count)
 
 
-def as_objects(some: Sequence[Any]) -> NDArray[np.object_]:
+def object_array(some: Sequence[Any]) -> NDArray[np.object_]:
     """An object array with one element for each item."""
     out = np.empty(len(some), object)
     for k, one in enumerate(some):

@@ -28,8 +28,8 @@ from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, updated
-from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, with_shared
+from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, kalman_update
+from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, copy_shared_errors
 
 DIRECTIONS = 4.0 * math.pi
 """Area of all directions."""
@@ -94,9 +94,9 @@ class MotionPrior:
         every = []
         for known, _ in self.predictions:
             pose = known.pose if isinstance(known, PosePrior) else known
-            if pose is None or (clouds.scaled and not _tells_scale(pose)):
+            if pose is None or (clouds.scaled and not _has_scale(pose)):
                 continue
-            squared = _deviations(clouds, pose)
+            squared = _squared_mahalanobis(clouds, pose)
             near = squared < GATE
             if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
                 from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
@@ -112,7 +112,7 @@ class MotionPrior:
 
     def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, log_volume: float) -> Floats:
         """Logarithm (K,) of the factor that one prediction puts on the odds of rotations."""
-        measured = _off(known, fit, math.exp(log_volume / 3.0))
+        measured = _measure_offsets(known, fit, math.exp(log_volume / 3.0))
         off, jacobian = measured.off, measured.jacobian
         whole = jacobian @ covariance @ jacobian.T + measured.covariance
         # turns and shifts have different units: scaled, so that the inverse is exact
@@ -129,7 +129,7 @@ class MotionPrior:
         return np.asarray(measured.log_volume - peak + tail)
 
 
-def of_rows(priors: Sequence[MotionPrior | None], counts: Sequence[int]) -> MotionPrior | None:
+def stack_priors(priors: Sequence[MotionPrior | None], counts: Sequence[int]) -> MotionPrior | None:
     """One prior of the motions of several bodies, so many of each; None unless each predicts one whole pose."""
     known = [one for one in priors if one is not None and len(one.predictions) == 1]
     poses = [pose for one in known for pose, _ in one.predictions if isinstance(pose, Pose)]
@@ -157,41 +157,41 @@ def motion_covariances(fit: PointSetFit) -> Floats:
     return np.asarray(change @ whole @ change.swapaxes(1, 2))
 
 
-def fused(fit: Pose, known: Pose | PosePrior) -> Pose:
+def fuse_with_known(fit: Pose, known: Pose | PosePrior) -> Pose:
     """A fitted motion and what is known of it together, to first order; shared errors are those of the fit alone."""
     if isinstance(known, PosePrior):
         return known.with_prediction(fit)
-    fit = _without_bias(fit)
+    fit = _correct_scale_bias(fit)
     assert known.covariance is not None
     size = len(known.covariance)
     # as `updated` takes it: were it the difference, each frame would add to the scale
     longer = fit.scale * math.log(known.scale / fit.scale)
     off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), longer])[:size]
-    return updated(fit, np.eye(size), off, known.covariance)
+    return kalman_update(fit, np.eye(size), off, known.covariance)
 
 
-def _without_bias(fit: Pose) -> Pose:
+def _correct_scale_bias(fit: Pose) -> Pose:
     """A fit whose scale is the most likely one with rotations integrated out: the best rotation fits noise as well.
 
     The likelihood of a rotation falls with its squared angle times the scale, so the integral has a factor s^(−3/2).
     """
-    if not _tells_scale(fit):
+    if not _has_scale(fit):
         return fit
     assert fit.covariance is not None
     with_scale, variance = fit.covariance[:, 6], float(fit.covariance[6, 6])
     scale = fit.scale * math.exp(-1.5 * variance / fit.scale**2)
     shift = (scale - fit.scale) / variance * with_scale[3:6]
-    return with_shared(Pose.unchecked(fit.R, fit.t + shift, fit.covariance, scale), fit)
+    return copy_shared_errors(Pose.unchecked(fit.R, fit.t + shift, fit.covariance, scale), fit)
 
 
-def with_errors_of_source(clouds: PointClouds, assignment: Integers, fit: Pose) -> Pose:
+def add_source_errors(clouds: PointClouds, assignment: Integers, fit: Pose) -> Pose:
     """The fitted motion of an assignment (n,), with what it has of the errors of the source, unless that is exact."""
     if fit.scale**2 * float(clouds.source_variance.max()) <= EXACT * float(clouds.target_variance.max()):
         return fit
     assert fit.covariance is not None
     used, linear = assignment >= 0, fit.scale * fit.R
     first, second = clouds.covariances(linear)
-    by_pose = used[:, None, None] * _rows(clouds.source @ fit.R.T, fit)
+    by_pose = used[:, None, None] * _motion_jacobians(clouds.source @ fit.R.T, fit)
     known = clouds.source_covariance
     covariance = clouds.source_variance[:, None, None] * np.eye(3) if known is None else known
     by_point = np.broadcast_to(linear, (len(used), 3, 3))
@@ -199,12 +199,12 @@ def with_errors_of_source(clouds: PointClouds, assignment: Integers, fit: Pose) 
     return SharedPose.of(fit, SharedErrors.of_points(fit.covariance, (by_pose, by_point), spread, covariance))
 
 
-def _tells_scale(pose: Pose) -> bool:
+def _has_scale(pose: Pose) -> bool:
     """Whether the scale is one of the predicted parameters."""
     return pose.covariance is not None and len(pose.covariance) == 7
 
 
-def _off(known: Pose | PosePrior, fit: PointSetFit, length: float) -> _Off:
+def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, length: float) -> _Off:
     """How far fitted motions are from what is known of them; ``length``: edge of the volume in which they may lie."""
     turns, places = np.full(3, ROTATIONS ** (1.0 / 3.0)), np.full(3, length)
     fitted = 7 if fit.clouds.scaled else 6
@@ -212,17 +212,17 @@ def _off(known: Pose | PosePrior, fit: PointSetFit, length: float) -> _Off:
         assert known.covariance is not None
         size, scale = known.covariance.shape[-1], np.asarray(known.scale)
         longer, ranges = (known.scale - fit.scale)[:, None], np.empty((*scale.shape, 7))
-        off = np.concatenate([_turns(known.R, fit), known.t - fit.shift, longer], axis=1)[:, :size]
+        off = np.concatenate([_turn_vectors(known.R, fit), known.t - fit.shift, longer], axis=1)[:, :size]
         ranges[..., :3], ranges[..., 3:6], ranges[..., 6] = turns, places, scale * RANGE_OF_LOG
         return _Off(off, np.eye(size, fitted), known.covariance, ranges[..., :size])
     parts = []
     if known.turn is not None:
         R, covariance = known.turn
-        parts.append(_Off(_turns(R, fit), np.eye(3, fitted), covariance, turns))
+        parts.append(_Off(_turn_vectors(R, fit), np.eye(3, fitted), covariance, turns))
     elif known.down is not None:
         source, target, noise = known.down
         across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
-        off = _tilts(fit.rotation @ source, target, across) @ across.T
+        off = _tilt_vectors(fit.rotation @ source, target, across) @ across.T
         tilt = max(noise, LEAST_TILT) ** 2 * np.eye(2)
         parts.append(_Off(off, across @ np.eye(3, fitted), tilt, np.full(2, DIRECTIONS**0.5)))
     if known.place is not None:
@@ -241,12 +241,12 @@ def _off(known: Pose | PosePrior, fit: PointSetFit, length: float) -> _Off:
     )
 
 
-def _turns(R: Floats, fit: PointSetFit) -> Floats:
+def _turn_vectors(R: Floats, fit: PointSetFit) -> Floats:
     """Rotation vectors (K, 3) from fitted rotations to a known one."""
     return rotation_vector(R @ fit.rotation.swapaxes(1, 2))
 
 
-def _tilts(now: Floats, target: Floats, across: Floats) -> Floats:
+def _tilt_vectors(now: Floats, target: Floats, across: Floats) -> Floats:
     """Rotation vectors (K, 3) that take directions (K, 3) to the target's (3,); ``across``: the opposite one's."""
     axis = np.cross(now, target)
     sine = np.linalg.norm(axis, axis=1)
@@ -255,11 +255,11 @@ def _tilts(now: Floats, target: Floats, across: Floats) -> Floats:
     return np.asarray(angle[:, None] * unit)
 
 
-def _deviations(clouds: PointClouds, pose: Pose) -> Floats:
+def _squared_mahalanobis(clouds: PointClouds, pose: Pose) -> Floats:
     """Squared deviations (n, n') of targets from the places that a pose predicts, by their covariances."""
     assert pose.covariance is not None
     turned = clouds.source @ pose.R.T
-    rows, moved = _rows(turned, pose), pose.scale * turned
+    rows, moved = _motion_jacobians(turned, pose), pose.scale * turned
     spread = rows @ pose.covariance @ rows.swapaxes(1, 2)
     first, second = clouds.covariances(pose.scale * pose.R)
     whole = (spread + first)[:, None] + second
@@ -268,7 +268,7 @@ def _deviations(clouds: PointClouds, pose: Pose) -> Floats:
     return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
 
 
-def _rows(turned: Floats, pose: Pose) -> Floats:
+def _motion_jacobians(turned: Floats, pose: Pose) -> Floats:
     """Derivatives (n, 3, p) of moved source points, of which some (n, 3) are turned alone, by a motion's p errors."""
     assert pose.covariance is not None
     parts = [turn_jacobian(pose.scale * turned), np.broadcast_to(np.eye(3), (len(turned), 3, 3)), turned[:, :, None]]

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import frames_of_triangles
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.algebra.rotation import triangle_frames
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
 from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.samplers.point_sets.motions import fitted_motions
+from rootmatch.samplers.point_sets.motions import fit_motions
 
 TOLERANCE = 0.01
 """Distance between a point's image and another point, over the body's radius, up to which they are the same. A round
@@ -75,7 +75,7 @@ class NearSymmetry(NamedTuple):
     """(n,) point at the place of each after the motion, each once; −1 for none."""
 
     @property
-    def mapped(self) -> int:
+    def mapped_count(self) -> int:
         """Number of points that have an image."""
         return int(np.count_nonzero(self.image >= 0))
 
@@ -86,30 +86,30 @@ class NearSymmetry(NamedTuple):
         return 4 * int(np.count_nonzero(self.image[own] != own)) > len(own)
 
 
-def same_up_to(source: Floats) -> float:
+def same_point_tolerance(source: Floats) -> float:
     """Distance up to which points (n, 3) of a body are the same.
 
     Where they are near each other, they are told apart, as far as the words of `STEPS` can.
     """
     least = LEAST_NEAR * float(np.linalg.norm(np.ptp(source, axis=0)))
-    return max(min(TOLERANCE * body_radius(source), float(np.median(distinct_within(source)))), least)
+    return max(min(TOLERANCE * body_radius(source), float(np.median(neighbour_tolerance(source)))), least)
 
 
-def distinct_within(points: Floats) -> Floats:
+def neighbour_tolerance(points: Floats) -> Floats:
     """Distance (n,) from each of some points (n, 3) within which what lies there is that point and no neighbour."""
     distance = np.linalg.norm(points[:, None] - points, axis=2)
     return np.asarray(DISTINCT * np.partition(distance, 1, axis=1)[:, 1])
 
 
-def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
+def near_symmetric_motions(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
     """Motions (R, t), x' = R x + t, that map a quarter of a body's points onto others, those that map most first.
 
-    See `symmetries_of`.
+    See `find_symmetries`.
     """
-    return [(found.rotation, found.shift) for found in symmetries_of(source, normals)[:most]]
+    return [(found.rotation, found.shift) for found in find_symmetries(source, normals)[:most]]
 
 
-def symmetries_of(
+def find_symmetries(
     source: Floats,
     normals: Floats | None,
     mirrored: bool = False,
@@ -137,26 +137,26 @@ def symmetries_of(
     """
     if not LEAST <= len(source) <= MOST_POINTS:
         return ()
-    noise = None if covariance is None else _noise_of(source, covariance)
-    return _known(source, normals, mirrored, max(least, math.ceil(SHARE * len(source))), noise)
+    noise = None if covariance is None else _noise_tolerance(source, covariance)
+    return _cache_symmetries(source, normals, mirrored, max(least, math.ceil(SHARE * len(source))), noise)
 
 
-@kept_by_values(128)
-def _noise_of(source: Floats, covariance: Floats) -> Floats | None:
+@cache_by_values(128)
+def _noise_tolerance(source: Floats, covariance: Floats) -> Floats | None:
     """Distance (n,) up to which points are the same by their errors; None if that is no more than without these.
 
     Then a body has the symmetries of one with exact points, which are asked for as well.
     """
     noise = ERRORS * mean_deviation(covariance)
-    return None if (noise <= np.minimum(same_up_to(source), distinct_within(source))).all() else noise
+    return None if (noise <= np.minimum(same_point_tolerance(source), neighbour_tolerance(source))).all() else noise
 
 
-@kept_by_values(128)
-def _known(
+@cache_by_values(128)
+def _cache_symmetries(
     source: Floats, normals: Floats | None, mirrored: bool, least: int, noise: Floats | None
 ) -> tuple[NearSymmetry, ...]:
-    """See `symmetries_of`."""
-    found = _found(_Body.of(source, normals, -1.0 if mirrored else 1.0, noise), least)
+    """See `find_symmetries`."""
+    found = _search_symmetries(_Body.of(source, normals, -1.0 if mirrored else 1.0, noise), least)
     for one in found:
         for array in one:
             array.setflags(write=False)
@@ -187,13 +187,13 @@ class _Body(NamedTuple):
             length = np.linalg.norm(normals, axis=1, keepdims=True)
             unit = normals / np.where(length > 0.0, length, 1.0)
         distance = np.linalg.norm(source[:, None] - source, axis=2)
-        near = same_up_to(source)
-        reach = np.minimum(near, distinct_within(source))
+        near = same_point_tolerance(source)
+        reach = np.minimum(near, neighbour_tolerance(source))
         if noise is not None:
             near, reach = max(near, float(np.median(noise))), np.maximum(reach, noise)
         return cls(source, unit, sign, distance=distance, near=near, reach=reach)
 
-    def knows(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
+    def is_known_motion(self, found: list[NearSymmetry], one: NearSymmetry) -> bool:
         """Whether a motion is nearly the same as one of those found."""
         rotations, shifts = np.array([known.rotation for known in found]), np.array([known.shift for known in found])
         return len(found) > 0 and bool(self.alike(rotations, shifts, one).any())
@@ -205,37 +205,37 @@ class _Body(NamedTuple):
         return np.asarray(same & (np.linalg.norm(apart, axis=-1) < APART * self.near))
 
 
-def _found(body: _Body, least: int) -> list[NearSymmetry]:
-    laid = [_laid_onto_others(body, triples) for triples in _triples(body)]
+def _search_symmetries(body: _Body, least: int) -> list[NearSymmetry]:
+    laid = [_align_triples(body, triples) for triples in _choose_triples(body)]
     rotations, shifts = (np.concatenate(one) for one in zip(*laid, strict=True))
-    counts = _counts(body, rotations, shifts)
+    counts = _count_mapped(body, rotations, shifts)
     found: list[NearSymmetry] = []
     for _ in range(REFINED * MOST):
-        enough = sorted([one.mapped for one in found], reverse=True)[MOST - 1 : MOST]
+        enough = sorted([one.mapped_count for one in found], reverse=True)[MOST - 1 : MOST]
         if not len(counts) or counts.max() < max([least, *enough]):
             break
         k = int(counts.argmax())
-        one = _refined(body, rotations[k], shifts[k])
-        for other in (one, _refined(body, one.rotation.T, -one.rotation.T @ one.shift)):
-            if other.mapped >= least and other.moves and not body.knows(found, other):
+        one = _refine_motion(body, rotations[k], shifts[k])
+        for other in (one, _refine_motion(body, one.rotation.T, -one.rotation.T @ one.shift)):
+            if other.mapped_count >= least and other.moves and not body.is_known_motion(found, other):
                 found.append(other)
         counts = np.where(body.alike(rotations, shifts, one), 0, counts)
         counts[k] = 0
-    found.sort(key=lambda one: -one.mapped)
+    found.sort(key=lambda one: -one.mapped_count)
     return found[:MOST]
 
 
-def _laid_onto_others(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
+def _align_triples(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
     """Motions (M, 3, 3) and (M, 3) of triples (T, 3) onto others of the same sides, without the identity."""
     source, unit, near = body.source, body.unit, body.near
     a, b, c = triples.T
     n = len(source)
     steps = (body.distance * (STEPS / near)).astype(np.int16)
-    pairs = np.flatnonzero(_same(steps, steps[a, b]))
+    pairs = np.flatnonzero(_is_same_side(steps, steps[a, b]))
     triple, pair = np.divmod(pairs, n * n)
     k, j = np.divmod(pair, n)
-    both = _words(_same(steps, steps[a, c]))[triple, k]
-    both &= _words(_same(steps, steps[b, c]))[triple, j]
+    both = _pack_words(_is_same_side(steps, steps[a, c]))[triple, k]
+    both &= _pack_words(_is_same_side(steps, steps[b, c]))[triple, j]
     some = np.flatnonzero(both.any(axis=1))
     row, m = np.nonzero(np.unpackbits(both[some].view(np.uint8), axis=1, bitorder="little"))
     triple, k, j = triple[some][row], k[some][row], j[some][row]
@@ -244,7 +244,7 @@ def _laid_onto_others(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
     if len(moved) > (most := min(MOST_LAID, COUNTED // n**2)):
         moved = np.sort(np.random.default_rng(1).choice(moved, most, replace=False))
     first, second = first[moved], second[moved]
-    frames = frames_of_triangles(source[first]), frames_of_triangles(source[second])
+    frames = triangle_frames(source[first]), triangle_frames(source[second])
     rotations = frames[1] * (1.0, 1.0, body.sign) @ frames[0].swapaxes(1, 2)
     if unit is not None:
         turned = np.einsum("hij,hmj->hmi", rotations, unit[first])
@@ -256,7 +256,7 @@ def _laid_onto_others(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
     return rotations, shifts
 
 
-def _triples(body: _Body) -> tuple[Integers, Integers]:
+def _choose_triples(body: _Body) -> tuple[Integers, Integers]:
     """Random triples (T, 3) of points far apart and not in line, each once, and one about each point, for parts."""
     source = body.source
     n, radius = len(source), body_radius(source)
@@ -264,32 +264,32 @@ def _triples(body: _Body) -> tuple[Integers, Integers]:
     drawn = drawn[(drawn[:, 0] < drawn[:, 1]) & (drawn[:, 1] < drawn[:, 2])]
     _, unique = np.unique(drawn @ (n * n, n, 1), return_index=True)
     drawn = drawn[np.sort(unique)]
-    sides, area = _sizes(source, drawn)
+    sides, area = _sides_and_areas(source, drawn)
     spread = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1:]
     across = min(math.sqrt(2.0 * float(spread @ spread) / n), radius)  # the radius itself of a round body
     fair = (sides.min(axis=0) > WIDE * radius) & (area > HIGH * across * sides.max(axis=0))
     beside = np.argpartition(body.distance, LEAST - 1, axis=1)[:, :LEAST]
     local = np.sort(beside[:, list(itertools.combinations(range(LEAST), 3))], axis=2)
-    widest = _sizes(source, local.reshape(-1, 3))[1].reshape(n, -1).argmax(axis=1)
+    widest = _sides_and_areas(source, local.reshape(-1, 3))[1].reshape(n, -1).argmax(axis=1)
     local = np.unique(local[np.arange(n), widest], axis=0)
-    local = local[_sizes(source, local)[1] > 0.0]
+    local = local[_sides_and_areas(source, local)[1] > 0.0]
     return drawn[fair][:TRIPLES], local
 
 
-def _sizes(source: Floats, triples: Integers) -> tuple[Floats, Floats]:
+def _sides_and_areas(source: Floats, triples: Integers) -> tuple[Floats, Floats]:
     """Sides (3, T) of triples (T, 3) and twice their areas (T,)."""
     a, b, c = source[triples].swapaxes(0, 1)
     sides = np.array([np.linalg.norm(one, axis=1) for one in (b - a, c - a, c - b)])
     return sides, np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
-def _same(steps: NDArray[np.int16], sides: NDArray[np.int16]) -> Bools:
+def _is_same_side(steps: NDArray[np.int16], sides: NDArray[np.int16]) -> Bools:
     """Which of all distances (n, n) are that of a side (T,), as (T, n, n); all in steps."""
     # what is less than the least is a large number without its sign: one comparison instead of two
     return np.asarray((steps - (sides - STEPS)[:, None, None]).view(np.uint16) <= np.uint16(2 * STEPS))
 
 
-def _words(mask: Bools) -> NDArray[np.uint64]:
+def _pack_words(mask: Bools) -> NDArray[np.uint64]:
     """Rows (..., n) of truth values as words (..., W)."""
     packed = np.packbits(mask, axis=-1, bitorder="little")
     out = np.zeros((*mask.shape[:-1], -(-mask.shape[-1] // WORD) * WORD // 8), np.uint8)
@@ -297,7 +297,7 @@ def _words(mask: Bools) -> NDArray[np.uint64]:
     return out.view(np.uint64)
 
 
-def _counts(body: _Body, rotations: Floats, shifts: Floats) -> Integers:
+def _count_mapped(body: _Body, rotations: Floats, shifts: Floats) -> Integers:
     """Points (M,) that each motion maps onto others; a coarser distance, as triples alone tell a motion roughly."""
     source, unit = body.source, body.unit
     if not len(rotations):
@@ -308,13 +308,13 @@ def _counts(body: _Body, rotations: Floats, shifts: Floats) -> Integers:
     possible = squared < ((ROUGH * body.reach) ** 2).astype(np.float32)
     if unit is not None:
         cosine = body.sign * (unit @ rotations.swapaxes(1, 2)).astype(np.float32) @ unit.T.astype(np.float32)
-        possible &= (cosine >= FACING) | _unknown(unit)
+        possible &= (cosine >= FACING) | _lacks_normal(unit)
     return np.asarray(possible.any(axis=2).sum(axis=1))
 
 
-def _refined(body: _Body, rotation: Floats, shift: Floats) -> NearSymmetry:
+def _refine_motion(body: _Body, rotation: Floats, shift: Floats) -> NearSymmetry:
     """A motion fitted to the points that it maps, and again to those that it maps after the fit."""
-    found = NearSymmetry(rotation, shift, _image(body, rotation, shift, reach=ROUGH * body.reach))
+    found = NearSymmetry(rotation, shift, _map_points(body, rotation, shift, reach=ROUGH * body.reach))
     hand = np.array((1.0, 1.0, body.sign))
     for _ in range(ROUNDS):
         own = np.flatnonzero(found.image >= 0)
@@ -322,28 +322,28 @@ def _refined(body: _Body, rotation: Floats, shift: Floats) -> NearSymmetry:
             break
         # a reflection is a motion of the mirror image
         first, second = body.source[own] * hand, body.source[found.image[own]]
-        fitted = fitted_motions(first[None], second[None], scaled=False, mirror=False)
+        fitted = fit_motions(first[None], second[None], scaled=False, mirror=False)
         rotation, shift = fitted.linear[0] * hand, fitted.shift[0]
-        before, found = found, NearSymmetry(rotation, shift, _image(body, rotation, shift, reach=body.reach))
+        before, found = found, NearSymmetry(rotation, shift, _map_points(body, rotation, shift, reach=body.reach))
         if np.array_equal(before.image, found.image):
             break
     return found
 
 
-def _image(body: _Body, rotation: Floats, shift: Floats, reach: Floats) -> Integers:
+def _map_points(body: _Body, rotation: Floats, shift: Floats, reach: Floats) -> Integers:
     """The point (n,) at the place of each after a motion, nearest to each other; −1 for none."""
     off = np.linalg.norm((body.source @ rotation.T + shift)[:, None] - body.source, axis=2)
     possible = off < reach
     if body.unit is not None:
         cosine = body.sign * (body.unit @ rotation.T) @ body.unit.T
-        possible &= (cosine >= FACING) | _unknown(body.unit)
+        possible &= (cosine >= FACING) | _lacks_normal(body.unit)
     off = np.where(possible, off, np.inf)
     to, back = off.argmin(axis=1), off.argmin(axis=0)
     place = np.arange(len(body.source))
     return np.where(possible.any(axis=1) & (back[to] == place), to, -1)
 
 
-def _unknown(unit: Floats) -> Bools:
+def _lacks_normal(unit: Floats) -> Bools:
     """Pairs (n, n) of points of which one has no normal."""
     known = unit.any(axis=1)
     return np.asarray(~np.logical_and.outer(known, known))

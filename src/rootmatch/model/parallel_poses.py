@@ -17,7 +17,7 @@ NEAR = 0.25
 round value: the predictions need not be as good as the poses."""
 
 
-def between(model: DetectionModel, modes: Modes, first: int, second: int) -> tuple[Floats, Floats] | None:
+def motion_between_modes(model: DetectionModel, modes: Modes, first: int, second: int) -> tuple[Floats, Floats] | None:
     """The motion (R, t), x' = R x + t, from one mode to another, if the body looks the same after it.
 
     None if the other mode has not all detections of the first one as those of the points that come to their places, or
@@ -28,12 +28,12 @@ def between(model: DetectionModel, modes: Modes, first: int, second: int) -> tup
         return None
     turn = modes.rotation[first].T @ modes.rotation[second]
     shift = modes.rotation[first].T @ (modes.position[second] - modes.position[first])
-    if (_moved(model, (turn, shift), here) != there).any():
+    if (_move_assignment(model, (turn, shift), here) != there).any():
         return None
     return turn, model.centre + shift - turn @ model.centre
 
 
-def _moved(model: DetectionModel, motion: tuple[Floats, Floats], assignment: Integers) -> Integers:
+def _move_assignment(model: DetectionModel, motion: tuple[Floats, Floats], assignment: Integers) -> Integers:
     """An assignment (n,) as one of the points that are at their places after a motion x' = R x + t about the centre."""
     images = max(len(model.images), 1)
     points = (model.points - model.centre)[: len(assignment) // images]

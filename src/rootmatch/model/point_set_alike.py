@@ -22,13 +22,13 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.model.modes import uses_of
+from rootmatch.model.modes import used_mask
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import ALIKE, probability
-from rootmatch.model.repetition import RIVALS, SHARED, motions_among, widths_of
-from rootmatch.problems.points import squared_distances_to
+from rootmatch.model.repetition import RIVALS, SHARED, repetition_widths, select_rival_motions
+from rootmatch.problems.points import pairwise_squared_distances
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
-from rootmatch.samplers.point_sets.congruent import grown
+from rootmatch.samplers.point_sets.congruent import grow_labellings
 
 BEYOND = 2.0
 """Least width, in σ of a match, at one point: a deviation that noise explains makes nothing alike. A round value."""
@@ -67,7 +67,7 @@ class Likeness(NamedTuple):
         return factors
 
 
-def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
+def weigh_likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     """Evidence that the sets are alike, from judged labellings, and what it adds to theirs.
 
     Nothing, where an alike scene is improbable beside the best of them, or that is no better than clutter.
@@ -76,19 +76,21 @@ def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     clouds, nothing = model.clouds, Likeness(-math.inf, proposals.fit.assignments[:0], np.empty(0))
     if not proposals.log_odds.max(initial=-np.inf) > 0.0:
         return nothing
-    found = proposals.take(motions_among(proposals, least=-np.inf))
+    found = proposals.take(select_rival_motions(proposals, least=-np.inf))
     squared = float(found.fit.scale[0]) ** 2
     noise = float(clouds.target_variance.max() + squared * clouds.source_variance.max())
     least, level = BEYOND * math.sqrt(noise), float(found.log_odds[0]) - MARGIN
-    every = _widths(model, math.sqrt(squared))
-    widths = [one for one in every if one.max() > least and _most(model, found, one, noise) > level]
+    every = _likeness_widths(model, math.sqrt(squared))
+    widths = [one for one in every if one.max() > least and _max_alike_log_odds(model, found, one, noise) > level]
     if not widths:
         return nothing
     rivals = found.take(np.flatnonzero(found.log_odds > 0.0))
-    near = _near(rivals, NEAR * math.sqrt(clouds.target.shape[1]) * float(widths_of(model.clutter)[0]))
-    matched = uses_of(rivals.fit.assignments, len(clouds.target))
+    near = _is_near_unmatched(
+        rivals, NEAR * math.sqrt(clouds.target.shape[1]) * float(repetition_widths(model.clutter)[0])
+    )
+    matched = used_mask(rivals.fit.assignments, len(clouds.target))
     parts = np.array([matched | ~near, matched])
-    judged = [_alike(model, found, parts, rivals, w / math.sqrt(squared)) for w in widths]
+    judged = [_weigh_width(model, found, parts, rivals, w / math.sqrt(squared)) for w in widths]
     total, elsewhere, more, own = (np.logaddexp.reduce(part) for part in zip(*judged, strict=True))
     # whether the source is like itself: what is alike elsewhere tells; if so, an alike scene is as probable as none
     itself = probability(float(elsewhere) - math.log(len(widths) / ALIKE))
@@ -100,20 +102,20 @@ def likeness(model: PointSetModel, proposals: Judged) -> Likeness:
     )
 
 
-def _widths(model: PointSetModel, scale: float) -> Floats:
+def _likeness_widths(model: PointSetModel, scale: float) -> Floats:
     """Widths (W, n) at the points of the source: as much everywhere, or in parts of the spacing about each of them."""
-    points, everywhere = model.clouds.source, widths_of(model.clutter)[: len(PARTS), None]
-    squared = squared_distances_to(points[None], points)[0]
+    points, everywhere = model.clouds.source, repetition_widths(model.clutter)[: len(PARTS), None]
+    squared = pairwise_squared_distances(points[None], points)[0]
     spacing = scale * np.sqrt(np.sort(squared, axis=1)[:, min(NEIGHBOUR, len(points) - 1)])
     return np.concatenate([np.repeat(everywhere, len(points), axis=1), PARTS[:, None] * spacing])
 
 
-def _most(model: PointSetModel, found: Judged, width: Floats, noise: float) -> float:
+def _max_alike_log_odds(model: PointSetModel, found: Judged, width: Floats, noise: float) -> float:
     """About the most log-odds of an alike scene of some widths: of labellings with all that is near their motions."""
     fit, size = found.fit, model.clouds.target.shape[1]
     widest, wider = 1.0 + float(width.max()) ** 2 / noise, 1.0 + float(width.min()) ** 2 / noise
-    near = squared_distances_to(fit.places[0], fit.clouds.target) < (REACH * width[:, None]) ** 2
-    near &= ~uses_of(fit.assignments, near.shape[2])[:, None]
+    near = pairwise_squared_distances(fit.places[0], fit.clouds.target) < (REACH * width[:, None]) ** 2
+    near &= ~used_mask(fit.assignments, near.shape[2])[:, None]
     near &= (fit.assignments < 0)[:, :, None]
     others = np.minimum(near.any(axis=2).sum(axis=1), near.any(axis=1).sum(axis=1))
     most = found.log_odds + 0.5 * fit.chi2 * (1.0 - 1.0 / widest) - 0.5 * fit.dof * math.log(wider)
@@ -124,7 +126,7 @@ def _most(model: PointSetModel, found: Judged, width: Floats, noise: float) -> f
     return float(most.max())
 
 
-def _alike(
+def _weigh_width(
     model: PointSetModel, found: Judged, parts: Bools, rivals: Judged, width: Floats
 ) -> tuple[float, float, Floats, Floats]:
     """Log-odds at one width, in units of the source: of all labellings, and of the best elsewhere than the first.
@@ -135,7 +137,7 @@ def _alike(
     wide = replace(model, repeated=model.clutter, clouds=model.clouds.off_by(width))
     labels = found.fit.assignments
     for _ in range(ROUNDS):
-        before, labels = labels, grown(wide.clouds, labels, model.mirror, model.allowed)
+        before, labels = labels, grow_labellings(wide.clouds, labels, model.mirror, model.allowed)
         if np.array_equal(before, labels):
             break
     judged = wide.judged(labels)
@@ -144,18 +146,18 @@ def _alike(
     fewer = np.minimum((labels >= 0).sum(axis=1), int((first >= 0).sum()))
     apart = ((labels == first) & (first >= 0)).sum(axis=1) < SHARED * fewer
     labels = np.concatenate([labels, rivals.fit.assignments])  # which have all that is matched
-    more, own = _with_some(wide, labels, parts)
+    more, own = _weigh_target_parts(wide, labels, parts)
     return float(np.logaddexp.reduce(best.log_odds)), float(best.log_odds[apart].max(initial=-np.inf)), more, own
 
 
-def _near(rivals: Judged, distance: float) -> Bools:
+def _is_near_unmatched(rivals: Judged, distance: float) -> Bools:
     """Which targets (G, n') are near the place of a point that has no match."""
     target, fit = rivals.fit.clouds.target, rivals.fit
-    near = squared_distances_to(fit.places[0], target) < distance**2
+    near = pairwise_squared_distances(fit.places[0], target) < distance**2
     return np.asarray((near & (fit.assignments < 0)[:, :, None]).any(axis=1))
 
 
-def _with_some(model: PointSetModel, labels: Integers, which: Bools) -> Floats:
+def _weigh_target_parts(model: PointSetModel, labels: Integers, which: Bools) -> Floats:
     """Log-odds (P, G) of all labellings (K, n) with some targets (P, G, n') only; −∞ where that leaves no motion."""
     parts = np.where((labels >= 0) & which[..., np.maximum(labels, 0)], labels, -1)
     enough = (parts >= 0).sum(axis=-1) >= FEWEST

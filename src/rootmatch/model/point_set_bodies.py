@@ -13,14 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.joint import marginals, parts_left
-from rootmatch.model.modes import uses_of
-from rootmatch.model.motion_prior import of_rows
+from rootmatch.model.joint import joint_marginals, remaining_parts
+from rootmatch.model.modes import used_mask
+from rootmatch.model.motion_prior import stack_priors
 from rootmatch.model.point_set_model import Judged, PointSetModel
-from rootmatch.model.point_set_posterior import PointSetPosterior, ordered
+from rootmatch.model.point_set_posterior import PointSetPosterior, sort_hypotheses
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.weighed_labellings import NEGLIGIBLE, Weighed
-from rootmatch.problems.pose_fit.point_set_fit import FEWEST, joined_clouds
+from rootmatch.problems.pose_fit.point_set_fit import FEWEST, concatenate_clouds
 
 KEPT = 64
 """Labellings of each body that are weighed together. A round value."""
@@ -32,33 +32,35 @@ def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -
     ``every``: the labellings of each, proposed without regard to the others.
     """
     count = len(models[0].clouds.target)
-    copies = [_copies(one, count) for one in every]
-    taken = [uses_of(one.assignments, count) for one in every]
+    copies = [_copy_hypotheses(one, count) for one in every]
+    taken = [used_mask(one.assignments, count) for one in every]
     wanted = np.array([used.any(axis=0) for used in taken])
     best = []
     for k, one in enumerate(every):
         contested = np.asarray(np.concatenate([np.delete(wanted, k, axis=0), copies[k][0]]).any(axis=0))
-        best.append(one.take(_undominated(taken[k], one.log_mass, contested)))
-    uses = [uses_of(one.assignments, count) for one in best]
-    best = [_with_parts(model, one, k, uses) for k, (model, one) in enumerate(zip(models, best, strict=True))]
-    each = [*(_hypotheses(model, one, count) for model, one in zip(models, best, strict=True)), *copies]
-    each_of = marginals([used for used, _ in each], [mass for _, mass in each], models[0].log_left)
+        best.append(one.take(_drop_dominated(taken[k], one.log_mass, contested)))
+    uses = [used_mask(one.assignments, count) for one in best]
+    best = [
+        _add_partial_labellings(model, one, k, uses) for k, (model, one) in enumerate(zip(models, best, strict=True))
+    ]
+    each = [*(_body_hypotheses(model, one, count) for model, one in zip(models, best, strict=True)), *copies]
+    each_of = joint_marginals([used for used, _ in each], [mass for _, mass in each], models[0].log_odds_of_left)
     return [
-        ordered(one.assignments, share[: len(one.assignments)], one.sums)
+        sort_hypotheses(one.assignments, share[: len(one.assignments)], one.sums)
         for one, share in zip(best, each_of, strict=False)  # those of copies follow
     ]
 
 
-def judged_together(models: Sequence[PointSetModel], named: Sequence[Sequence[Integers]]) -> list[Judged]:
+def judge_jointly(models: Sequence[PointSetModel], named: Sequence[Sequence[Integers]]) -> list[Judged]:
     """Named labellings (n,) of each of several bodies, and these without one match, by one fit of them all."""
-    every = [np.array([*some, *_shortened(some)]) for some in named]
+    every = [np.array([*some, *_leave_one_out(some)]) for some in named]
     row, column = (np.cumsum([0, *some]) for some in ([len(one) for one in every], [one.shape[1] for one in every]))
     bodies = [(slice(*row[k : k + 2]), slice(*column[k : k + 2])) for k in range(len(models))]
     assignments = np.full((row[-1], column[-1]), -1, np.int64)
     for place, some in zip(bodies, every, strict=True):
         assignments[place] = some
-    prior = of_rows([model.prior for model in models], [len(one) for one in every])
-    clouds = joined_clouds([model.clouds for model in models])
+    prior = stack_priors([model.prior for model in models], [len(one) for one in every])
+    clouds = concatenate_clouds([model.clouds for model in models])
     whole = replace(models[0], clouds=clouds, allowed=None, weights=None, prior=prior)
     fit = whole.fit(assignments)
     factors = None if prior is None else whole.log_factors(fit, bodies)
@@ -69,7 +71,7 @@ def judged_together(models: Sequence[PointSetModel], named: Sequence[Sequence[In
     return judged
 
 
-def _shortened(labellings: Sequence[Integers]) -> list[Integers]:
+def _leave_one_out(labellings: Sequence[Integers]) -> list[Integers]:
     """Labellings (n,) without one of their matches, if enough are left."""
     every = []
     for one in labellings:
@@ -81,26 +83,26 @@ def _shortened(labellings: Sequence[Integers]) -> list[Integers]:
     return every
 
 
-def _hypotheses(model: PointSetModel, found: Weighed, count: int) -> tuple[Bools, Floats]:
+def _body_hypotheses(model: PointSetModel, found: Weighed, count: int) -> tuple[Bools, Floats]:
     """Targets (K, n') and log-odds (K,) of a body's labellings, and of its best mirror image, which is no answer."""
-    used, odds = uses_of(found.assignments, count), -model.log_absent
+    used, odds = used_mask(found.assignments, count), -model.log_absent
     if found.mirrored is None or not math.isfinite(found.log_mirrored):
         return used, found.log_mass + odds
-    image = uses_of(found.mirrored[None], count)
+    image = used_mask(found.mirrored[None], count)
     return np.concatenate([used, image]), np.append(found.log_mass, found.log_mirrored) + odds
 
 
-def _copies(found: Weighed, count: int) -> tuple[Bools, Floats]:
+def _copy_hypotheses(found: Weighed, count: int) -> tuple[Bools, Floats]:
     """Targets (K, n') and log-odds (K,) of copies that nobody named, where two may be in the scene."""
-    used = uses_of(found.assignments, count)
+    used = used_mask(found.assignments, count)
     mass = found.log_odds + math.log(COPY)
     counts = (mass > -COUNTS) & ~(used.astype(np.float32) @ used.T.astype(np.float32) > 0.5).all(axis=1)
     own = np.flatnonzero(counts)[np.argsort(-mass[counts], kind="stable")]
-    own = own[_undominated(used[own], mass[own], np.asarray(used.any(axis=0)))]
+    own = own[_drop_dominated(used[own], mass[own], np.asarray(used.any(axis=0)))]
     return used[own], mass[own]
 
 
-def _undominated(used: Bools, mass: Floats, contested: Bools) -> Integers:
+def _drop_dominated(used: Bools, mass: Floats, contested: Bools) -> Integers:
     """Labellings that may count, at most `KEPT`, the best first; ``contested`` (n',): what anything else may want.
 
     A labelling does not count if another one is far better and takes nothing contested that it does not take.
@@ -112,11 +114,11 @@ def _undominated(used: Bools, mass: Floats, contested: Bools) -> Integers:
     return order[~(better & ~more).any(axis=0)][:KEPT]
 
 
-def _with_parts(model: PointSetModel, found: Weighed, k: int, uses: Sequence[Bools]) -> Weighed:
+def _add_partial_labellings(model: PointSetModel, found: Weighed, k: int, uses: Sequence[Bools]) -> Weighed:
     """The labellings of body k, and what remains of them if others take shared targets; ``uses``: of each body."""
     others = np.concatenate([uses[k][:0], *uses[:k], *uses[k + 1 :]])
     shared = others.astype(np.float32) @ uses[k].T.astype(np.float32) > 0.5
-    _, parts = parts_left(found.assignments, others, np.asarray(shared), FEWEST)
+    _, parts = remaining_parts(found.assignments, others, np.asarray(shared), FEWEST)
     if not len(parts):
         return found
     more = model.judged(parts)

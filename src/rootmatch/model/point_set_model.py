@@ -39,14 +39,14 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.clutter import Clutter
-from rootmatch.model.detection_model import log_odds_of_counts
-from rootmatch.model.modes import uses_of
+from rootmatch.model.detection_model import log_count_odds
+from rootmatch.model.modes import used_mask
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM, PRESENT
-from rootmatch.model.shown_regions import log_of_detected, log_of_regions
-from rootmatch.model.targets_box import WEIGHTS, chances_among, chances_in_view, edges_of, space_of
+from rootmatch.model.shown_regions import log_detection_count, log_region_factor
+from rootmatch.model.targets_box import WEIGHTS, box_edges, fit_clutter_space, view_probability, view_probability_among
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fitted_point_sets
+from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fit_point_sets
 
 INSIDE = 0.5
 """Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
@@ -120,22 +120,22 @@ class PointSetModel:
     @property
     def log_volume(self) -> float:
         """Logarithm of the volume in which clutter lies, and the object."""
-        return self._space[0]
+        return self._clutter_space[0]
 
     @property
     def clutter(self) -> Clutter:
         """Where clutter lies."""
-        return self._space[1]
+        return self._clutter_space[1]
 
     @cached_property
-    def _space(self) -> tuple[float, Clutter, Floats, Floats]:
+    def _clutter_space(self) -> tuple[float, Clutter, Floats, Floats]:
         clouds = self.clouds
-        space = space_of(clouds.target, clouds.target_variance)
+        space = fit_clutter_space(clouds.target, clouds.target_variance)
         return space if self.repeated is None else (space[0], self.repeated, *space[2:])
 
     def fit(self, assignments: Integers) -> PointSetFit:
         """The motion of each assignment (K, n)."""
-        return fitted_point_sets(self.clouds, assignments, self.mirror)
+        return fit_point_sets(self.clouds, assignments, self.mirror)
 
     def judged(self, assignments: Integers, fit: PointSetFit | None = None, factors: Floats | None = None) -> Judged:
         """Each assignment (K, n) with its motion and log-odds; what `fit` and `log_factors` say, unless it is given."""
@@ -144,14 +144,14 @@ class PointSetModel:
         predicted, total = len(factors) - 1, np.asarray(np.logaddexp.reduce(factors, axis=0))
         held = np.where((first := factors.argmax(axis=0)) < predicted, first, -1)
         known = np.zeros(len(total)) if self.prior is None else total
-        matched, taken = (assignments >= 0).sum(axis=1), uses_of(fit.assignments, len(self.clouds.target))
+        matched, taken = (assignments >= 0).sum(axis=1), used_mask(fit.assignments, len(self.clouds.target))
         # what was matched, as clutter that may crowd about points of which nothing was detected
-        log_clutter = self.clutter.log_taken(taken, self.about_points(fit, fit.assignments < 0))
+        log_clutter = self.clutter.log_density_of_taken(taken, self.clutter_about_points(fit, fit.assignments < 0))
         odds = self.log_density(fit) - self.log_volume + self.log_counts[matched] - log_clutter
-        odds = odds + self._log_weights(assignments) + self._log_lacked(fit, taken)
+        odds = odds + self._log_weights(assignments) + self._log_odds_of_lacking(fit, taken)
         return Judged(fit, np.asarray(odds + total), known, held)
 
-    def judged_one(self, assignment: Integers) -> Judged:
+    def judge_one(self, assignment: Integers) -> Judged:
         """The same of one assignment (n,), for which several stages ask."""
         key = assignment.tobytes()
         if key not in self._kept:
@@ -159,10 +159,10 @@ class PointSetModel:
         return self._kept[key]
 
     def keep(self, first: Judged) -> None:
-        """Remember one labelling for `judged_one`."""
+        """Remember one labelling for `judge_one`."""
         self._kept[first.fit.assignments[0].tobytes()] = first
 
-    def _log_lacked(self, fit: PointSetFit, taken: Bools) -> Floats:
+    def _log_odds_of_lacking(self, fit: PointSetFit, taken: Bools) -> Floats:
         """Logarithm (K,) of the odds that the source lacks so many of what repeats itself where it shows its points.
 
         Any share of it may be detected in the source, as in the targets, and each choice of as many is as probable. As
@@ -175,34 +175,36 @@ class PointSetModel:
         clouds = self.clouds
         back = (clouds.target - fit.shift[:, None]) @ fit.rotation / fit.scale[:, None, None]
         noise = clouds.source_variance + clouds.target_variance.max() / float(fit.scale[0]) ** 2
-        seen = chances_among(back, clouds.source, noise)
+        seen = view_probability_among(back, clouds.source, noise)
         lacked, matched = (np.where(taken, 0.0, self.clutter.repeating) * seen).sum(axis=1), taken.sum(axis=1)
         return np.asarray(betaln(matched + 1.0, lacked + 1.0) + np.log(matched + 1.0))
 
-    def log_more_clutter(self, matched: Floats | Integers | float) -> Floats:
+    def log_hidden_clutter(self, matched: Floats | Integers | float) -> Floats:
         """Logarithm by which the targets left are too few for crowds about hidden points, by the number of matches."""
         n, n_target = len(self.clouds.source), len(self.clouds.target)
-        about = self.clutter.crowded * self._seen(matched) * (n - matched) / max(n_target, 1)
+        about = self.clutter.crowd_share * self._reflection_rate(matched) * (n - matched) / max(n_target, 1)
         return np.asarray((n_target - matched + 0.5) * np.log1p(about))
 
-    def _seen(self, matched: Floats | Integers | float) -> Floats:
+    def _reflection_rate(self, matched: Floats | Integers | float) -> Floats:
         """Rate at which a hidden point's reflections are detected: as often as points are."""
         seen = (matched + 1.0) / (len(self.clouds.source) + 2.0)
         return np.asarray(seen if self.detection_rate is None else self.detection_rate)
 
-    def about_points(self, fit: PointSetFit, which: Bools) -> Floats:
+    def clutter_about_points(self, fit: PointSetFit, which: Bools) -> Floats:
         """Density (K, n') of clutter about the places of some points (K, n), in parts of that about targets."""
         if not which.any():
             return np.zeros((len(which), len(self.clouds.target)))
         places, own = fit.places
         variance = own + (fit.scale**2)[:, None] * self.clouds.source_variance
         matched = (fit.assignments >= 0).sum(axis=1, keepdims=True)
-        middle, axes = self._space[2:]
-        return self.clutter.about_places((places - middle) @ axes, variance, self._seen(matched) * which)
+        middle, axes = self._clutter_space[2:]
+        return self.clutter.density_about_places(
+            (places - middle) @ axes, variance, self._reflection_rate(matched) * which
+        )
 
-    def log_left(self, taken: Bools) -> Floats:
+    def log_odds_of_left(self, taken: Bools) -> Floats:
         """Logarithm (K,) of the odds of as many clutter points as targets (K, n') that are taken leave."""
-        return np.asarray(log_odds_of_counts((taken.shape[1],), taken.shape[1])[0, taken.sum(axis=1)])
+        return np.asarray(log_count_odds((taken.shape[1],), taken.shape[1])[0, taken.sum(axis=1)])
 
     def log_factors(self, fit: PointSetFit, bodies: Sequence[tuple[slice, slice]] = ()) -> Floats:
         """Logarithm (predictions + 1, K) of what each prediction of a motion makes of its density, and at last nothing.
@@ -213,8 +215,8 @@ class PointSetModel:
         matched, own, shown = fit.assignments >= 0, np.zeros(fit.assignments.shape, np.bool_), list[Floats]()
         for some in bodies or [(slice(None), slice(None))]:
             own[some] = True
-            shown.append(log_of_regions(self.clouds.source[some[1]], matched[some], self.detection_rate))
-        inside, in_part = self._log_placed(fit, own)
+            shown.append(log_region_factor(self.clouds.source[some[1]], matched[some], self.detection_rate))
+        inside, in_part = self._log_placement(fit, own)
         of_rates = np.concatenate(shown)
         placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + of_rates
         if in_part is not None:
@@ -226,7 +228,7 @@ class PointSetModel:
         factors[-1] += placed
         return factors
 
-    def _log_placed(self, fit: PointSetFit, own: Bools) -> tuple[Floats, Floats | None]:
+    def _log_placement(self, fit: PointSetFit, own: Bools) -> tuple[Floats, Floats | None]:
         """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
 
         The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all
@@ -237,8 +239,8 @@ class PointSetModel:
 
         If its scale is unknown, the object has any size up to that of the box: s is flat, and not its logarithm.
         """
-        middle, axes = self._space[2:]
-        low, high, left, above = self._box
+        middle, axes = self._clutter_space[2:]
+        low, high, left, above = self._clutter_box
         along = ((fit.places[0] - middle) @ axes).swapaxes(0, 1).copy()  # extrema of rows take the least time
         member = True if own.all() else own.T[..., None]
         first, last = along.min(axis=0, where=member, initial=np.inf), along.max(axis=0, where=member, initial=-np.inf)
@@ -250,9 +252,9 @@ class PointSetModel:
         inside = log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0)
         if self.detection_rate is not None or bool((both <= high - low).all()):
             return np.asarray(inside), None
-        return np.asarray(inside), self._log_in_part(along, fit.assignments, last - first, own)
+        return np.asarray(inside), self._log_window_placement(along, fit.assignments, last - first, own)
 
-    def _log_in_part(self, along: Floats, assignments: Integers, extent: Floats, own: Bools) -> Floats:
+    def _log_window_placement(self, along: Floats, assignments: Integers, extent: Floats, own: Bools) -> Floats:
         """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
 
         The window is where targets are. Points that are not in view are not missed: δ is that of the others. The object
@@ -260,24 +262,24 @@ class PointSetModel:
         """
         from scipy.special import gammaln  # slow to import
 
-        low, high = self._box[:2]
+        low, high = self._clutter_box[:2]
         span, matched = high - low, (assignments >= 0).sum(axis=1)
-        seen = chances_in_view(along, low, high, len(self.clouds.target))
+        seen = view_probability(along, low, high, len(self.clouds.target))
         in_view, n = np.where(assignments.T >= 0, 1.0, seen * own.T).sum(axis=0), own.sum(axis=1)
         missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
         missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
         return np.asarray(missed + np.log(span / (span + extent)).sum(axis=1))
 
     @cached_property
-    def _box(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """See `edges_of`."""
+    def _clutter_box(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """See `count_view_angles`."""
         clouds = self.clouds
-        return edges_of(clouds.target, clouds.target_variance, len(clouds.source))
+        return box_edges(clouds.target, clouds.target_variance, len(clouds.source))
 
     def log_density(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the density of the matched targets, motion and σ integrated out."""
         nu, freedom = NOISE_FREEDOM, fit.dof
-        inflated = np.asarray(student(fit.chi2, freedom.astype(np.float64), nu))
+        inflated = np.asarray(log_student_factor(fit.chi2, freedom.astype(np.float64), nu))
         return np.where(np.isfinite(fit.chi2), fit.evidence + 0.5 * fit.chi2 + inflated, -np.inf)
 
     def gains(self, fit: PointSetFit, k: int) -> Floats:
@@ -293,12 +295,12 @@ class PointSetModel:
         squared, gains = one.predictions(0)
         places = np.flatnonzero(own), assignment[own]
         chi2, freedom, size = float(one.chi2[0]), float(one.dof[0]), self.clouds.source.shape[1]
-        now = float(student(chi2, freedom, NOISE_FREEDOM))
+        now = float(log_student_factor(chi2, freedom, NOISE_FREEDOM))
         others = np.maximum(chi2 - squared[places], 0.0)
-        gained = student(chi2 + squared, freedom + size, NOISE_FREEDOM) - now
-        gained[places] = now - student(others, max(freedom - size, 0.0), NOISE_FREEDOM)
-        (near,) = self.about_points(one, np.ones((1, n), np.bool_))
-        gains += gained - self.clutter.log_each(uses_of(one.assignments, n_target)[0], near)
+        gained = log_student_factor(chi2 + squared, freedom + size, NOISE_FREEDOM) - now
+        gained[places] = now - log_student_factor(others, max(freedom - size, 0.0), NOISE_FREEDOM)
+        (near,) = self.clutter_about_points(one, np.ones((1, n), np.bool_))
+        gains += gained - self.clutter.log_density_of_each(used_mask(one.assignments, n_target)[0], near)
         gains += np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
         if self.weights is not None:
             with np.errstate(divide="ignore"):
@@ -313,7 +315,7 @@ class PointSetModel:
         """Logarithm, by the number of matches, of two factors of the odds, with clutter about hidden points."""
         n, n_target = len(self.clouds.source), len(self.clouds.target)
         counts = _log_counts(n, n_target, self.detection_rate)
-        return np.asarray(counts - self.log_more_clutter(np.arange(len(counts))))
+        return np.asarray(counts - self.log_hidden_clutter(np.arange(len(counts))))
 
     def _log_weights(self, assignments: Integers) -> Floats:
         """Sum (K,) of the logarithms of the prior weights of an assignment's matches."""
@@ -328,10 +330,10 @@ class PointSetModel:
 def _log_counts(n: int, n_target: int, detection_rate: float | None) -> Floats:
     """See `PointSetModel`."""
     m = np.arange(min(n, n_target) + 1)
-    return np.asarray(log_of_detected(n, m, detection_rate) + log_odds_of_counts((n_target,), len(m) - 1)[0])
+    return np.asarray(log_detection_count(n, m, detection_rate) + log_count_odds((n_target,), len(m) - 1)[0])
 
 
-def student(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
+def log_student_factor(chi2: Floats | float, freedom: Floats | float, nu: float) -> Floats:
     """Logarithm of exp(−χ²/2) averaged over the factor of the variances, whose powers σ^(−f) it takes along."""
     from scipy.special import gammaln  # slow to import
 

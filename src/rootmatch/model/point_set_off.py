@@ -15,13 +15,13 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.image_alike import ERRORS, REACH
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.samplers.point_sets.congruent import grown
+from rootmatch.samplers.point_sets.congruent import grow_labellings
 
 ROUNDS = 3
 """Rounds in which a labelling is fitted and takes what is near its motion. A round value."""
 
 
-def log_odds_off(
+def log_odds_of_errors(
     model: PointSetModel, assignment: Integers, log_mass: float, taken: Bools | None = None
 ) -> Floats | None:
     """Log-odds (W,) that all points of a body are off by each of `ERRORS`, about the motion of a labelling.
@@ -38,7 +38,7 @@ def log_odds_off(
     allowed = model.allowed
     if not left.all():
         allowed = np.tile(left, (len(assignment), 1)) if allowed is None else allowed & left
-    fit, errors = model.judged_one(assignment).fit, ERRORS * body_radius(clouds.source)
+    fit, errors = model.judge_one(assignment).fit, ERRORS * body_radius(clouds.source)
     left[assignment[assignment >= 0]] = False
     squared, variance = (part[0][assignment < 0][:, left] for part in fit.squares())
     if not (squared < REACH**2 * (variance + (float(fit.scale[0]) * errors[-1]) ** 2)).any():
@@ -48,6 +48,6 @@ def log_odds_off(
         wide = replace(model, repeated=model.clutter, clouds=clouds.off_by(np.full(len(assignment), error)))
         labels = [assignment[None]]
         for _ in range(ROUNDS):
-            labels.append(grown(wide.clouds, labels[-1], model.mirror, allowed))
+            labels.append(grow_labellings(wide.clouds, labels[-1], model.mirror, allowed))
         out[k] = wide.judged(np.concatenate(labels)).log_odds.max()
     return out - log_mass

@@ -10,13 +10,13 @@ from functools import cached_property
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.frozen import copied
-from rootmatch.model.labelling_sums import SHARED, LabellingSums, same_motion
-from rootmatch.model.modes import uses_of
-from rootmatch.model.point_set_alike import Likeness, likeness
+from rootmatch.frozen import copy_with
+from rootmatch.model.labelling_sums import SHARED, LabellingSums, is_same_motion
+from rootmatch.model.modes import used_mask
+from rootmatch.model.point_set_alike import Likeness, weigh_likeness
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import COPY, WRONG_MODEL
-from rootmatch.model.weighed_labellings import Weighed, weighed
+from rootmatch.model.weighed_labellings import Weighed, weigh_labellings
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 
 
@@ -53,20 +53,20 @@ class PointSetPosterior:
 
     def used(self, count: int) -> Floats:
         """Probability (n',) that each of so many targets is of the object."""
-        return np.asarray(self.probabilities @ uses_of(self.assignments, count))
+        return np.asarray(self.probabilities @ used_mask(self.assignments, count))
 
     def without(self, taken: Bools) -> PointSetPosterior:
         """The same with the best hypothesis that takes none of the targets (n',) that are taken in the first place.
 
         Without any hypothesis if there is none.
         """
-        free = np.flatnonzero(~(uses_of(self.assignments, len(taken)) & taken).any(axis=1))
+        free = np.flatnonzero(~(used_mask(self.assignments, len(taken)) & taken).any(axis=1))
         if len(free) and free[0] == 0:
             return self
         if not len(free):
             return PointSetPosterior(self.assignments[:0], self.probabilities[:0])
         order = np.concatenate([free[:1], np.delete(np.arange(len(self.probabilities)), free[0])])
-        return copied(self, assignments=self.assignments[order], probabilities=self.probabilities[order])
+        return copy_with(self, assignments=self.assignments[order], probabilities=self.probabilities[order])
 
     def beside(self, log_factors: Floats, log_other: float) -> PointSetPosterior:
         """The same with factors (K,) on the weights of hypotheses, and something else that takes its share.
@@ -77,13 +77,13 @@ class PointSetPosterior:
         weights = self.probabilities * np.exp(log_factors - top)
         rest = max(1.0 - float(self.probabilities.sum()), 0.0) * math.exp(-top) + math.exp(log_other - top)
         whole = float(weights.sum()) + rest
-        told = ordered(self.assignments, weights / whole, self.sums)
-        return copied(told, log_total=self.log_total + top + math.log(whole))
+        told = sort_hypotheses(self.assignments, weights / whole, self.sums)
+        return copy_with(told, log_total=self.log_total + top + math.log(whole))
 
     @property
     def probability(self) -> float:
         """Probability of the first hypothesis, as a whole."""
-        kept = 1.0 if self._summed is None else self._summed[1]
+        kept = 1.0 if self._own_sums is None else self._own_sums[1]
         return kept * float(self.probabilities[0])
 
     @cached_property
@@ -97,8 +97,8 @@ class PointSetPosterior:
             axis=0
         )
         own, without = 1.0 / away, none / away
-        if self._summed is not None:
-            sums, _, more = self._summed
+        if self._own_sums is not None:
+            sums, _, more = self._own_sums
             own = np.clip(sums.weights @ sums.of_points(first) + more @ ~change, 0.0, 1.0)
             without = np.clip(sums.weights @ sums.unmatched + more @ (self.assignments[same] < 0), 0.0, 1.0)
         here, rest = float(self.probabilities[same].sum()), self.probabilities[~same]
@@ -108,7 +108,7 @@ class PointSetPosterior:
         each = each + absent * (first < 0)
         return np.minimum(each, 1.0 - WRONG_MODEL), np.minimum(unmatched + absent, 1.0 - WRONG_MODEL)
 
-    def sure(self, least_probability: float) -> tuple[Integers, float] | None:
+    def drop_doubtful(self, least_probability: float) -> tuple[Integers, float] | None:
         """The first hypothesis without its least certain matches, and the probability that the rest is right.
 
         As many are kept as have the wanted probability together; None if that is fewer than half, or tells no motion.
@@ -121,14 +121,14 @@ class PointSetPosterior:
         here = float(self.probabilities[same].sum())
         touched = (self.assignments[same] != first)[:, order]
         begin = np.where(touched.any(axis=1), touched.argmax(axis=1), len(order))
-        if self._summed is None:
+        if self._own_sums is None:
             # local changes are taken as independent of each other
             lost = np.zeros(len(order) + 1)
             np.add.at(lost, begin, np.log1p(odds[same]))
             right = np.exp(-np.cumsum(lost[: len(order)]))
         else:
             # and so are the points, given the motion and the rates, but for what was weighed
-            sums, _, more = self._summed
+            sums, _, more = self._own_sums
             every = sums.weights @ np.cumprod(sums.of_points(first)[:, order], axis=1)
             right = np.minimum.accumulate(every + more @ (begin[:, None] > np.arange(len(order))))
         together = np.minimum(here * right, 1.0 - WRONG_MODEL)
@@ -140,13 +140,13 @@ class PointSetPosterior:
         return sure, float(together[count - 1])
 
     @cached_property
-    def _summed(self) -> tuple[LabellingSums, float, Floats] | None:
+    def _own_sums(self) -> tuple[LabellingSums, float, Floats] | None:
         """The sums about the first hypothesis' motion, how much of them hypotheses of that are, and what these add.
 
         Hypotheses were weighed by fits of their own. With what they add in the place of their shares of the sums, those
         are exact where hypotheses are all that counts.
         """
-        own_sums = [one for one in self.sums if same_motion(one.about[None], self.assignments[0])[0]]
+        own_sums = [one for one in self.sums if is_same_motion(one.about[None], self.assignments[0])[0]]
         if not own_sums:
             return None
         sums = own_sums[0]
@@ -158,28 +158,30 @@ class PointSetPosterior:
     @cached_property
     def _odds(self) -> Floats:
         """Odds (K,) of each hypothesis against the first; 0 for itself, infinite for those of another motion."""
-        same = same_motion(self.assignments, self.assignments[0])
+        same = is_same_motion(self.assignments, self.assignments[0])
         odds = np.where(same, self.probabilities / max(float(self.probabilities[0]), 1e-300), np.inf)
         odds[0] = 0.0
         return odds
 
 
-def posterior(model: PointSetModel, proposals: Judged, mirrored: Integers | None = None) -> PointSetPosterior:
+def weigh_point_set_posterior(
+    model: PointSetModel, proposals: Judged, mirrored: Integers | None = None
+) -> PointSetPosterior:
     """The posterior of proposed labellings, their neighbours by one change, and clutter alone; see `weighed`."""
-    found = weighed(model, proposals, mirrored)
+    found = weigh_labellings(model, proposals, mirrored)
     if not len(found.assignments):
         return PointSetPosterior(found.assignments, found.log_mass)
-    alike = likeness(model, proposals)
-    mass = found.log_mass + _log_beside(model, found, alike)
+    alike = weigh_likeness(model, proposals)
+    mass = found.log_mass + _log_rival_factors(model, found, alike)
     absent = model.log_absent
     top = max(float(mass.max()), absent)
     weights = np.exp(mass - top)
     others = absent, found.log_mirrored, alike.log_odds + absent + model.log_unnamed
     whole = float(weights.sum()) + sum(math.exp(min(one - top, 700.0)) for one in others)
-    return copied(ordered(found.assignments, weights / whole, found.sums), log_total=top + math.log(whole))
+    return copy_with(sort_hypotheses(found.assignments, weights / whole, found.sums), log_total=top + math.log(whole))
 
 
-def mixed(parts: Sequence[PointSetPosterior]) -> PointSetPosterior:
+def mix_posteriors(parts: Sequence[PointSetPosterior]) -> PointSetPosterior:
     """One posterior of several models that are equally probable before targets are seen, by their evidence."""
     totals = np.array([one.log_total for one in parts])
     shares = np.exp(totals - np.logaddexp.reduce(totals))
@@ -187,23 +189,23 @@ def mixed(parts: Sequence[PointSetPosterior]) -> PointSetPosterior:
     weights = np.concatenate([share * one.probabilities for share, one in zip(shares, parts, strict=True)])
     distinct, label = np.unique(every, axis=0, return_inverse=True)
     sums = [one for k in np.argsort(-shares, kind="stable") for one in parts[k].sums]
-    told = ordered(distinct, np.bincount(label.ravel(), weights, len(distinct)).astype(np.float64), sums)
-    return copied(told, log_total=float(np.logaddexp.reduce(totals)))
+    told = sort_hypotheses(distinct, np.bincount(label.ravel(), weights, len(distinct)).astype(np.float64), sums)
+    return copy_with(told, log_total=float(np.logaddexp.reduce(totals)))
 
 
-def ordered(assignments: Integers, probabilities: Floats, sums: Sequence[LabellingSums]) -> PointSetPosterior:
+def sort_hypotheses(assignments: Integers, probabilities: Floats, sums: Sequence[LabellingSums]) -> PointSetPosterior:
     """The posterior of labellings (K, n) with their probabilities (K,)."""
     order = np.argsort(-probabilities, kind="stable")
     return PointSetPosterior(assignments[order], probabilities[order], sums)
 
 
-def _log_beside(model: PointSetModel, found: Weighed, alike: Likeness) -> Floats:
+def _log_rival_factors(model: PointSetModel, found: Weighed, alike: Likeness) -> Floats:
     """Logarithms (K,) of factors by which what is beside a labelling changes its weight: a copy, or what is alike.
 
     Where two may be in the scene, either may be the one asked for, and a copy elsewhere, which nobody named, is weighed
     without what is known of the motion. It makes the first hypothesis no more probable.
     """
-    used = uses_of(found.assignments, len(model.clouds.target))
+    used = used_mask(found.assignments, len(model.clouds.target))
     of_copy = np.where(~(used @ used.T), found.log_odds + math.log(COPY), -np.inf)
     copies = np.logaddexp(0.0, np.logaddexp.reduce(of_copy, axis=1))
     more = alike.log_factors(found.assignments)

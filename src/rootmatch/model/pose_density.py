@@ -17,7 +17,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.frozen import once
-from rootmatch.model.compiled.known_terms import prior_terms
+from rootmatch.model.compiled.known_terms import fill_prior_terms
 from rootmatch.model.priors import DEPTHS
 
 FIELD = 2.0
@@ -62,7 +62,7 @@ class Terms(NamedTuple):
     """c, (K,): logarithm of the density at its peak."""
 
 
-def largest(components: Terms) -> Integers:
+def largest_component(components: Terms) -> Integers:
     """The largest of components (K, C, …) at each of K poses."""
     return np.asarray(np.argmax(components.log_density - 0.5 * components.squared, axis=1))
 
@@ -91,7 +91,7 @@ class PoseDensity(ABC):
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """The logarithm of the largest component at each of some poses: (K, …)."""
         every = self.components(rotation, position)
-        first = largest(every)
+        first = largest_component(every)
         rows = np.arange(len(first))
         return Terms(*(one[rows, first] for one in every))
 
@@ -114,7 +114,7 @@ class Mixed(PoseDensity):
         count, rows = len(rotation), 1 + len(known[2][-1])
         terms = Terms(*(np.empty((count, rows, *shape)) for shape in ((6, 6), (6,), (), ())))
         which = np.empty(count, np.int64)
-        prior_terms((np.array(rotation), np.array(position)), known, tuple(terms), which)
+        fill_prior_terms((np.array(rotation), np.array(position)), known, tuple(terms), which)
         return terms, which
 
 
@@ -137,13 +137,13 @@ class Broad(Mixed):
     @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
-        return NO_PREDICTIONS, self.with_share(0.0), NO_KNOWLEDGE
+        return NO_PREDICTIONS, self.weigh_share(0.0), NO_KNOWLEDGE
 
-    def with_share(self, log_share: float) -> BroadNumbers:
+    def weigh_share(self, log_share: float) -> BroadNumbers:
         """Its numbers as one of several components."""
         return ANY_TURN, FIELD, math.log(DEPTHS), log_share - math.log(ROTATIONS), self.radius
 
-    def of_position(self, position: Floats) -> tuple[Floats, Floats]:
+    def position_terms(self, position: Floats) -> tuple[Floats, Floats]:
         """Precision (K, 3, 3) and log density (K,) of positions (K, 3)."""
         terms = self.terms(np.broadcast_to(np.eye(3), (len(position), 3, 3)), position)
         return terms.precision[:, 3:, 3:], terms.log_density + math.log(ROTATIONS)
@@ -176,7 +176,7 @@ class Gaussian(Mixed):
     @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
-        return packed([(self, 0.0)]), Broad().with_share(-math.inf), NO_KNOWLEDGE
+        return pack_predictions([(self, 0.0)]), Broad().weigh_share(-math.inf), NO_KNOWLEDGE
 
     def tail_weight(self, squared: Floats) -> Floats:
         """How much the prediction counts at a squared deviation (K,) from it: 1 up to 6, the mean of six parameters."""
@@ -185,7 +185,7 @@ class Gaussian(Mixed):
         return np.asarray((self.freedom + 6.0) / (self.freedom + np.maximum(squared, 6.0)))
 
     @once
-    def bounded(self) -> Floats:
+    def bounded_covariance(self) -> Floats:
         """The covariance, no more certain than `EXACT` in any direction."""
         distance = max(math.sqrt(self.position @ self.position), 1e-300)
         least = EXACT * np.array([1.0, 1.0, 1.0, distance, distance, distance])
@@ -231,46 +231,46 @@ class Doubted(Mixed):
     @once
     def least(self) -> int:
         """See `PoseDensity`: one match is one coincidence, which a clutter point that stands still repeats."""
-        return 2 if self._gaussian else 3
+        return 2 if self._gaussian_indices else 3
 
     @once
-    def _gaussian(self) -> list[int]:
+    def _gaussian_indices(self) -> list[int]:
         """Which of the predictions are normal in all six parameters."""
         return [k for k, one in enumerate(self.predictions) if isinstance(one, Gaussian)]
 
-    def prediction_of(self, rotation: Floats, position: Floats) -> Integers:
+    def prediction_indices(self, rotation: Floats, position: Floats) -> Integers:
         """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""
         every, which = self._components(rotation, position)
-        if len(self._gaussian) == len(self.predictions) and every.squared.shape[1] == 1:
-            return np.where(which < len(self._gaussian), which, -1)
-        of_first, of_others = self._places
-        component = largest(every)
+        if len(self._gaussian_indices) == len(self.predictions) and every.squared.shape[1] == 1:
+            return np.where(which < len(self._gaussian_indices), which, -1)
+        of_first, of_others = self._component_predictions
+        component = largest_component(every)
         return np.where(component == 0, of_first[which], of_others[component])
 
     @once
-    def _places(self) -> tuple[Integers, Integers]:
+    def _component_predictions(self) -> tuple[Integers, Integers]:
         """Which prediction the first component is, −1 for none, by that of kernels, and each of the components."""
         known = [k for k, one in enumerate(self.predictions) if not isinstance(one, Gaussian)]
         others = np.full(1 + len(self.for_kernels[2][-1]), -1)
         others[1 : 1 + len(known)] = known
-        return np.append(self._gaussian, -1), others
+        return np.append(self._gaussian_indices, -1), others
 
     @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
         log_doubt, every = math.log(self.doubt), list[Knowledge]()
-        normal = [(one, share) for one, share in self._shared if isinstance(one, Gaussian)]
-        others = [(one, share) for one, share in self._shared if not isinstance(one, Gaussian)]
+        normal = [(one, share) for one, share in self._weighted_predictions if isinstance(one, Gaussian)]
+        others = [(one, share) for one, share in self._weighted_predictions if not isinstance(one, Gaussian)]
         for one, share in [*others, (self.without, log_doubt)]:
             rotations, directions, places, peaks = one.for_kernels[2]
             if len(peaks):
                 every.append((rotations, directions, places, peaks + share))
         any_turn, field, depth, log_share, radius = self.without.for_kernels[1]
         broad = any_turn, field, depth, log_share + log_doubt, radius
-        return packed(normal), broad, _joined(every) if every else NO_KNOWLEDGE
+        return pack_predictions(normal), broad, _concatenate_knowledge(every) if every else NO_KNOWLEDGE
 
     @property
-    def _shared(self) -> list[tuple[Mixed, float]]:
+    def _weighted_predictions(self) -> list[tuple[Mixed, float]]:
         """The predictions with their shares."""
         return list(zip(self.predictions, self.log_shares, strict=True))
 
@@ -285,20 +285,20 @@ def _log_mass(freedom: float) -> float:
     return math.log(within + tail * math.exp(-3.0) / inner**3)
 
 
-def packed(predictions: Sequence[tuple[Gaussian, float]]) -> tuple[Floats, ...]:
+def pack_predictions(predictions: Sequence[tuple[Gaussian, float]]) -> tuple[Floats, ...]:
     """Predictions with their shares as arrays for the kernel."""
     if not predictions:
         return NO_PREDICTIONS
     return (
         np.array([one.rotation for one, _ in predictions]),
         np.array([one.position for one, _ in predictions]),
-        np.array([one.bounded for one, _ in predictions]),
+        np.array([one.bounded_covariance for one, _ in predictions]),
         np.array([share - _log_mass(one.freedom) - 3.0 * math.log(2.0 * math.pi) for one, share in predictions]),
         np.array([one.freedom for one, _ in predictions], dtype=float),
     )
 
 
-def _joined(every: Sequence[Knowledge]) -> Knowledge:
+def _concatenate_knowledge(every: Sequence[Knowledge]) -> Knowledge:
     """Several pieces of knowledge."""
     *parts, peaks = zip(*every, strict=True)
     joined = (tuple(map(np.concatenate, zip(*part, strict=True))) for part in parts)

@@ -14,7 +14,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.frozen import once
-from rootmatch.model.modes import Modes, no_modes
+from rootmatch.model.modes import Modes, empty_modes
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.shown_in_part import FewShown
 
@@ -49,7 +49,7 @@ class Posterior:
     exchanged : (M,) bool array, optional
         Which modes are where another body of its family was expected; none if not given.
     origins : (M,) int array, optional
-        Which prediction each mode is about, −1 for none; see `rootmatch.model.pose_density.Doubted.prediction_of`.
+        Which prediction each mode is about, −1 for none; see `rootmatch.model.pose_density.Doubted.prediction_indices`.
     copy : float
         Part of ``clutter`` in which the modes are those of a copy of the body.
     """
@@ -63,11 +63,11 @@ class Posterior:
     copy: float = 0.0
 
     @once
-    def undetected(self) -> Floats | float:
+    def undetected_probability(self) -> Floats | float:
         """Probability (n,) that each point has no detection, if the image shows no mode."""
-        return 1.0 if self.few is None else self.few.undetected()
+        return 1.0 if self.few is None else self.few.undetected_probability()
 
-    def probability_of(self, assignment: Integers) -> float:
+    def assignment_probability(self, assignment: Integers) -> float:
         """Probability of an assignment (n,), summed over the poses that have it."""
         same = (self.modes.assignments == assignment).all(axis=1)
         shares = np.exp(np.minimum(self.modes.log_odds - self.modes.log_mass, 0.0))
@@ -83,12 +83,14 @@ class Posterior:
         unmatched = assignment < 0
         otherwise = np.where(unmatched, self.modes.unmatched, 0.0)
         each = np.where(self.modes.assignments == assignment, self.modes.local, otherwise)
-        return np.asarray(self.probabilities @ each + np.where(unmatched, self.clutter * self.undetected, 0.0))
+        return np.asarray(
+            self.probabilities @ each + np.where(unmatched, self.clutter * self.undetected_probability, 0.0)
+        )
 
     @property
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no detection."""
-        return np.asarray(self.probabilities @ self.modes.unmatched + self.clutter * self.undetected)
+        return np.asarray(self.probabilities @ self.modes.unmatched + self.clutter * self.undetected_probability)
 
     def used(self, count: int) -> Floats:
         """Probability (n',) that each of so many detections is of the body."""
@@ -131,7 +133,7 @@ class Posterior:
             place.setdefault(key, k)
         return [(every[place[key]], total[key]) for key in sorted(total, key=lambda key: -total[key])[:most]]
 
-    def believed(self, min_probability: float, lit: Floats | float = 1.0) -> Believed | None:
+    def believe(self, min_probability: float, lit: Floats | float = 1.0) -> Believed | None:
         """The first assignment without its doubtful matches; None if its pose has not the least probability.
 
         If that is p and the pose's P, its `surest` matches are known with 1 − p / P. ``lit`` (n,) is the probability
@@ -145,7 +147,7 @@ class Posterior:
         first: Integers = self.modes.assignments[0]
         matched = (first >= 0).nonzero()[0]
         sure = float(self.confidence[matched].max())
-        return without_doubtful(first, self.confidence * lit, sure, min_probability, pose=pose)
+        return drop_doubtful_matches(first, self.confidence * lit, sure, min_probability, pose=pose)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +189,7 @@ class Others(Sequence[Integers]):
         return self.assignments[k]
 
 
-def surest(confidence: Floats, wrong: float) -> Integers:
+def surest_matches(confidence: Floats, wrong: float) -> Integers:
     """The most certain of m matches (places in ``confidence``, (m,)), the surest first.
 
     As many as leave the expected number of wrong ones at most ``wrong``, or `WRONG` of the m of a large assignment.
@@ -196,7 +198,7 @@ def surest(confidence: Floats, wrong: float) -> Integers:
     return np.asarray(order[(1.0 - confidence[order]).cumsum() <= max(wrong, WRONG * len(confidence))])
 
 
-def without_doubtful(
+def drop_doubtful_matches(
     assignment: Integers, confidence: Floats, sure: float, min_probability: float, *, pose: float
 ) -> Believed:
     """What is believed of an assignment (n,): its matches that are right together with the least probability.
@@ -207,15 +209,15 @@ def without_doubtful(
     matched = (assignment >= 0).nonzero()[0]
     each = confidence[matched]
     given_pose = each / sure
-    known = surest(given_pose, 1.0 - min_probability / pose)
-    together = np.minimum(pose * right_together(given_pose[known], min_probability), each[known])
+    known = surest_matches(given_pose, 1.0 - min_probability / pose)
+    together = np.minimum(pose * joint_probabilities(given_pose[known], min_probability), each[known])
     count = int(np.count_nonzero(together >= min_probability))
     kept, out = matched[known[:count]], np.full(len(assignment), -1)
     out[kept] = assignment[kept]
     return Believed(out, float(together[count - 1]) if count else pose, len(known))
 
 
-def right_together(confidence: Floats, min_probability: float) -> Floats:
+def joint_probabilities(confidence: Floats, min_probability: float) -> Floats:
     """Probability (m,), at least, that of the first 1, 2, … of m matches all are right.
 
     Of so many that a thousandth of them is more than may be wrong by ``min_probability``, all but that, rounded up.
@@ -230,6 +232,6 @@ def right_together(confidence: Floats, min_probability: float) -> Floats:
     return np.asarray(np.where(allowed > 1.0 - min_probability, few, 1.0 - expected))
 
 
-def unknown(n: int) -> Posterior:
+def empty_posterior(n: int) -> Posterior:
     """The posterior of a body of n points for which nothing was proposed."""
-    return Posterior(no_modes(n), np.empty(0), 1.0 - WRONG_MODEL)
+    return Posterior(empty_modes(n), np.empty(0), 1.0 - WRONG_MODEL)

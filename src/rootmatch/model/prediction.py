@@ -18,11 +18,11 @@ from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
-from rootmatch.model.compiled.looking import TORN, look
-from rootmatch.model.compiled.updates import choose_pairs, explained_by_each, update_with_each
+from rootmatch.model.compiled.looking import TORN, follow_unique_gates
+from rootmatch.model.compiled.updates import choose_pairs, fill_explained, update_with_each
 from rootmatch.model.detection_model import EXACT, USUAL_RATE, DetectionModel
-from rootmatch.model.evidence import STEEP, Evidence, evidence, mixture_of, stepped, unweighed
-from rootmatch.model.linearised import Linearised, unfilled
+from rootmatch.model.evidence import STEEP, Evidence, evidence_buffers, kernel_mixture, step_poses, weigh_assignments
+from rootmatch.model.linearised import Linearised, image_room
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
 
@@ -82,7 +82,7 @@ class Settled(NamedTuple):
         return self.squared <= FITTING * 2.0 * matched
 
 
-def proposals_of_settled(every: Sequence[Settled]) -> Proposals | None:
+def collect_proposals(every: Sequence[Settled]) -> Proposals | None:
     """Those of some assignments that are possible, with the poses they lead to; None without any."""
     possible = [one for one in every if math.isfinite(one.log_odds)]
     if not possible:
@@ -91,7 +91,7 @@ def proposals_of_settled(every: Sequence[Settled]) -> Proposals | None:
     return Proposals(np.array(assignments), np.array(rotations), np.array(positions))
 
 
-def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | None:
+def propose_about(model: DetectionModel, prediction: Gaussian) -> Proposals | None:
     """Assignments about a predicted pose with the poses they lead to, the most probable first.
 
     The prediction is of all six parameters, and part of the model's prior.
@@ -101,11 +101,11 @@ def proposals_about(model: DetectionModel, prediction: Gaussian) -> Proposals | 
     Proposals or None
         None if the prediction has no candidates, or too many even where it is narrowed.
     """
-    return proposals_of_settled(_settled_about(model, prediction)[0])
+    return collect_proposals(_settled_about(model, prediction)[0])
 
 
 def about_each(model: DetectionModel, predictions: Sequence[Gaussian]) -> list[Proposals]:
-    """What `proposals_about` tells of several predictions, the most probable first.
+    """What `propose_about` tells of several predictions, the most probable first.
 
     A wide one is narrowed by single correspondences only if none before it fits. Its look-alikes of what fits are
     proposed as twins.
@@ -114,7 +114,7 @@ def about_each(model: DetectionModel, predictions: Sequence[Gaussian]) -> list[P
     for prediction in predictions:
         found, fits = _settled_about(model, prediction, narrowing=narrowing)
         narrowing = narrowing and not fits
-        if (proposals := proposals_of_settled(found)) is not None:
+        if (proposals := collect_proposals(found)) is not None:
             out.append(proposals)
     return out
 
@@ -122,18 +122,18 @@ def about_each(model: DetectionModel, predictions: Sequence[Gaussian]) -> list[P
 def _settled_about(
     model: DetectionModel, prediction: Gaussian, *, narrowing: bool = True
 ) -> tuple[list[Settled], bool]:
-    """The assignments of `proposals_about`, and whether one fits that was settled at once."""
-    pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded
+    """The assignments of `propose_about`, and whether one fits that was settled at once."""
+    pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded_covariance
     most = MOST_PAIRS * max(len(model.images), 1)
     known: dict[bytes, Settled] = {}
     start, torn = None, list[tuple[_Looked, Floats]]()
     for _ in range(NARROWER):
-        looked = _looked(model, pose, covariance, rounds=ROUNDS, most=most)
+        looked = _look_about(model, pose, covariance, rounds=ROUNDS, most=most)
         if not (count := np.count_nonzero(looked.candidates)):
             break
         if count <= most:
             try:
-                start = settle(model, pose, covariance, known=known, looked=looked)
+                start = settle_assignment(model, pose, covariance, known=known, looked=looked)
             except OutOfTime:
                 if not torn:
                     raise
@@ -151,13 +151,13 @@ def _settled_about(
         with suppress(OutOfTime):  # what is known by then is handed on
             for looked, covariance in (torn[0], *torn[1:][-1:]):  # the widest and the narrowest
                 first = looked.at.one(0)
-                for step, narrowed in _narrowed(model, looked, covariance):
+                for step, narrowed in _narrow_by_pairs(model, looked, covariance):
                     moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
-                    settle(model, moved, narrowed, known=known)
+                    settle_assignment(model, moved, narrowed, known=known)
     return sorted(known.values(), key=lambda one: -one.log_odds), fits
 
 
-def settle(
+def settle_assignment(
     model: DetectionModel,
     pose: tuple[Floats, Floats],
     covariance: Floats,
@@ -173,7 +173,7 @@ def settle(
     while rounds > 0:
         checkpoint()
         if looked is None:
-            looked = _looked(model, pose, covariance, rounds=rounds)
+            looked = _look_about(model, pose, covariance, rounds=rounds)
         for one in looked.settled:
             key = one.assignment.tobytes()
             if key in known:
@@ -183,21 +183,21 @@ def settle(
             return known.get(looked.last.tobytes(), best)
         rounds -= len(looked.settled) + 1
         (at, covariance, gated), looked = looked.torn, None
-        assignment = assigned(gated)
+        assignment = assign_gated(gated)
         if not (assignment >= 0).any():
             break
         key = assignment.tobytes()
         if key in known:
             return known[key]
-        found = evidence(model, assignment[None], at)
-        pose, covariance = stepped(found, at), found.covariance[0]
+        found = weigh_assignments(model, assignment[None], at)
+        pose, covariance = step_poses(found, at), found.covariance[0]
         best = known[key] = Settled.of(assignment, found, pose, 0)
         if np.count_nonzero(assignment >= 0) >= float(best.visible.sum()):
             break  # nothing is left to assign
     return best
 
 
-def assigned(gated: Gated) -> Integers:
+def assign_gated(gated: Gated) -> Integers:
     """The most probable one-to-one assignment (n,) about a pose, with independent pairs."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
@@ -239,7 +239,7 @@ class _Looked(NamedTuple):
     is."""
 
 
-def _looked(
+def _look_about(
     model: DetectionModel,
     pose: tuple[Floats, Floats],
     covariance: Floats,
@@ -251,16 +251,16 @@ def _looked(
     n, _ = shape = model.shape
     gated = np.empty(shape, np.bool_), np.empty(shape), np.empty(n, np.int64)
     limits = GATE**2, model.rate or USUAL_RATE, HIDDEN
-    if (prior := mixture_of(model)) is None or model.has_covariances:
-        at = model.linearised(*pose)
-        visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
-        unique = gate((*_images_of(model, at), visible), np.array(covariance), image_for_gates(model), limits, gated)
+    if (prior := kernel_mixture(model)) is None or model.has_covariances:
+        at = model.linearise_about(*pose)
+        visible = model.visibility(at, np.array([_direction_sigma(covariance)]))[0]
+        unique = gate((*_image_arguments(model, at), visible), np.array(covariance), gating_image(model), limits, gated)
         every = at, covariance, Gated(*gated, unique)
         return _Looked(at, visible, gated[0], settled=[], last=gated[2], torn=every)
-    at = unfilled(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
-    found, rows = unweighed(rounds, n), np.empty((rounds, n), np.int64)
+    at = image_room(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
+    found, rows = evidence_buffers(rounds, n), np.empty((rounds, n), np.int64)
     covariance, candidates, visible = np.array(covariance), np.empty(shape, np.bool_), np.empty(n)
-    count, why = look(
+    count, why = follow_unique_gates(
         covariance, model.scene_for_kernels, prior, (*limits, float(most), STEEP),
         (*at[:4], at.for_kernels[0], at.expected, at.rotation, at.position), (rows, tuple(found)),
         (candidates, visible, *gated),
@@ -271,23 +271,23 @@ def _looked(
     return _Looked(at, visible, candidates, settled=settled, last=gated[2], torn=torn)
 
 
-def _images_of(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:
+def _image_arguments(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:
     """Pixels (n, 2) of the points in one pose, their Jacobian (n, 2, 6), and covariances (n, 2, 2) if not exact."""
     of_points = model.of_points(at)
     return at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0])
 
 
-def image_for_gates(model: DetectionModel) -> tuple[Floats, ...]:
+def gating_image(model: DetectionModel) -> tuple[Floats, ...]:
     """Detections, their noise, the log-density of clutter, and the weights of matches, as `gate` takes them."""
-    return *model.detections_for_gates, model.clutter.log_density, model.image_for_kernels[2]
+    return *model.gating_arguments, model.clutter.log_density, model.image_for_kernels[2]
 
 
-def _narrowed(model: DetectionModel, looked: _Looked, covariance: Floats) -> list[tuple[Floats, Floats]]:
+def _narrow_by_pairs(model: DetectionModel, looked: _Looked, covariance: Floats) -> list[tuple[Floats, Floats]]:
     """Steps and covariances after two correspondences each, those that explain most."""
-    points = *_images_of(model, looked.at), (model.rate or USUAL_RATE) * looked.visible
+    points = *_image_arguments(model, looked.at), (model.rate or USUAL_RATE) * looked.visible
     beams = [(np.zeros(6), np.array(covariance))]
     for _ in range(2):
-        every = [_updates(points, about, image_for_gates(model), looked.candidates) for about in beams]
+        every = [_kalman_updates(points, about, gating_image(model), looked.candidates) for about in beams]
         steps, spreads, scores = (np.concatenate(part) for part in zip(*every, strict=True))
         if not len(scores):
             break
@@ -298,7 +298,7 @@ def _narrowed(model: DetectionModel, looked: _Looked, covariance: Floats) -> lis
     return beams
 
 
-def _updates(
+def _kalman_updates(
     points: tuple[Floats, ...], about: tuple[Floats, Floats], image: tuple[Floats, ...], candidates: Bools
 ) -> tuple[Floats, Floats, Floats]:
     """Steps (P, 6), covariances (P, 6, 6) and scores (P,) after a Kalman update with each of some candidate pairs."""
@@ -315,7 +315,7 @@ def _updates(
     return steps, covariances, scores
 
 
-def explained(model: DetectionModel, at: Linearised, step: Floats, covariance: Floats) -> Floats:
+def score_predictions(model: DetectionModel, at: Linearised, step: Floats, covariance: Floats) -> Floats:
     """Log-odds (K,) of what poses explain, to first order, each point with its likeliest detection.
 
     ``step`` (K, 6) and ``covariance`` (K, 6, 6): of the distributions of the poses, from those of ``at``.
@@ -329,10 +329,10 @@ def explained(model: DetectionModel, at: Linearised, step: Floats, covariance: F
         chance *= np.minimum(USUAL_RATE, model.shape[1] / shown)
     points = at.pixels, at.jacobian, EXACT[None] if of_points is None else np.array(of_points), chance
     scores = np.empty(len(step))
-    explained_by_each(points, (step, covariance), image_for_gates(model), scores)
+    fill_explained(points, (step, covariance), gating_image(model), scores)
     return scores
 
 
-def _tilt(covariance: Floats) -> float:
+def _direction_sigma(covariance: Floats) -> float:
     """Standard deviation of a pose's direction, in radians."""
     return min(math.sqrt(max(0.5 * float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2]), 0.0)), 1.0)

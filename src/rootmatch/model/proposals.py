@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
-from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
+from rootmatch.model.compiled.few_poses import fill_minimal_poses
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import STEEP, Evidence, about, settled_about
+from rootmatch.model.evidence import STEEP, Evidence, settle_poses, weigh_poses
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.pose_density import LEAST
-from rootmatch.model.views import frames_of
+from rootmatch.model.views import camera_frames
 
 FEW = 6
 """Number of matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the
@@ -41,27 +41,27 @@ class Proposals(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def no_proposals(n: int) -> Proposals:
+def empty_proposals(n: int) -> Proposals:
     """No proposals of a body of n points."""
     return Proposals(np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
 
 
-def joined(parts: list[Proposals]) -> Proposals:
+def join_proposals(parts: list[Proposals]) -> Proposals:
     """All of several proposals."""
     if len(parts) == 1:
         return parts[0]
     return Proposals._make(map(np.concatenate, zip(*parts, strict=True)))
 
 
-def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
+def propose_few_matched(model: DetectionModel, assignments: Integers) -> Proposals:
     """Every pose of two minimal sets of each assignment (K, n) with three to `FEW` matches in a camera.
 
     Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them.
     """
     in_camera = (assignments.reshape(len(assignments), max(len(model.images), 1), -1) >= 0).sum(axis=2)
     if not ((in_camera >= LEAST) & (in_camera <= FEW)).any():
-        return no_proposals(assignments.shape[1])  # rays of a lens take longer than all the rest
-    return poses_of_sets(model, assignments, FEW).proposals
+        return empty_proposals(assignments.shape[1])  # rays of a lens take longer than all the rest
+    return solve_minimal_sets(model, assignments, FEW).proposals
 
 
 class MinimalSets(NamedTuple):
@@ -83,15 +83,15 @@ class MinimalSets(NamedTuple):
         return self.proposals._replace(assignments=own)
 
 
-def poses_of_sets(model: DetectionModel, assignments: Integers, most: int) -> MinimalSets:
-    """As `poses_of_few`, of up to so many matches in a camera."""
+def solve_minimal_sets(model: DetectionModel, assignments: Integers, most: int) -> MinimalSets:
+    """As `propose_few_matched`, of up to so many matches in a camera."""
     assignments = np.array(assignments, np.int64)
-    rotations, translations = frames_of(model.camera)
+    rotations, translations = camera_frames(model.camera)
     room = 8 * len(assignments) * len(rotations)
     of, members = np.empty(room, np.int64), np.empty((room, 3), np.int64)
     rotation, position = np.empty((room, 3, 3)), np.empty((room, 3))
-    count = poses_of_minimal_sets(
-        model.about_centre[0],
+    count = fill_minimal_poses(
+        model.centred_body[0],
         (model.image_for_kernels[0], model.rays),
         assignments,
         (rotations, translations),
@@ -103,7 +103,7 @@ def poses_of_sets(model: DetectionModel, assignments: Integers, most: int) -> Mi
     return MinimalSets(of, members[:count].copy(), proposals)
 
 
-def fitted(model: DetectionModel, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
+def fit_assignments(model: DetectionModel, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
     """Assignments (K, n) at the best poses that lead on from their minimal sets; those without one in a camera are not.
 
     Returns
@@ -113,13 +113,13 @@ def fitted(model: DetectionModel, assignments: Integers) -> tuple[Proposals, Evi
     Evidence, Linearised
         Of those assignments about these poses.
     """
-    return refitted(model, rough_fits(model, assignments))
+    return refit_proposals(model, rough_fits(model, assignments))
 
 
 def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
     """As `fitted`, one step away from a minimal set."""
-    sets = poses_of_sets(model, assignments, assignments.shape[1])
-    found, at = about(model, *sets.proposals)
+    sets = solve_minimal_sets(model, assignments, assignments.shape[1])
+    found, at = weigh_poses(model, *sets.proposals)
     order = np.lexsort((-found.log_odds, sets.of))
     best = order[np.unique(sets.of[order], return_index=True)[1]]
     poses = np.empty((len(best), 3, 3)), np.empty((len(best), 3))
@@ -127,9 +127,9 @@ def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
     return Proposals(sets.proposals.assignments[best], *poses)
 
 
-def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:
+def refit_proposals(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:
     """Assignments at the best poses near their own; see `fitted`."""
-    found, at = settled_about(model, *proposals)
+    found, at = settle_poses(model, *proposals)
     return Proposals(proposals.assignments, at.rotation, at.position), found, at
 
 
@@ -155,7 +155,7 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
         T for each one given, way by way; for a way that is a reflection and nearly a motion, as of flat bodies,
         one of each.
     """
-    own, ways, motions, mirrored, middle, middles = _likeness(first, second, images)
+    own, ways, motions, mirrored, middle, middles = _align_ways(first, second, images)
     rotation = proposals.rotation @ motions[:, None]
     # the centroids of the corresponding points coincide in both bodies
     place = proposals.position + middle @ proposals.rotation.swapaxes(1, 2)
@@ -169,8 +169,8 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
 
 
-@kept_by_values(256)
-def _likeness(first: Floats, second: Floats, images: Integers) -> tuple[NDArray[Any], ...]:
+@cache_by_values(256)
+def _align_ways(first: Floats, second: Floats, images: Integers) -> tuple[NDArray[Any], ...]:
     """How a second body lies in the place of a first one in T ways in which they look alike; see `look_alikes`.
 
     Returns

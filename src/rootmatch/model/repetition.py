@@ -22,10 +22,10 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.clutter import MOST, STEPS, Clutter
-from rootmatch.model.compiled.crowds import shares_of_crowds
+from rootmatch.model.compiled.crowds import fit_crowd_shares
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import ALIKE
-from rootmatch.model.targets_box import box_of
+from rootmatch.model.targets_box import bounding_box
 
 RIVALS = 8
 """Most motions of the object between which repetitions are sought. A round value."""
@@ -51,24 +51,26 @@ class Repeated(NamedTuple):
     """Logarithm of how much more probable the targets are with them than without, all of them being clutter."""
 
 
-def with_repetition(model: PointSetModel, proposals: Judged) -> Repeated | None:
+def find_repetition(model: PointSetModel, proposals: Judged) -> Repeated | None:
     """The model with the repetitions among targets that labellings point to; None without any.
 
     Either model may be the right one, and what the object explains repeats as it does itself, so both are weighed.
     """
-    rivals = motions_among(proposals)
+    rivals = select_rival_motions(proposals)
     if len(rivals) < 2 or len(model.clouds.target) > MOST:
         return None
-    found = _repeated(model, proposals.take(rivals))
+    found = _build_repetition(model, proposals.take(rivals))
     if found is None:
         return None
     own = replace(model, repeated=found[0], log_unnamed=found[2])
     every = np.ones((1, len(model.clouds.target)), np.bool_)
-    without, with_it = (float(one.log_taken(every, np.zeros(every.shape))[0]) for one in (model.clutter, found[0]))
+    without, with_it = (
+        float(one.log_density_of_taken(every, np.zeros(every.shape))[0]) for one in (model.clutter, found[0])
+    )
     return Repeated(own, own.judged(proposals.fit.assignments), with_it - without - found[1])
 
 
-def motions_among(found: Judged, least: float = 0.0, most: int = RIVALS) -> Integers:
+def select_rival_motions(found: Judged, least: float = 0.0, most: int = RIVALS) -> Integers:
     """Labellings of different motions with more than some log-odds, the best first."""
     assignments, kept = found.fit.assignments, list[int]()
     better = np.flatnonzero(found.log_odds > least)
@@ -81,14 +83,14 @@ def motions_among(found: Judged, least: float = 0.0, most: int = RIVALS) -> Inte
     return np.array(kept, np.int64)
 
 
-def widths_of(clutter: Clutter) -> Floats:
+def repetition_widths(clutter: Clutter) -> Floats:
     """Widths (W,) of repetitions, from a part of the edge of what each target has of the box down to its noise."""
     spacing = float(clutter.uniform[0] * len(clutter.target)) ** (-1.0 / clutter.target.shape[1])
     every = 0.25 * spacing * 0.5 ** np.arange(WIDTHS)
     return np.asarray(every[: 1 + int((every > np.median(clutter.sigma)).sum())])
 
 
-def _motions_between(linear: Floats, shift: Floats, *, of_source: bool) -> tuple[Floats, Floats]:
+def _relative_motions(linear: Floats, shift: Floats, *, of_source: bool) -> tuple[Floats, Floats]:
     """Motions y' = S y + b (G, k, k) and (G, k) from each rival's places to another's, or the same of the source."""
     first, second = np.triu_indices(len(shift), 1)
     if of_source:  # T₁⁻¹ T₂
@@ -98,7 +100,7 @@ def _motions_between(linear: Floats, shift: Floats, *, of_source: bool) -> tuple
     return between, shift[second] - (between @ shift[first][..., None])[..., 0]
 
 
-def _kernels(points: Floats, variance: Floats, motions: tuple[Floats, Floats], widths: Floats) -> Floats:
+def _repetition_densities(points: Floats, variance: Floats, motions: tuple[Floats, Floats], widths: Floats) -> Floats:
     """Density (G, W, n, n) of points (n, k) about the others' images, and of these about theirs; 0 about itself."""
     linear, shift = motions
     images, own = points @ linear.swapaxes(1, 2) + shift[:, None], np.arange(len(points))
@@ -109,23 +111,23 @@ def _kernels(points: Floats, variance: Floats, motions: tuple[Floats, Floats], w
     return np.asarray(0.5 * (density + density.swapaxes(2, 3)))  # either of two may be the other's image
 
 
-def _gains(without: Floats, densities: Floats) -> Floats:
+def _mixture_log_gains(without: Floats, densities: Floats) -> Floats:
     """By how much points are more probable, (G, W), with some share of densities (G, W, n) than without them, (n,)."""
     return np.asarray((np.log((1.0 - TRIED) + TRIED * (densities / without))).sum(axis=3).max(axis=0))
 
 
-def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, float] | None:
+def _build_repetition(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, float] | None:
     """Clutter with the repetitions between rivals, and what it takes to name those that the source has not.
 
     And what it takes to name the first of them without the source. None if there are none.
     """
     clutter, clouds = model.clutter, model.clouds
     target, count, size = clutter.target, len(clutter.target), clutter.target.shape[1]
-    widths = widths_of(clutter)
+    widths = repetition_widths(clutter)
     # along the axes of the box, as clutter has them
-    middle, axes = model._space[2:]
+    middle, axes = model._clutter_space[2:]
     linear, shift = rivals.fit.scale[:, None, None] * rivals.fit.rotation, rivals.fit.shift
-    between = _motions_between(axes.T @ linear, (shift - middle) @ axes, of_source=False)
+    between = _relative_motions(axes.T @ linear, (shift - middle) @ axes, of_source=False)
     # a motion that leaves the middle of the object in its place, or brings it back, is a symmetry of it or of a part,
     # and leads to nothing beside it
     centres = (linear @ clouds.source.mean(axis=0) + shift - middle) @ axes
@@ -135,7 +137,7 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     if not beside.any():
         return None
     between = between[0][beside], between[1][beside]
-    kernels = _kernels(target, clutter.sigma**2, between, widths)
+    kernels = _repetition_densities(target, clutter.sigma**2, between, widths)
     densities = kernels.sum(axis=3) / (count - 1)
     # motions that widths tell apart: places along each axis, and turns
     span = np.ptp(target, axis=0) * (count + 1) / (count - 1)
@@ -144,17 +146,17 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
     cost += size * (size - 1) // 2 * np.log(np.maximum(2.0 * math.pi * radius / widths, 1.0))
     # the source shows them as well
     scale = float(rivals.fit.scale[0])
-    of_source = _motions_between(linear, shift, of_source=True)
+    of_source = _relative_motions(linear, shift, of_source=True)
     of_source = of_source[0][beside], of_source[1][beside]
-    own = _kernels(clouds.source, clouds.source_variance, of_source, widths / scale)
+    own = _repetition_densities(clouds.source, clouds.source_variance, of_source, widths / scale)
     n = len(clouds.source)
-    anywhere = np.full(n, 1.0 / np.prod(box_of(clouds.source, clouds.source_variance)[3]))
-    own_odds = _gains(anywhere, own.sum(axis=3) / (n - 1)) - cost + math.log(ALIKE)
+    anywhere = np.full(n, 1.0 / np.prod(bounding_box(clouds.source, clouds.source_variance)[3]))
+    own_odds = _mixture_log_gains(anywhere, own.sum(axis=3) / (n - 1)) - cost + math.log(ALIKE)
     named = np.logaddexp(-np.logaddexp(0.0, -own_odds), -cost)
     without = np.exp(clutter.log_density)
     now, chosen, shares = without, list[tuple[int, int]](), np.ones(1)
     while len(chosen) < REPETITIONS:
-        tried = _gains(now, densities) - cost
+        tried = _mixture_log_gains(now, densities) - cost
         best = np.unravel_index(int(tried.argmax()), tried.shape)
         if tried[best] <= 0.0:
             break
@@ -162,7 +164,7 @@ def _repeated(model: PointSetModel, rivals: Judged) -> tuple[Clutter, float, flo
         densities_of = np.array([without, *(densities[one] for one in chosen)])
         prior = np.array([PSEUDO, *[PSEUDO_REPEATED] * len(chosen)])
         shares = prior / prior.sum()
-        shares_of_crowds(densities_of, prior, STEPS, shares)
+        fit_crowd_shares(densities_of, prior, STEPS, shares)
         now = shares @ densities_of
     if not chosen:
         return None

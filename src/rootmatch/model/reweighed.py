@@ -28,7 +28,7 @@ class Reweighed(NamedTuple):
     """Logarithm of its evidence, over that with the covariance before."""
 
 
-def reweighed(
+def reweigh_evidence(
     found: Evidence, known: tuple[Floats, Floats, Floats, float], spread: Floats, offset: Floats
 ) -> Reweighed:
     """The first of some hypotheses with another covariance (2 m, 2 m) and other offsets (2 m,) of its detections.

@@ -22,7 +22,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.occluder import OCCLUDED
 from rootmatch.model.detection_model import HIGHEST_RATE, DetectionModel
 from rootmatch.model.priors import PRESENT_ODDS
-from rootmatch.model.views import frames_of
+from rootmatch.model.views import camera_frames
 
 TURNS = 64
 """Turns of a body with normals over which a mean is taken. A round value."""
@@ -54,12 +54,12 @@ class FewShown:
     counts: Integers
     unmet: float = 0.0
 
-    def undetected(self) -> Floats:
+    def undetected_probability(self) -> Floats:
         """Probability (n,) that each point has no detection, if there is no mode: the body is absent, or shows few.
 
         Or it shows more, and was not met: with the prior odds of that, as nothing is known of its image.
         """
-        visible, (rates, log_weights) = _visible(self.model), self.model.rates
+        visible, (rates, log_weights) = _typical_visibility(self.model), self.model.rate_quadrature
         some = 1.0 - np.prod(1.0 - visible, axis=1)  # what shows no point is not in view
         mean = float(rates @ np.exp(log_weights))
         each = np.concatenate([rates, mean * np.array(IN_SIGHT)])
@@ -67,17 +67,17 @@ class FewShown:
         shares = np.concatenate([(1.0 - OCCLUDED) * np.exp(log_weights), hidden])
         chance = (visible.T[:, :, None] * each).reshape(len(self.counts), -1, len(visible) * len(each))
         cases = np.outer(some / some.sum(), shares).reshape(-1)
-        odds, few = few_detected(chance, cases, self.counts, self.most)
+        odds, few = odds_of_few(chance, cases, self.counts, self.most)
         present = math.exp(PRESENT_ODDS)
         without, whole = 1.0 + present * odds * few, 1.0 + present * odds
         if self.unmet and (self.counts > self.most).any():
-            part, own = few_detected(chance, cases, np.full_like(self.counts, ANY), self.most)
+            part, own = odds_of_few(chance, cases, np.full_like(self.counts, ANY), self.most)
             without += present * self.unmet * np.maximum(1.0 - (chance @ cases).reshape(-1) - part * own, 0.0)
             whole += present * self.unmet * (1.0 - part)
         return np.asarray(without / whole)
 
 
-def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -> tuple[float, Floats]:
+def odds_of_few(chance: Floats, weights: Floats, counts: Integers, most: int) -> tuple[float, Floats]:
     """Odds W that at most so few points of each of C images are detected, against clutter alone.
 
     ``chance`` (C, n, H): of each point to be detected, in each of H cases, whose probabilities are ``weights`` (H,);
@@ -90,7 +90,7 @@ def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -
     (C n,) float array
         Probability that each point is not detected, if that is so.
     """
-    log_each, odds, sums, ways, whole = few_of_each(chance, counts, most)
+    log_each, odds, sums, ways, whole = sum_small_subsets(chance, counts, most)
     each = weights * np.exp(log_each)
     total = max(float(each.sum()), 1e-300)
     others, detected = np.ones_like(odds), np.zeros(odds.shape[:2])
@@ -101,8 +101,8 @@ def few_detected(chance: Floats, weights: Floats, counts: Integers, most: int) -
     return total, np.clip(1.0 - detected.reshape(-1) / total, 0.0, 1.0)
 
 
-def few_of_each(chance: Floats, counts: Integers, most: int) -> tuple[Floats, ...]:
-    """Logarithms (H,) of the odds that `few_detected` sums in each of some cases, and what they are made of.
+def sum_small_subsets(chance: Floats, counts: Integers, most: int) -> tuple[Floats, ...]:
+    """Logarithms (H,) of the odds that `odds_of_few` sums in each of some cases, and what they are made of.
 
     Odds (C, n, H) of each point; their products (most + 1, C, H), summed over the sets of 0, 1, … points; and the ways
     (most + 1, C, 1) to own as many detections, with the sum (C, H) of both.
@@ -113,12 +113,12 @@ def few_of_each(chance: Floats, counts: Integers, most: int) -> tuple[Floats, ..
     sums[0] = 1.0
     for point in range(odds.shape[1]):
         sums[1:] += odds[:, point] * sums[:-1]
-    ways = ways_to_own(counts, most)
+    ways = count_ways_to_own(counts, most)
     whole = (ways * sums).sum(axis=0)
     return np.log1p(-chance).sum(axis=(0, 1)) + np.log(whole).sum(axis=0), odds, sums, ways, whole
 
 
-def ways_to_own(counts: Integers, most: int) -> Floats:
+def count_ways_to_own(counts: Integers, most: int) -> Floats:
     """Ways (most + 1, C, 1) to own 0, 1 … of the detections (C,) of images, times the odds that others are clutter."""
     ways = np.ones((most + 1, len(counts), 1))
     for k in range(1, most + 1):
@@ -127,7 +127,7 @@ def ways_to_own(counts: Integers, most: int) -> Floats:
     return ways
 
 
-def few_in_sight(visible: Floats, rates: Floats, images: int, most: int) -> tuple[Floats, Floats]:
+def count_distributions(visible: Floats, rates: Floats, images: int, most: int) -> tuple[Floats, Floats]:
     """Probability (most + 1, C, S Q H) that 0, 1 … points of each image are detected, if something may hide the rest.
 
     ``visible`` (S, C n): visibility in each pose; ``rates`` (Q,). With the probabilities (H,) of what is hidden.
@@ -145,17 +145,17 @@ def few_in_sight(visible: Floats, rates: Floats, images: int, most: int) -> tupl
     return few.reshape(most + 1, images, -1), hidden
 
 
-def _visible(model: DetectionModel) -> Floats:
+def _typical_visibility(model: DetectionModel) -> Floats:
     """Visibility (S, n) of the points in poses anywhere: of all turns alike, before each camera."""
-    if model.normals is None and len(frames_of(model.camera)[0]) == 1:
+    if model.normals is None and len(camera_frames(model.camera)[0]) == 1:
         return np.ones((1, len(model.points)))
-    at = model.linearised(spread_rotations(TURNS), ahead(model, TURNS))
+    at = model.linearise_about(spread_rotations(TURNS), positions_ahead(model, TURNS))
     return model.visibility(at, np.zeros(TURNS))
 
 
-def ahead(model: DetectionModel, count: int) -> Floats:
+def positions_ahead(model: DetectionModel, count: int) -> Floats:
     """Positions (count, 3) of the body's centre before each camera in turn."""
-    rotations, translations = frames_of(model.camera)
+    rotations, translations = camera_frames(model.camera)
     which = np.arange(count) % len(rotations)
     place = np.array([0.0, 0.0, RADII * model.radius]) - translations[which]
     return np.asarray((place[:, None] @ rotations[which])[:, 0])

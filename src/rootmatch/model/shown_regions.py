@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
-from rootmatch.problems.points import squared_distances_to
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
+from rootmatch.problems.points import pairwise_squared_distances
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 
 BY_REGION = 0.2
@@ -25,7 +25,7 @@ LARGER = 1.2
 points at each step, the rims of regions are too far from where they are."""
 
 
-def log_of_detected(n: int, matched: Integers, rate: float | None = None) -> Floats:
+def log_detection_count(n: int, matched: Integers, rate: float | None = None) -> Floats:
     """Logarithm of the chance that so many certain ones of n points have a target, at one rate, flat if unknown."""
     from scipy.special import betaln  # slow to import
 
@@ -34,7 +34,7 @@ def log_of_detected(n: int, matched: Integers, rate: float | None = None) -> Flo
     return np.asarray(matched * math.log(rate) + (n - matched) * math.log1p(-rate))
 
 
-def log_of_regions(source: Floats, matched: Bools, rate: float | None = None) -> Floats:
+def log_region_factor(source: Floats, matched: Bools, rate: float | None = None) -> Floats:
     """Logarithm (K,) of how much more probable it is with regions that these of the points have a target.
 
     All rates are integrated under flat priors.
@@ -47,7 +47,7 @@ def log_of_regions(source: Floats, matched: Bools, rate: float | None = None) ->
     rate : float, optional
         Of all points, if it is known: no region has another.
     """
-    regions, log_rest, log_factorial = _regions(source)
+    regions, log_rest, log_factorial = _list_regions(source)
     if rate is not None or not len(regions):
         return np.zeros(len(matched))
     n, every = len(source), matched.sum(axis=1)
@@ -62,8 +62,8 @@ def log_of_regions(source: Floats, matched: Bools, rate: float | None = None) ->
     return np.asarray(np.logaddexp(math.log1p(-BY_REGION), math.log(BY_REGION) + more))
 
 
-@kept_by_values(8)
-def _regions(source: Floats) -> tuple[Floats, Floats, Floats]:
+@cache_by_values(8)
+def _list_regions(source: Floats) -> tuple[Floats, Floats, Floats]:
     """Which points (R, n) are in each region, as numbers.
 
     And log (n + 1)! / ((s + 1)! (n − s + 1)!), (R,), with s points in it, and log k! up to k = n + 1.
@@ -75,7 +75,7 @@ def _regions(source: Floats) -> tuple[Floats, Floats, Floats]:
     sizes = np.unique(np.round(FEWEST * LARGER ** np.arange(steps)).astype(np.int64))
     sizes = sizes[sizes < n]
     about = np.sort(np.random.default_rng(0).permutation(n)[:PLACES])
-    place = squared_distances_to(source[None, about], source)[0].argsort(axis=1, kind="stable").argsort(axis=1)
+    place = pairwise_squared_distances(source[None, about], source)[0].argsort(axis=1, kind="stable").argsort(axis=1)
     inside = (place < sizes[:, None, None]).reshape(-1, n).astype(np.float32)
     log_factorial = gammaln(np.arange(n + 2.0) + 1.0)
     own = np.repeat(log_factorial[n + 1] - log_factorial[sizes + 1] - log_factorial[n - sizes + 1], len(about))

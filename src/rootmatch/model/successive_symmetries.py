@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.arrays import Floats, Integers, cache_by_values
 from rootmatch.deadline import checkpoint
-from rootmatch.model.near_symmetries import LEAST, same_up_to, symmetries_of
-from rootmatch.model.proposals import Proposals, joined, no_proposals
+from rootmatch.model.near_symmetries import LEAST, find_symmetries, same_point_tolerance
+from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals
 
 MOST_MOTIONS = 1024
 """Motions from which no more are sought. A round value; it bounds time, to .2 s for a body."""
@@ -36,13 +36,13 @@ class Succession(NamedTuple):
     """(M, n) point at the place of each after the motion; −1 for none."""
 
 
-@kept_by_values(64)
-def in_succession(source: Floats, normals: Floats | None) -> Succession:
+@cache_by_values(64)
+def compose_symmetries(source: Floats, normals: Floats | None) -> Succession:
     """What near symmetries of a body (n, 3), and their inverses, are one after another, without these themselves.
 
     Those of the fewest steps first, which put at least as many points onto others as a near symmetry has to.
     """
-    found, n, near = symmetries_of(source, normals), len(source), same_up_to(source)
+    found, n, near = find_symmetries(source, normals), len(source), same_point_tolerance(source)
     rotation, shift = np.array([np.eye(3), *(one.rotation for one in found)]), np.zeros((1 + len(found), 3))
     image = np.array([np.arange(n), *(one.image for one in found)])
     if not found:
@@ -73,7 +73,7 @@ def in_succession(source: Floats, normals: Floats | None) -> Succession:
     return Succession(rotation[every], shift[every], image[every])
 
 
-def moved_along(found: Proposals, motions: Succession, image: Integers, centre: Floats) -> Proposals:
+def propose_moved(found: Proposals, motions: Succession, image: Integers, centre: Floats) -> Proposals:
     """Poses in which other points of a body lie where most of those do that are matched.
 
     Parameters
@@ -87,7 +87,7 @@ def moved_along(found: Proposals, motions: Succession, image: Integers, centre: 
     centre : (3,) array
         Of its points.
     """
-    parts = [no_proposals(found.assignments.shape[1])]
+    parts = [empty_proposals(found.assignments.shape[1])]
     for assignment, rotation, position in zip(*found, strict=True):
         (own,) = np.nonzero(assignment >= 0)
         mapped = (image[:, own] >= 0).sum(axis=1)
@@ -98,4 +98,4 @@ def moved_along(found: Proposals, motions: Succession, image: Integers, centre: 
         turned = rotation @ motions.rotation[which].swapaxes(1, 2)
         place = position - rotation @ centre - (turned @ (motions.shift[which] - centre)[..., None])[..., 0]
         parts.append(Proposals(moved[:, :-1].copy(), turned, place))
-    return joined(parts)
+    return join_proposals(parts)

@@ -6,35 +6,35 @@ import math
 
 import numpy as np
 
-from rootmatch.arrays import Floats, kept_by_values
-from rootmatch.model.clutter import Clutter, clutter_in_space
+from rootmatch.arrays import Floats, cache_by_values
+from rootmatch.model.clutter import Clutter, estimate_space_clutter
 
 _HALF, WEIGHTS = np.polynomial.legendre.leggauss(8)
 """Nodes of the integral over a box, which is then off by less than .01 in its logarithm, and weights."""
 _LOG_NODES = np.log(0.5 + 0.5 * _HALF)
 
 
-@kept_by_values(8)
-def space_of(target: Floats, variance: Floats) -> tuple[float, Clutter, Floats, Floats]:
+@cache_by_values(8)
+def fit_clutter_space(target: Floats, variance: Floats) -> tuple[float, Clutter, Floats, Floats]:
     """Logarithm of the volume that targets span, the clutter in it, once for all bodies among them, and its frame."""
-    middle, axes, along, extents = box_of(target, variance)
-    return float(np.log(extents).sum()), clutter_in_space(along, np.sqrt(variance), extents), middle, axes
+    middle, axes, along, extents = bounding_box(target, variance)
+    return float(np.log(extents).sum()), estimate_space_clutter(along, np.sqrt(variance), extents), middle, axes
 
 
-@kept_by_values(8)
-def edges_of(target: Floats, variance: Floats, count: int) -> tuple[Floats, Floats, Floats, Floats]:
+@cache_by_values(8)
+def box_edges(target: Floats, variance: Floats, count: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Corners of the box that targets span, how many may be anywhere by how many are matched, and 1 − r' / L at nodes.
 
     Those of Gauss and Legendre in (r' / L)^(c + 1).
     """
-    clutter, own = space_of(target, variance)[1], _thickness(variance)
+    clutter, own = fit_clutter_space(target, variance)[1], _noise_thickness(variance)
     low, high = clutter.target.min(axis=0), clutter.target.max(axis=0)
     thin = np.maximum(own - (high - low), 0.0)
     left = clutter.alone * np.maximum(len(clutter.target) - np.arange(count + 1.0), 0.0)
     return low - 0.5 * thin, high + 0.5 * thin, left, -np.expm1(_LOG_NODES / (left[:, None] + 1.0))
 
 
-def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def bounding_box(points: Floats, variance: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Mean and principal axes of points (n, k), these along them, and extents (k,) of the box that they fill.
 
     Corrected for n uniform ones. Whatever the axes of the frame, points of a plane span a thin box; it is as thick as
@@ -45,10 +45,10 @@ def box_of(points: Floats, variance: Floats) -> tuple[Floats, Floats, Floats, Fl
     axes = np.linalg.eigh(centred.T @ centred)[1]
     along = centred @ axes
     extent = np.ptp(along, axis=0) * ((len(points) + 1) / max(len(points) - 1, 1))
-    return middle, axes, along, np.asarray(np.maximum(extent, _thickness(variance)))
+    return middle, axes, along, np.asarray(np.maximum(extent, _noise_thickness(variance)))
 
 
-def chances_in_view(along: Floats, low: Floats, high: Floats, count: int) -> Floats:
+def view_probability(along: Floats, low: Floats, high: Floats, count: int) -> Floats:
     """Probability (…,) that places (…, k) are in the view that ``count`` points show, which span ``low`` to ``high``.
 
     It ends where no point is seen any more: a place e beyond them is in view with (r / (r + e))^(count − 1) along an
@@ -58,13 +58,13 @@ def chances_in_view(along: Floats, low: Floats, high: Floats, count: int) -> Flo
     return np.asarray((span / (span + off)).prod(axis=-1) ** (count - 1))
 
 
-def chances_among(places: Floats, points: Floats, variance: Floats) -> Floats:
+def view_probability_among(places: Floats, points: Floats, variance: Floats) -> Floats:
     """The same of places (…, k) and of the points (n, k) themselves; what these span is as thick as the noise."""
-    middle, axes, own, span = box_of(points, variance)
+    middle, axes, own, span = bounding_box(points, variance)
     centre = 0.5 * (own.min(axis=0) + own.max(axis=0))
-    return chances_in_view((places - middle) @ axes, centre - 0.5 * span, centre + 0.5 * span, len(points))
+    return view_probability((places - middle) @ axes, centre - 0.5 * span, centre + 0.5 * span, len(points))
 
 
-def _thickness(variance: Floats) -> float:
+def _noise_thickness(variance: Floats) -> float:
     """Of the box that points fill whose spread is that of noise."""
     return 2.0 * math.sqrt(2.0 * math.pi * float(variance.max()))

@@ -22,7 +22,14 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.model.priors import ALIKE
 from rootmatch.model.two_view_model import Relative, TwoViewModel
-from rootmatch.model.two_view_samples import FITS, NARROWER, Centres, drawn_poses, log_drawn_poses, log_sum
+from rootmatch.model.two_view_samples import (
+    FITS,
+    NARROWER,
+    Centres,
+    draw_relative_poses,
+    log_pose_proposal_density,
+    log_sum,
+)
 from rootmatch.problems.pose_fit.two_view_pose import OPEN
 
 if TYPE_CHECKING:
@@ -54,7 +61,7 @@ NODES = 8
 Pairs = tuple[Integers, Integers]
 
 
-def alike_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, seed: int) -> tuple[float, float]:
+def likeness_log_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, seed: int) -> tuple[float, float]:
     """Logarithms of prior times evidence that scenes are alike, against clutter, and of what a scene like itself adds.
 
     If the images show the same points, those without a match may be alike to others, elsewhere in one scene: with the
@@ -77,20 +84,20 @@ def alike_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, seed: int
     if told.log_evidence < IMPROBABLE:
         return -math.inf, 0.0
     rng = np.random.default_rng([seed, 18])
-    counted, about = np.ones((1, model.shape[1])), _wider(centres)
+    counted, about = np.ones((1, model.shape[1])), _widen_centres(centres)
     (first, widths), count = about, max(min(SAMPLES, MOST_RATIOS // max(len(pairs[0]), 1)), FEWEST)
     found = np.array([-math.inf])
     for k in range(ROUNDS):
         checkpoint()
         wider, widths = about
-        poses, centre = drawn_poses(model, wider, count, rng)
+        poses, centre = draw_relative_poses(model, wider, count, rng)
         width = widths[centre]
-        log, some = log_drawn_poses(model, wider, poses)
+        log, some = log_pose_proposal_density(model, wider, poses)
         log_drawn = log_sum(np.where(widths[some][:, None] == width, log, -np.inf))
         if k == 1:
-            counted = np.concatenate([counted, _matched_and_other(told, pairs)])
+            counted = np.concatenate([counted, _detection_counts(told, pairs)])
         value = model.log_prior(poses) - math.log(len(WIDTHS)) - log_drawn
-        value = value + _log_odds(_ratios(model, poses, width, pairs), counted)
+        value = value + _integrate_share(_alike_density_ratios(model, poses, width, pairs), counted)
         most = value.max(axis=1, keepdims=True)
         if not np.isfinite(most).all():
             break
@@ -112,7 +119,7 @@ def alike_odds(told: TwoViewPosterior, centres: Centres, pairs: Pairs, seed: int
     return math.log(ALIKE) + float(found[0]), float(np.logaddexp(0.0, math.log(REPEATED) + repeated))
 
 
-def _wider(centres: Centres) -> tuple[Centres, Floats]:
+def _widen_centres(centres: Centres) -> tuple[Centres, Floats]:
     """The centres for each of the widths, and the width of each."""
     rows = np.tile(np.arange(len(centres.shares)), len(WIDTHS))
     widths = np.repeat(WIDTHS, len(centres.shares))
@@ -122,7 +129,7 @@ def _wider(centres: Centres) -> tuple[Centres, Floats]:
     return Centres(fits._replace(covariance=covariance), centres.shares[rows] / len(WIDTHS), rows), widths
 
 
-def _matched_and_other(told: TwoViewPosterior, pairs: Pairs) -> Floats:
+def _detection_counts(told: TwoViewPosterior, pairs: Pairs) -> Floats:
     """How much each detection (2, n') is matched, and matched or another one that is not where a lost point is."""
     model, parts = told.model, told.parts
     matched, found = (np.minimum(told.marginals.sum(axis=axis), 1.0) for axis in (0, 1))
@@ -130,12 +137,14 @@ def _matched_and_other(told: TwoViewPosterior, pairs: Pairs) -> Floats:
     best = np.argsort(-shares, kind="stable")[: max(MOST_RATIOS // (len(WIDTHS) * max(len(pairs[0]), 1)), 1)]
     poses = Relative.joined([parts[k][0].poses.take(parts[k][1].argmax()[None]) for k in best])
     widths, every = np.repeat(WIDTHS, len(best)), np.tile(np.arange(len(best)), len(WIDTHS))
-    ratios = _ratios(model, poses.take(every), widths, pairs, 1.0 - found).reshape(len(WIDTHS), len(best), -1)
+    ratios = _alike_density_ratios(model, poses.take(every), widths, pairs, 1.0 - found).reshape(
+        len(WIDTHS), len(best), -1
+    )
     there = (shares[best] @ ratios / shares[best].sum()).max(axis=0)
     return np.stack([matched, matched + (1.0 - matched) / (1.0 + there)])
 
 
-def _ratios(
+def _alike_density_ratios(
     model: TwoViewModel, poses: Relative, widths: Floats, pairs: Pairs, counted: Floats | None = None
 ) -> Floats:
     """Densities (K, n') of detections that are alike to points, over those of clutter; ``counted`` (n,): how much."""
@@ -150,7 +159,7 @@ def _ratios(
     return ratios
 
 
-def _log_odds(ratios: Floats, counted: Floats) -> Floats:
+def _integrate_share(ratios: Floats, counted: Floats) -> Floats:
     """Logarithms (C, K) of the odds of detections, by ratios (K, n'), for any share of those that are alike.
 
     ``counted`` (C, n'): how much each counts.

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from rootmatch.algebra.elimination import solve_in_place
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.two_view_odds import epipolar, inverse_distance
+from rootmatch.model.two_view_odds import epipolar_variance, inverse_distance_terms
 from rootmatch.problems.pose_fit.descent import SETTLED
 
 IMPOSSIBLE = 6.0
@@ -21,7 +21,7 @@ IMPOSSIBLE = 6.0
 
 
 @part
-def solved(normal, side, damping, dimensions, work, out):  # type: ignore[no-untyped-def]
+def solve_damped(normal, side, damping, dimensions, work, out):  # type: ignore[no-untyped-def]
     """The damped symmetric system, by elimination; whether it has a finite solution."""
     for a in range(dimensions):
         for b in range(dimensions):
@@ -62,7 +62,7 @@ def least_axis(m, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def turned(turn, tilt, R):  # type: ignore[no-untyped-def]
+def fill_tilted_rotation(turn, tilt, R):  # type: ignore[no-untyped-def]
     """Rotation about y, and then about a horizontal vector by its length."""
     c, s = math.cos(turn), math.sin(turn)
     x, z = tilt[0], tilt[1]
@@ -101,12 +101,12 @@ def set_moves(t, planar, moves):  # type: ignore[no-untyped-def]
 
 
 @part
-def equations(views, model, state, spread, matches, weights, near, normal, side, scratch):  # type: ignore[no-untyped-def]
+def normal_equations(views, model, state, spread, matches, weights, near, normal, side, scratch):  # type: ignore[no-untyped-def]
     """χ² of a pose, its normal equations and half its gradient; how the noise changes with the pose is left out."""
     first, second, first_variance, second_variance = views
     planar, tilt = model
     R, moves, du, dt, rows = scratch
-    turned(state[0], state[4:6], R)
+    fill_tilted_rotation(state[0], state[4:6], R)
     t0, t1, t2 = state[1], state[2], state[3]
     count = set_moves(state[1:4], planar, moves)
     tilts = 2 if tilt > 0.0 else 0
@@ -133,11 +133,11 @@ def equations(views, model, state, spread, matches, weights, near, normal, side,
         u2 = R[2, 0] * q0 + R[2, 1] * q1 + R[2, 2] * q2
         k, pt, pu = u0 * t0 + u1 * t1 + u2 * t2, p0 * t0 + p1 * t1 + p2 * t2, p0 * u0 + p1 * u1 + p2 * u2
         ahead, parallax, noise = pu - k * pt, pt - k * pu, v + w
-        size2, across = epipolar(k, pt, v, w, 1.0)
+        size2, across = epipolar_variance(k, pt, v, w, 1.0)
         width = 1.0 / math.sqrt(size2 * across)
         n0, n1, n2 = t1 * u2 - t2 * u1, t2 * u0 - t0 * u2, t0 * u1 - t1 * u0
         e = width * (n0 * p0 + n1 * p1 + n2 * p2)
-        _, floor2, r2, mean2, spread2 = inverse_distance(k, size2, parallax, ahead, noise, mean, scene2)
+        _, floor2, r2, mean2, spread2 = inverse_distance_terms(k, size2, parallax, ahead, noise, mean, scene2)
         own = 1.0 / math.sqrt(spread2)
         z = 0.5 * own * math.log(r2 / mean2)
         usable = ahead > 0.0 and abs(z) < math.inf
@@ -212,22 +212,22 @@ def descend_poses(  # type: ignore[no-untyped-def]
     normals : (K, p, p) array
         Filled: normal equations of turn, directions of t, tilts where they are unknown, and μ.
     scratch, more : tuples
-        See `scratch_of`.
+        See `descent_scratch`.
     """
-    views, states, spreads, matches, weights = borrowed((views, states, spreads, matches, weights))
-    normals, scratch, more = borrowed((normals, scratch, more))
+    views, states, spreads, matches, weights = borrow((views, states, spreads, matches, weights))
+    normals, scratch, more = borrow((normals, scratch, more))
     planar, tilt = model
     work, side, side2, step, trial, normal2 = more
     moves = scratch[1]
     size = normals.shape[1]
     for index in range(states.shape[0]):
         state, normal, own, weight = states[index], normals[index], matches[index], weights[index]
-        chi2 = equations(views, model, state, spreads[index], own, weight, near, normal, side, scratch)
+        chi2 = normal_equations(views, model, state, spreads[index], own, weight, near, normal, side, scratch)
         damping = 1e-4
         for _ in range(steps):
             if not 0.0 < chi2 < math.inf:
                 break
-            if not solved(normal, side, damping, size, work, step):
+            if not solve_damped(normal, side, damping, size, work, step):
                 damping = 10.0 * max(damping, 1e-6)
                 continue
             promised = 0.0
@@ -247,7 +247,7 @@ def descend_poses(  # type: ignore[no-untyped-def]
                 trial[4] -= step[1 + count]
                 trial[5] -= step[2 + count]
             trial[6] -= step[size - 1]
-            reached = equations(views, model, trial, spreads[index], own, weight, near, normal2, side2, scratch)
+            reached = normal_equations(views, model, trial, spreads[index], own, weight, near, normal2, side2, scratch)
             settled = promised <= SETTLED * chi2 and damping <= 1e-3
             if reached <= chi2:
                 chi2 = reached
@@ -265,12 +265,12 @@ def descend_poses(  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def grid_of_rotations(views, planar, matches, doubted, totals, axes):  # type: ignore[no-untyped-def]
+def scan_rotations(views, planar, matches, doubted, totals, axes):  # type: ignore[no-untyped-def]
     """Deviations (K, angles) of matches (K, n) at rotations about y, and the baselines (K, angles, 3) that fit best.
 
     A deviation e counts log(1 + e² / ``doubted``²); ``views`` as of `descend_poses`.
     """
-    views, matches, totals, axes = borrowed((views, matches, totals, axes))
+    views, matches, totals, axes = borrow((views, matches, totals, axes))
     first, second, first_variance, second_variance = views
     angles = totals.shape[1]
     for index in range(matches.shape[0]):
@@ -301,13 +301,13 @@ def grid_of_rotations(views, planar, matches, doubted, totals, axes):  # type: i
                     u0, u1, u2 = c * first[i, 0] + s * first[i, 2], first[i, 1], c * first[i, 2] - s * first[i, 0]
                     p0, p1, p2 = second[column, 0], second[column, 1], second[column, 2]
                     k, pt = u0 * t[0] + u1 * t[1] + u2 * t[2], p0 * t[0] + p1 * t[1] + p2 * t[2]
-                    size2, across = epipolar(k, pt, first_variance[i], second_variance[column], 1.0)
+                    size2, across = epipolar_variance(k, pt, first_variance[i], second_variance[column], 1.0)
                     triple = t[0] * (u1 * p2 - u2 * p1) + t[1] * (u2 * p0 - u0 * p2) + t[2] * (u0 * p1 - u1 * p0)
                     total += math.log1p(triple * triple / (size2 * across * doubted * doubted))
             totals[index, turn] = total
 
 
-def scratch_of() -> tuple[Any, Any]:
+def descent_scratch() -> tuple[Any, Any]:
     """Scratch of `descend_poses`."""
     p = 6
     equations = np.empty((3, 3)), np.empty((2, 3)), np.empty((p, 3)), np.empty((p, 3)), np.empty((3, p))

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from rootmatch.arrays import Integers
-from rootmatch.model.two_view_fit import fitted
+from rootmatch.model.two_view_fit import fit_relative_poses
 from rootmatch.model.two_view_model import Relative, TwoViewModel
-from rootmatch.model.two_view_posterior import likeliest_at
+from rootmatch.model.two_view_posterior import likeliest_labellings
 from rootmatch.model.two_view_samples import likeliest_fits
-from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared
+from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared_match_share
 
 DISPLACED = 3
 """Most displaced labellings, those of most points first: a step each way, and one more. A round value."""
@@ -26,7 +26,7 @@ NEAR2 = 9.0
 """Squared deviation, in σ, up to which a displaced point may be another one. A round value."""
 
 
-def displaced(model: TwoViewModel, pose: Relative, assignment: Integers) -> Integers:
+def displaced_labellings(model: TwoViewModel, pose: Relative, assignment: Integers) -> Integers:
     """Labellings (K, n) in which points have the matches of those to which a displacement moves them.
 
     ``assignment`` (n,): the matches of the one pose.
@@ -35,22 +35,22 @@ def displaced(model: TwoViewModel, pose: Relative, assignment: Integers) -> Inte
     none = np.zeros((0, len(assignment)), np.int64)
     if len(own) < model.size:
         return none
-    to = _steps(model, pose, own, assignment[own])
+    to = _displacement_maps(model, pose, own, assignment[own])
     every = np.full((len(to), len(assignment)), -1, np.int64)
     every[:, own] = np.where(to >= 0, assignment[own[to]], -1)
     kept = none
     for one in every[np.argsort(-(to >= 0).sum(axis=1), kind="stable")]:
         if len(kept) == DISPLACED or (one >= 0).sum() < model.size:
             break
-        if not (shared(np.concatenate([assignment[None], kept]), one) > OTHER).any():
+        if not (shared_match_share(np.concatenate([assignment[None], kept]), one) > OTHER).any():
             kept = np.concatenate([kept, one[None]])
     if not len(kept):
         return kept
-    fits = fitted(model, kept)
-    return likeliest_at(model, fits.take(likeliest_fits(model, fits, len(kept))))
+    fits = fit_relative_poses(model, kept)
+    return likeliest_labellings(model, fits.take(likeliest_fits(model, fits, len(kept))))
 
 
-def _steps(model: TwoViewModel, pose: Relative, own: Integers, taken: Integers) -> Integers:
+def _displacement_maps(model: TwoViewModel, pose: Relative, own: Integers, taken: Integers) -> Integers:
     """Which of K points each is moved to by displacements, (D, K), from −1 for none, and those that are no other's."""
     seen, count = model.seen(pose, own, taken), len(own)
     bearings, variance = model.first[own], model.first_variance[own]

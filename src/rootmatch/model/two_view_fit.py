@@ -13,7 +13,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.two_view_model import SCALES, SPREADS, Relative, Seen, TwoViewModel
-from rootmatch.problems.pose_fit.base import invertible
+from rootmatch.problems.pose_fit.base import regularise_normal
 from rootmatch.problems.pose_fit.two_view_pose import ANGLES, OPEN
 
 VALLEYS = 4
@@ -54,7 +54,7 @@ class Fitted(NamedTuple):
         )
 
 
-def distinct(assignments: Integers) -> Integers:
+def drop_similar(assignments: Integers) -> Integers:
     """Assignments (K, n) without those that have much in common with one before them."""
     kept: list[Integers] = []
     for one in assignments:
@@ -64,47 +64,47 @@ def distinct(assignments: Integers) -> Integers:
     return np.array(kept, np.int64).reshape(-1, assignments.shape[1])
 
 
-def fitted(model: TwoViewModel, assignments: Integers) -> Fitted:
+def fit_relative_poses(model: TwoViewModel, assignments: Integers) -> Fitted:
     """Poses of assignments (K, n), `STARTS` of each."""
-    poses, rows = _starts(model, assignments)
-    poses, seen = _descended(model, poses, assignments[rows], near=False)
+    poses, rows = _find_starts(model, assignments)
+    poses, seen = _descend_robustly(model, poses, assignments[rows], near=False)
     used = assignments[rows] >= 0
     total = np.where(used, np.log1p((seen.e / DOUBTED) ** 2), 0.0).sum(axis=1).reshape(len(assignments), -1)
     count = total.shape[1]
     best = (np.argsort(total, axis=1, kind="stable")[:, :STARTS] + count * np.arange(len(assignments))[:, None]).ravel()
-    side = np.where(used, _doubts(seen.e, used) * seen.parallax / seen.sine, 0.0).sum(axis=1)
+    side = np.where(used, _robust_weights(seen.e, used) * seen.parallax / seen.sine, 0.0).sum(axis=1)
     poses = poses._replace(translation=poses.translation * np.where(side < 0.0, -1.0, 1.0)[:, None]).take(best)
     assignments = assignments[rows[best]]
-    poses, seen = _descended(model, poses, assignments, near=True)
+    poses, seen = _descend_robustly(model, poses, assignments, near=True)
     used = assignments >= 0
-    poses = _scaled(poses, seen, used)
-    _, normal = _moved(model, poses, assignments, np.sqrt(_doubts(seen.e, used)), near=True, steps=0)
+    poses = _estimate_scale(poses, seen, used)
+    _, normal = _descend_weighted(model, poses, assignments, np.sqrt(_robust_weights(seen.e, used)), near=True, steps=0)
     size, matched = model.size, np.maximum(used.sum(axis=1), 1)
     covariance = np.zeros((len(best), size, size))
-    covariance[:, :-1, :-1] = np.linalg.inv(invertible(normal) + np.eye(size - 1) / OPEN**2)
+    covariance[:, :-1, :-1] = np.linalg.inv(regularise_normal(normal) + np.eye(size - 1) / OPEN**2)
     sigma = np.minimum(1.0 / np.sqrt(np.maximum(2.0 * (matched - 1.0), 1.0)), 0.5 * (SPREADS[1] - SPREADS[0]))
     covariance[:, -1, -1] = sigma**2
     return Fitted(assignments, poses, covariance, (np.minimum(np.abs(seen.e), DOUBTED) ** 2 * used).sum(axis=1))
 
 
-def _descended(model: TwoViewModel, poses: Relative, assignments: Integers, near: bool) -> tuple[Relative, Seen]:
+def _descend_robustly(model: TwoViewModel, poses: Relative, assignments: Integers, near: bool) -> tuple[Relative, Seen]:
     """Poses after some rounds of a fit, and their matches."""
     used = assignments >= 0
-    seen = _matches(model, poses, assignments)
+    seen = _see_matches(model, poses, assignments)
     for _ in range(ROUNDS):
         if near:
-            poses = _scaled(poses, seen, used)
-        poses, _ = _moved(model, poses, assignments, _doubts(seen.e, used), near=near, steps=STEPS)
-        seen = _matches(model, poses, assignments)
+            poses = _estimate_scale(poses, seen, used)
+        poses, _ = _descend_weighted(model, poses, assignments, _robust_weights(seen.e, used), near=near, steps=STEPS)
+        seen = _see_matches(model, poses, assignments)
     return poses, seen
 
 
-def _matches(model: TwoViewModel, poses: Relative, assignments: Integers) -> Seen:
+def _see_matches(model: TwoViewModel, poses: Relative, assignments: Integers) -> Seen:
     """The matches of each assignment (K, n) at its pose; of unmatched points anything."""
     return model.seen(poses, np.arange(assignments.shape[1]), np.maximum(assignments, 0))
 
 
-def _moved(
+def _descend_weighted(
     model: TwoViewModel, poses: Relative, assignments: Integers, weights: Floats, near: bool, steps: int
 ) -> tuple[Relative, Floats]:
     """Poses nearer to the bottom of their χ², the spread as it is, and their normal equations (K, p − 1, p − 1).
@@ -113,25 +113,25 @@ def _moved(
     """
     from rootmatch.model.two_view_descent import (  # compiled code, which not every import needs
         descend_poses,
-        scratch_of,
+        descent_scratch,
     )
 
     states = np.concatenate([poses.turn[:, None], poses.translation, poses.tilt, poses.scale[:, None]], axis=1)
     normals = np.empty((len(states), model.size - 1, model.size - 1))
     descend_poses(
         model.views, (model.planar, model.tilt), states, poses.spread, np.ascontiguousarray(assignments),
-        np.ascontiguousarray(weights), near, steps, normals, *scratch_of(),
+        np.ascontiguousarray(weights), near, steps, normals, *descent_scratch(),
     )  # fmt: skip
     return Relative(states[:, 0], states[:, 1:4], states[:, 4:6], states[:, 6], poses.spread), normals
 
 
-def _doubts(e: Floats, used: Bools) -> Floats:
+def _robust_weights(e: Floats, used: Bools) -> Floats:
     """Roots (…, n) of the weights of matches with deviations e: less from `DOUBTED` on, or from medians as large."""
-    middle = middle_of(np.abs(e), used)[..., None]
+    middle = masked_median(np.abs(e), used)[..., None]
     return np.asarray(1.0 / np.sqrt(1.0 + (e / (DOUBTED * np.maximum(middle, 1.0))) ** 2))
 
 
-def middle_of(values: Floats, used: Bools) -> Floats:
+def masked_median(values: Floats, used: Bools) -> Floats:
     """Medians (…,) of those of some values (…, n) that are used, the lower one of two; 1 without any."""
     order = np.sort(np.where(used, values, np.inf), axis=-1)
     place = (np.maximum(np.count_nonzero(used, axis=-1), 1) - 1) // 2
@@ -139,24 +139,24 @@ def middle_of(values: Floats, used: Bools) -> Floats:
     return np.where(np.isfinite(middle), middle, 1.0)
 
 
-def _scaled(poses: Relative, seen: Seen, used: Bools) -> Relative:
+def _estimate_scale(poses: Relative, seen: Seen, used: Bools) -> Relative:
     """Poses with the median of the log inverse distances of their matches, and the spread about it."""
     front = np.asarray(used & (seen.ahead > 0.0) & (seen.parallax > 0.0) & (seen.r2 > 4.0 * seen.floor2), np.bool_)
     with np.errstate(all="ignore"):
         log = 0.5 * np.log(seen.r2)
-    middle = np.where(front.any(axis=1), middle_of(log, front), math.log(FIRST_SCALE))
-    spread = np.log(1.4826 * middle_of(np.abs(log - middle[:, None]), front) + np.exp(SPREADS[0] + 0.1))
+    middle = np.where(front.any(axis=1), masked_median(log, front), math.log(FIRST_SCALE))
+    spread = np.log(1.4826 * masked_median(np.abs(log - middle[:, None]), front) + np.exp(SPREADS[0] + 0.1))
     scale = np.clip(middle, SCALES[0] + 0.1, SCALES[1] - 0.1)
     return poses._replace(scale=scale, spread=np.minimum(spread, SPREADS[1] - 0.1))
 
 
-def _starts(model: TwoViewModel, assignments: Integers) -> tuple[Relative, Integers]:
+def _find_starts(model: TwoViewModel, assignments: Integers) -> tuple[Relative, Integers]:
     """Poses of least deviation on a grid of rotations, `VALLEYS` of each assignment, and its number."""
-    from rootmatch.model.two_view_descent import grid_of_rotations  # compiled code, which not every import needs
+    from rootmatch.model.two_view_descent import scan_rotations  # compiled code, which not every import needs
 
     count = len(assignments)
     total, t = np.empty((count, ANGLES)), np.empty((count, ANGLES, 3))
-    grid_of_rotations(model.views, model.planar, np.ascontiguousarray(assignments), DOUBTED, total, t)
+    scan_rotations(model.views, model.planar, np.ascontiguousarray(assignments), DOUBTED, total, t)
     valley = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
     best = np.argsort(np.where(valley, total, np.inf), axis=1, kind="stable")[:, :VALLEYS].ravel()
     rows = np.repeat(np.arange(count), VALLEYS)

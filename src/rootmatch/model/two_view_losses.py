@@ -14,7 +14,7 @@ import numpy as np
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.two_view_fit import fitted, middle_of
+from rootmatch.model.two_view_fit import fit_relative_poses, masked_median
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_samples import likeliest_fits
 
@@ -29,7 +29,7 @@ ROUNDS = 4
 """Rounds of a fit in which what is off the plane counts less. A round value."""
 
 
-def log_chance_of_losses(model: TwoViewModel, assignments: Integers) -> Floats:
+def log_loss_probability(model: TwoViewModel, assignments: Integers) -> Floats:
     """Logarithm (K,) of the probability that just the matches of assignments (K, n) are seen, of what is in both views.
 
     In each image the share of those that are detected in the other one is anything. Points are predicted as if they
@@ -37,13 +37,13 @@ def log_chance_of_losses(model: TwoViewModel, assignments: Integers) -> Floats:
     """
     from scipy.special import betaln  # slow to import
 
-    fits = fitted(model, assignments)
+    fits = fit_relative_poses(model, assignments)
     poses = fits.poses.take(likeliest_fits(model, fits, len(assignments)))
     used, taken = assignments >= 0, np.zeros((len(assignments), model.shape[1] + 1), np.bool_)
     np.put_along_axis(taken, assignments, True, axis=1)  # the last one by points without a match
     plane = poses.rotation + poses.translation[:, :, None] * _inverse_distances(model, poses, assignments)[:, None]
-    there = _in_view(model.first @ plane.swapaxes(1, 2), model.second) & ~used
-    back = _in_view(model.second @ np.linalg.pinv(plane).swapaxes(1, 2), model.first) & ~taken[:, :-1]
+    there = _is_in_view(model.first @ plane.swapaxes(1, 2), model.second) & ~used
+    back = _is_in_view(model.second @ np.linalg.pinv(plane).swapaxes(1, 2), model.first) & ~taken[:, :-1]
     # with a uniform share of those detected, each number of them is as probable
     matched = 1.0 + used.sum(axis=1)
     return np.asarray(sum(betaln(matched, 1.0 + lost.sum(axis=1)) for lost in (there, back)))
@@ -62,11 +62,11 @@ def _inverse_distances(model: TwoViewModel, poses: Relative, assignments: Intege
         side = (weight * inverse) @ model.first
         g = (np.linalg.pinv(normal, rcond=DEGENERATE**2, hermitian=True) @ side[:, :, None])[:, :, 0]
         off = np.abs(g @ model.first.T - inverse)
-        weight = used / (1.0 + (off / np.maximum(2.0 * middle_of(off, used), 1e-12)[:, None]) ** 2)
+        weight = used / (1.0 + (off / np.maximum(2.0 * masked_median(off, used), 1e-12)[:, None]) ** 2)
     return np.asarray(g)
 
 
-def _in_view(predicted: Floats, seen: Floats) -> Bools:
+def _is_in_view(predicted: Floats, seen: Floats) -> Bools:
     """Which of some predicted directions (K, m, 3) lie amid the bearings (n, 3) of an image."""
     middle = seen.mean(axis=0)
     across = np.concatenate(tangent_bases(middle[None] / np.linalg.norm(middle)))

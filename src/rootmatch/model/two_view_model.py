@@ -152,8 +152,11 @@ class TwoViewModel:
         ``variance`` (K,): the factor s² on all variances. ``pairs``: points, in order, and detections (P,); those below
         `NOTHING` have −∞.
         """
-        from rootmatch.jit.threads import in_threads, threads_worth  # compiled code, which not every import needs
-        from rootmatch.model.two_view_odds import log_odds_of
+        from rootmatch.jit.threads import (  # compiled code, which not every import needs
+            run_in_threads,
+            worthwhile_threads,
+        )
+        from rootmatch.model.two_view_odds import fill_pair_log_odds
 
         rows, columns = pairs
         own = self.first_variance[rows], self.second_variance[columns]
@@ -166,9 +169,9 @@ class TwoViewModel:
         out = np.empty((len(variance), len(rows)))
 
         def work(start: int, end: int) -> None:
-            log_odds_of(*given, start, end, rows, columns, most, NOTHING, out)
+            fill_pair_log_odds(*given, start, end, rows, columns, most, NOTHING, out)
 
-        in_threads(work, len(out), threads_worth(out.size // PAIRS_PER_THREAD))
+        run_in_threads(work, len(out), worthwhile_threads(out.size // PAIRS_PER_THREAD))
         return out
 
     def seen(self, poses: Relative, rows: Integers, columns: Integers, factor: Floats | float = 1.0) -> Seen:

@@ -19,7 +19,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.model.matchings import Matchings, matchings_in_parts
+from rootmatch.model.matchings import Matchings, sum_matchings_by_part
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.two_view_alike import FEWEST
 from rootmatch.model.two_view_model import TwoViewModel
@@ -68,14 +68,14 @@ class MotionsPosterior(TwoViewPosterior):
     drawn: Sequence[Samples] = ()
 
     @property
-    def present_each(self) -> list[float]:
+    def presences(self) -> list[float]:
         """Probability that the images show each of the motions."""
         return [one.present for one in self.motions]
 
     @property
     def present(self) -> float:
         """Probability that the images show all of the motions."""
-        return float(np.prod(self.present_each))
+        return float(np.prod(self.presences))
 
     @cached_property
     def unmatched(self) -> Floats:
@@ -83,7 +83,7 @@ class MotionsPosterior(TwoViewPosterior):
         absent = 1.0 - WRONG_MODEL - self.present
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
 
-    def motions_of(self, assignment: Integers) -> Integers:
+    def label_motions(self, assignment: Integers) -> Integers:
         """The motion (n,) that each match of an assignment is most probably of; −1 for unmatched points."""
         own = np.flatnonzero(assignment >= 0)
         weights = np.concatenate([weights for _, weights, _ in self.parts])
@@ -94,11 +94,11 @@ class MotionsPosterior(TwoViewPosterior):
         labels[own] = shares.argmax(axis=0)
         return labels
 
-    def chi2_of(self, assignment: Integers) -> tuple[float, int]:
-        """See `TwoViewPosterior.chi2_of`: the sum over motions, each with the matches that are its own."""
-        labels = self.motions_of(assignment)
+    def chi2_and_dof(self, assignment: Integers) -> tuple[float, int]:
+        """See `TwoViewPosterior.sum_of_squares`: the sum over motions, each with the matches that are its own."""
+        labels = self.label_motions(assignment)
         every = [
-            TwoViewPosterior.chi2_of(
+            TwoViewPosterior.chi2_and_dof(
                 replace(self, parts=[(one, *self.parts[0][1:])]), np.where(labels == m, assignment, -1)
             )
             for m, one in enumerate(self.drawn)
@@ -112,13 +112,13 @@ def motions_posterior(model: TwoViewModel, motions: Sequence[Motion], seed: int 
     ``model``: of all points and detections. Each of the motions has matches.
     """
     rng = np.random.default_rng([seed, 19])
-    every = [_drawn(one, rng) for one in motions]
+    every = [_draw_motion_samples(one, rng) for one in motions]
     alone = sum(one.told.log_evidence for one in motions)
-    whole, log, parts = _weighed(model, motions, every, rng)
+    whole, log, parts = _weigh_motion_samples(model, motions, every, rng)
     each = []
     for m, one in enumerate(motions):
         left = [k for k in range(len(motions)) if k != m]
-        without = _weighed(model, [motions[k] for k in left], [every[k] for k in left], rng)[1]
+        without = _weigh_motion_samples(model, [motions[k] for k in left], [every[k] for k in left], rng)[1]
         gained = one.told.log_evidence + _log_mean(log) - _log_mean(without)
         each.append(replace(one.told, log_evidence=gained))
     total = float(np.logaddexp.reduce(log))
@@ -142,7 +142,7 @@ class _Drawn(NamedTuple):
     """(S,) logarithms of what its posterior tells, over the density of rate and clutter given the poses."""
 
 
-def _drawn(motion: Motion, rng: np.random.Generator) -> _Drawn:
+def _draw_motion_samples(motion: Motion, rng: np.random.Generator) -> _Drawn:
     """Samples of a motion."""
     from scipy.special import gammaln  # slow to import
 
@@ -163,7 +163,7 @@ def _drawn(motion: Motion, rng: np.random.Generator) -> _Drawn:
     return _Drawn(samples, part[chosen], log)
 
 
-def _weighed(
+def _weigh_motion_samples(
     model: TwoViewModel, motions: Sequence[Motion], every: Sequence[_Drawn], rng: np.random.Generator
 ) -> tuple[list[Samples], Floats, list[tuple[Integers, Matchings]]]:
     """Samples of all motions with their shares, logarithms (S,) of their weights, and sums over assignments.
@@ -200,7 +200,7 @@ def _weighed(
     parts = []
     for place in np.unique(places).tolist():
         own = np.flatnonzero(places == place)
-        parts.append((own, matchings_in_parts(odds[own], *pairs, LEAST)))
+        parts.append((own, sum_matchings_by_part(odds[own], *pairs, LEAST)))
         log[own] += parts[-1][1].log_total
     return whole, log, parts
 

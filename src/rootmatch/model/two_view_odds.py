@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, scalar
 
 LEAST_SINE2 = 1e-12
@@ -12,14 +12,14 @@ LEAST_SINE2 = 1e-12
 
 
 @scalar
-def epipolar(k, pt, v, w, factor):  # type: ignore[no-untyped-def]
+def epipolar_variance(k, pt, v, w, factor):  # type: ignore[no-untyped-def]
     """Square of the sine of β, and the variance across the epipolar plane; v, w: variances of point and detection."""
     size2 = max(1.0 - k * k, LEAST_SINE2)
     return size2, factor * (w + v * (1.0 - pt * pt) / size2)
 
 
 @scalar
-def inverse_distance(k, size2, parallax, ahead, noise, mean, scene2):  # type: ignore[no-untyped-def]
+def inverse_distance_terms(k, size2, parallax, ahead, noise, mean, scene2):  # type: ignore[no-untyped-def]
     """Of r: its derivative by φ, the squares of its noise and of itself, that of e^μ, and the variance of log r."""
     slope = size2 * math.sqrt(size2) / (ahead * ahead)
     floor2 = noise * slope * slope
@@ -30,7 +30,7 @@ def inverse_distance(k, size2, parallax, ahead, noise, mean, scene2):  # type: i
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def log_odds_of(views, poses, start, end, rows, columns, most, least, out):  # type: ignore[no-untyped-def]
+def fill_pair_log_odds(views, poses, start, end, rows, columns, most, least, out):  # type: ignore[no-untyped-def]
     """Log-odds of pairs at samples ``start … end − 1``.
 
     Parameters
@@ -44,13 +44,13 @@ def log_odds_of(views, poses, start, end, rows, columns, most, least, out):  # t
         Points, in order, and detections of the pairs.
     most : (P,) array
         A bound of what a pair can have where s = τ = 1 and it lies in its epipolar plane, what else is known of it
-        included: what `inverse_distance` and the variance across the plane take from it is never negative.
+        included: what `inverse_distance_terms` and the variance across the plane take from it is never negative.
     least : float
         Log-odds below which a pair is not looked at closely: −∞.
     out : (K, P) array
         Filled.
     """
-    views, poses, rows, columns, most, out = borrowed((views, poses, rows, columns, most, out))
+    views, poses, rows, columns, most, out = borrow((views, poses, rows, columns, most, out))
     first, second, first_variance, second_variance = views
     rotations, baselines, means, scenes, factors, terms = poses
     for sample in range(start, end):
@@ -73,7 +73,7 @@ def log_odds_of(views, poses, start, end, rows, columns, most, least, out):  # t
             column = columns[pair]
             p0, p1, p2, w = second[column, 0], second[column, 1], second[column, 2], second_variance[column]
             pt = p0 * t0 + p1 * t1 + p2 * t2
-            size2, across = epipolar(k, pt, v, w, factor)
+            size2, across = epipolar_variance(k, pt, v, w, factor)
             triple = n0 * p0 + n1 * p1 + n2 * p2
             e2 = triple * triple / (size2 * across)
             pu = p0 * u0 + p1 * u1 + p2 * u2
@@ -82,7 +82,7 @@ def log_odds_of(views, poses, start, end, rows, columns, most, least, out):  # t
                 out[sample, pair] = -math.inf
                 continue
             parallax, noise = pt - k * pu, factor * (v + w)
-            slope, _, r2, mean2, spread2 = inverse_distance(k, size2, parallax, ahead, noise, mean, scene2)
+            slope, _, r2, mean2, spread2 = inverse_distance_terms(k, size2, parallax, ahead, noise, mean, scene2)
             z = 0.5 * math.log(r2 / mean2)
             behind = min(parallax, 0.0)
             squares = e2 + z * z / spread2 + behind * behind / (size2 * noise)

@@ -15,11 +15,11 @@ import numpy as np
 
 from rootmatch.arrays import Floats
 from rootmatch.model.clutter import Clutter
-from rootmatch.model.matchings import matchings_in_parts
+from rootmatch.model.matchings import sum_matchings_by_part
 from rootmatch.model.two_view_posterior import LEAST, TwoViewPosterior
 
 
-def at_their_places(told: TwoViewPosterior) -> TwoViewPosterior:
+def reweigh_by_crowding(told: TwoViewPosterior) -> TwoViewPosterior:
     """A posterior whose odds of pairs are those of points at such places."""
     if told.model.crowds is None:
         return told
@@ -27,8 +27,8 @@ def at_their_places(told: TwoViewPosterior) -> TwoViewPosterior:
     for drawn, weights, sums in told.parts:
         matched = np.zeros(told.model.shape[0])
         np.add.at(matched, sums.rows, weights @ sums.marginals / weights.sum())
-        more = log_density(told.model.crowds, matched) - log_density(told.model.crowds, 1.0 - matched)
-        again = matchings_in_parts(sums.log_odds + more[sums.rows], sums.rows, sums.columns, LEAST)
+        more = log_member_density(told.model.crowds, matched) - log_member_density(told.model.crowds, 1.0 - matched)
+        again = sum_matchings_by_part(sums.log_odds + more[sums.rows], sums.rows, sums.columns, LEAST)
         log = np.where(weights > 0.0, again.log_total - sums.log_total, -np.inf)
         own = np.flatnonzero(np.isfinite(log))
         if not len(own):
@@ -38,11 +38,11 @@ def at_their_places(told: TwoViewPosterior) -> TwoViewPosterior:
     return replace(told, parts=parts)
 
 
-def log_density(crowds: Clutter, members: Floats) -> Floats:
+def log_member_density(crowds: Clutter, members: Floats) -> Floats:
     """Logarithm (n,) of the density of points that are members with some probabilities (n,), each given all others.
 
     One more of them lies anywhere.
     """
     others = members.sum() - members + 1.0
-    about = crowds.about @ members[crowds.centres] + crowds.crowded * crowds.uniform
+    about = crowds.about @ members[crowds.centres] + crowds.crowd_share * crowds.uniform
     return np.asarray(np.log(crowds.alone * crowds.uniform + about / others))

@@ -20,15 +20,22 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.hypergraph.assignment import largest_total
+from rootmatch.hypergraph.assignment import maximise_total
 from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
-from rootmatch.model.matchings import Matchings, log_of_enough, matchings
+from rootmatch.model.matchings import Matchings, log_sum_of_enough, sum_matchings
 from rootmatch.model.priors import WRONG_MODEL, beta_quadrature
-from rootmatch.model.shown_in_part import few_detected
-from rootmatch.model.two_view_alike import FEWEST, alike_odds
-from rootmatch.model.two_view_fit import Fitted, distinct, fitted
+from rootmatch.model.shown_in_part import odds_of_few
+from rootmatch.model.two_view_alike import FEWEST, likeness_log_odds
+from rootmatch.model.two_view_fit import Fitted, drop_similar, fit_relative_poses
 from rootmatch.model.two_view_model import Relative, TwoViewModel
-from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
+from rootmatch.model.two_view_samples import (
+    Samples,
+    choose_centres,
+    draw_samples,
+    log_proposal_density,
+    log_sample_prior,
+    recentre_on_samples,
+)
 
 MISSED = 0.1
 """Probability that a search proposes no pose near the right one. It bounds how sure it is that the images have
@@ -71,7 +78,7 @@ class TwoViewPosterior:
         K samples about each pose, their weights (K,), which sum to one over all parts, and their sums over assignments.
     likeness : two floats
         Logarithms of the odds that the scenes are alike and not the same, and of what a scene like itself adds to the
-        odds of the same points: as of `rootmatch.model.two_view_alike.alike_odds`.
+        odds of the same points: as of `rootmatch.model.two_view_alike.likeness_log_odds`.
     """
 
     model: TwoViewModel
@@ -89,11 +96,11 @@ class TwoViewPosterior:
         return (1.0 - WRONG_MODEL) / (1.0 + math.exp(min(rest - found, 700.0)))
 
     @property
-    def present_each(self) -> list[float]:
+    def presences(self) -> list[float]:
         """Presence of each motion, of which this has one."""
         return [self.present]
 
-    def motions_of(self, assignment: Integers) -> Integers:
+    def label_motions(self, assignment: Integers) -> Integers:
         """The motion (n,) of each match of an assignment; −1 for unmatched points."""
         return np.where(assignment >= 0, 0, -1)
 
@@ -114,7 +121,7 @@ class TwoViewPosterior:
     @cached_property
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no match."""
-        odds, few = self._shown_in_part
+        odds, few = self._partial_view_odds
         missed = MISSED * max(1.0 - odds, 0.0)  # of what shows enough
         present = self.model.present
         unlike = (1.0 - present) * (1.0 + math.exp(min(self.likeness[0], 700.0)))
@@ -123,14 +130,14 @@ class TwoViewPosterior:
         return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
 
     @property
-    def _shown_in_part(self) -> tuple[float, Floats]:
+    def _partial_view_odds(self) -> tuple[float, Floats]:
         """Odds, against clutter, of a motion of fewer matches than are proposed; how often each point (n,) has none."""
         (n, n_target), rate = self.model.shape, self.model.detection_rate
         if not self.model.weighs_parts:
             return 0.0, np.ones(n)
         rates, log_weights = beta_quadrature(1.0, 1.0) if rate is None else (np.array([rate]), np.zeros(1))
         chance = np.tile(rates, (1, n, 1))
-        return few_detected(chance, np.exp(log_weights), np.array([n_target]), self.model.size - 2)
+        return odds_of_few(chance, np.exp(log_weights), np.array([n_target]), self.model.size - 2)
 
     def confidence_in(self, assignment: Integers) -> Floats:
         """Probability (n,) that each point's match, or its being unmatched, is right."""
@@ -143,7 +150,7 @@ class TwoViewPosterior:
     def likeliest_pairs(self) -> Integers:
         """The assignment (n,) with the most matches that are expected to be right."""
         # a pair that is less probable than that its point has no match is none
-        return largest_total(self.marginals, 1.0 - self._matched)
+        return maximise_total(self.marginals, 1.0 - self._matched)
 
     @cached_property
     def proposals(self) -> Integers:
@@ -151,7 +158,7 @@ class TwoViewPosterior:
         every = [self.likeliest_pairs] if self.parts else []
         for _, weights, sums in self.parts:
             for k in np.argsort(-weights, kind="stable")[:LOOKED_AT]:
-                every.append(_likeliest(sums.log_odds[k], sums.rows, sums.columns, self.model))
+                every.append(_likeliest_assignment(sums.log_odds[k], sums.rows, sums.columns, self.model))
         unlike = np.unique(np.array(every, np.int64).reshape(len(every), self.model.shape[0]), axis=0)
         return np.asarray(unlike[np.argsort([-self.share(one) for one in unlike], kind="stable")])
 
@@ -171,11 +178,11 @@ class TwoViewPosterior:
                 total += float(weights @ np.exp(sums.log_odds[:, own].sum(axis=1) - sums.log_total))
         return total
 
-    def probability_of(self, assignment: Integers) -> float:
+    def assignment_probability(self, assignment: Integers) -> float:
         """Probability of an assignment (n,), which is never above that of one of its matches."""
         return self.present * self.share(assignment)
 
-    def log_odds_of(self, assignment: Integers) -> float:
+    def assignment_log_odds(self, assignment: Integers) -> float:
         """Logarithm of the odds of an assignment (n,) against clutter alone, by the images."""
         return self.log_evidence + math.log(max(self.share(assignment), 1e-300))
 
@@ -188,7 +195,7 @@ class TwoViewPosterior:
                 total += float(weights @ np.prod(sums.marginals[:, own], axis=1))
         return self.present * total
 
-    def chi2_of(self, assignment: Integers) -> tuple[float, int]:
+    def chi2_and_dof(self, assignment: Integers) -> tuple[float, int]:
         """Squared deviations of an assignment from the epipolar planes, and their degrees of freedom.
 
         At the sample that they fit best.
@@ -200,7 +207,9 @@ class TwoViewPosterior:
         return float((e * e).sum(axis=1).min()), max(len(own) - lost, 0)
 
 
-def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0, alike: bool = True) -> TwoViewPosterior:
+def sample_two_view_posterior(
+    model: TwoViewModel, assignments: Integers, seed: int = 0, alike: bool = True
+) -> TwoViewPosterior:
     """The posterior about the poses of proposed assignments (K, n); ``alike``: whether scenes may be alike."""
     rng = np.random.default_rng([seed, 17])
     assignments = assignments[(assignments >= 0).sum(axis=1) >= model.size - 1]
@@ -208,30 +217,32 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0, alike: 
         return TwoViewPosterior(model, -math.inf, [])
     checkpoint(SECONDS_PER_PAIR * model.shape[0] * model.shape[1])
     rows, columns = possible = possible_pairs(model)
-    centres = centres_of(model, fitted(model, distinct(assignments)[:NAMED]))
+    centres = choose_centres(model, fit_relative_poses(model, drop_similar(assignments)[:NAMED]))
     checkpoint()
-    drawn = drawn_about(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
-    odds, base = _log_odds(model, drawn, rows, columns)
-    bound = base - log_drawn(model, centres, drawn) + _bound(odds, rows)
+    drawn = draw_samples(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
+    odds, base = _sample_log_odds(model, drawn, rows, columns)
+    bound = base - log_proposal_density(model, centres, drawn) + _log_sum_bound(odds, rows)
     # the likeliest assignments of the first samples may have another pose
     best = np.argsort(-bound, kind="stable")[:LOOKED_AT]
-    likely = distinct(np.array([*centres.fits.assignments, *(_likeliest(odds[k], rows, columns, model) for k in best)]))
-    likely = likely[len(distinct(centres.fits.assignments)) :]
+    likely = drop_similar(
+        np.array([*centres.fits.assignments, *(_likeliest_assignment(odds[k], rows, columns, model) for k in best)])
+    )
+    likely = likely[len(drop_similar(centres.fits.assignments)) :]
     likely = likely[(likely >= 0).sum(axis=1) >= model.size - 1]
     checkpoint()
     if len(likely):
-        centres = centres_of(model, centres.fits.joined(fitted(model, likely)))
+        centres = choose_centres(model, centres.fits.joined(fit_relative_poses(model, likely)))
     fits = centres
     for _ in range(ROUNDS):
         if not np.isfinite(bound.max(initial=-np.inf)):
             return TwoViewPosterior(model, -math.inf, [])
         some = odds[bound > bound.max() - NEGLIGIBLE].max(axis=0) > LEAST - MARGIN
         rows, columns = rows[some], columns[some]
-        centres = about_samples(model, fits, drawn, np.exp(bound - bound.max()))
-        drawn = drawn_about(model, centres, SAMPLES, rng)
-        odds, base = _log_odds(model, drawn, rows, columns)
-        base -= log_drawn(model, centres, drawn)
-        bound = base + _bound(odds, rows)
+        centres = recentre_on_samples(model, fits, drawn, np.exp(bound - bound.max()))
+        drawn = draw_samples(model, centres, SAMPLES, rng)
+        odds, base = _sample_log_odds(model, drawn, rows, columns)
+        base -= log_proposal_density(model, centres, drawn)
+        bound = base + _log_sum_bound(odds, rows)
         checkpoint()
         if not np.isfinite(bound.max()):
             return TwoViewPosterior(model, -math.inf, [])
@@ -245,8 +256,8 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0, alike: 
         own = np.flatnonzero((group == g) & (bound > max(found, float(bound[group == g].max())) - NEGLIGIBLE))
         if not len(own):
             continue
-        order = _around(model, drawn.poses.take(own[bound[own].argmax()][None]))
-        sums = matchings(odds[own], rows, columns, order, LEAST)
+        order = _sort_about_baseline(model, drawn.poses.take(own[bound[own].argmax()][None]))
+        sums = sum_matchings(odds[own], rows, columns, order, LEAST)
         known = np.flatnonzero(np.isfinite(sums.log_total))
         if not len(known):
             continue
@@ -259,17 +270,17 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0, alike: 
     total = float(np.logaddexp.reduce(np.concatenate(values)))
     parts = [(some, np.exp(value - total), sums) for value, (some, sums) in zip(values, every, strict=True)]
     told = TwoViewPosterior(model, total - math.log(SAMPLES), parts)
-    return replace(told, likeness=alike_odds(told, fits, possible, seed)) if alike else told
+    return replace(told, likeness=likeness_log_odds(told, fits, possible, seed)) if alike else told
 
 
-def likeliest_at(model: TwoViewModel, fits: Fitted) -> Integers:
+def likeliest_labellings(model: TwoViewModel, fits: Fitted) -> Integers:
     """Assignments (K, n) that are the likeliest at K fits, whatever those are of."""
     rows, columns = possible_pairs(model)
     matched = (fits.assignments >= 0).sum(axis=1)
     rate, clutter = (matched + 0.5) / (model.shape[0] + 1.0), model.shape[1] - matched + 0.5
     at = Samples(fits.poses, np.ones(len(rate)), rate, clutter, np.arange(len(rate)))
     odds = at.log_odds(model, (rows, columns))
-    return np.array([_likeliest(one, rows, columns, model) for one in odds])
+    return np.array([_likeliest_assignment(one, rows, columns, model) for one in odds])
 
 
 def possible_pairs(model: TwoViewModel) -> tuple[Integers, Integers]:
@@ -281,7 +292,7 @@ def possible_pairs(model: TwoViewModel) -> tuple[Integers, Integers]:
     return every // model.shape[1], every % model.shape[1]
 
 
-def _log_odds(model: TwoViewModel, drawn: Samples, rows: Integers, columns: Integers) -> tuple[Floats, Floats]:
+def _sample_log_odds(model: TwoViewModel, drawn: Samples, rows: Integers, columns: Integers) -> tuple[Floats, Floats]:
     """Log-odds (K, P) of pairs against being unmatched, and the logarithm (K,) of all else but the density of drawing.
 
     That is the prior, and the probability that no point is detected, against clutter whatever its number.
@@ -291,20 +302,20 @@ def _log_odds(model: TwoViewModel, drawn: Samples, rows: Integers, columns: Inte
     n, n_target = model.shape
     odds = drawn.log_odds(model, (rows, columns))
     log = n_target * np.log(drawn.clutter) - drawn.clutter - float(gammaln(n_target + 0.5))
-    return odds, log + n * np.log1p(-drawn.rate) + log_prior(model, drawn)
+    return odds, log + n * np.log1p(-drawn.rate) + log_sample_prior(model, drawn)
 
 
-def _bound(odds: Floats, rows: Integers) -> Floats:
+def _log_sum_bound(odds: Floats, rows: Integers) -> Floats:
     """Logarithm (K,) of the sum over assignments if a detection could have many points: no sum is larger."""
     if not len(rows):
         return np.full(len(odds), -np.inf)
     first = np.flatnonzero(np.diff(rows, prepend=-1))  # rows are in order
     of_rows = np.add.reduceat(np.exp(np.minimum(odds, 300.0)), first, axis=1)
     with np.errstate(divide="ignore"):
-        return log_of_enough(np.log1p(of_rows).sum(axis=1), np.log(of_rows), np.arange(len(first)), None)
+        return log_sum_of_enough(np.log1p(of_rows).sum(axis=1), np.log(of_rows), np.arange(len(first)), None)
 
 
-def _around(model: TwoViewModel, pose: Relative) -> Integers:
+def _sort_about_baseline(model: TwoViewModel, pose: Relative) -> Integers:
     """The points (n,) in the order of their epipolar planes about the baseline."""
     u = (model.first @ pose.rotation.swapaxes(-1, -2))[0]
     first, second = np.linalg.svd(pose.translation[0][None])[2][1:]
@@ -315,8 +326,8 @@ def _around(model: TwoViewModel, pose: Relative) -> Integers:
     return np.roll(order, -1 - int(gaps.argmax()))
 
 
-def _likeliest(odds: Floats, rows: Integers, columns: Integers, model: TwoViewModel) -> Integers:
+def _likeliest_assignment(odds: Floats, rows: Integers, columns: Integers, model: TwoViewModel) -> Integers:
     """The assignment (n,) with the largest odds, by log-odds (P,) of pairs."""
     gain = np.zeros(model.shape)
     gain[rows, columns] = np.maximum(odds, 0.0)
-    return largest_total(gain, 0.0)
+    return maximise_total(gain, 0.0)

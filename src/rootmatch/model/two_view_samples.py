@@ -83,9 +83,9 @@ class Samples(NamedTuple):
         return cls(Relative.joined([part.poses for part in parts]), *others)
 
 
-def centres_of(model: TwoViewModel, fits: Fitted) -> Centres:
+def choose_centres(model: TwoViewModel, fits: Fitted) -> Centres:
     """The likeliest distinct ones of K fits, of which there is one at least."""
-    value = log_values(model, fits)
+    value = fit_log_evidence(model, fits)
     order = np.argsort(-value, kind="stable")
     fits, value = fits.take(order), value[order]
     apart = _distances2(model, fits, fits.poses) > DISTINCT2
@@ -97,7 +97,7 @@ def centres_of(model: TwoViewModel, fits: Fitted) -> Centres:
     return Centres(fits.take(np.array(kept)), shares / shares.sum(), np.arange(len(kept)))
 
 
-def log_values(model: TwoViewModel, fits: Fitted) -> Floats:
+def fit_log_evidence(model: TwoViewModel, fits: Fitted) -> Floats:
     """Logarithms (K,) of the evidence of fits to first order, up to a constant."""
     n, n_target = model.shape
     used, k = fits.assignments >= 0, np.maximum(fits.assignments, 0)
@@ -116,7 +116,7 @@ def likeliest_fits(model: TwoViewModel, fits: Fitted, count: int) -> Integers:
     Epipolar planes alone do not tell a pose from one that has the points behind a camera.
     """
     starts = len(fits.chi2) // count
-    return np.asarray(log_values(model, fits).reshape(count, starts).argmax(axis=1) + starts * np.arange(count))
+    return np.asarray(fit_log_evidence(model, fits).reshape(count, starts).argmax(axis=1) + starts * np.arange(count))
 
 
 def _distances2(model: TwoViewModel, fits: Fitted, poses: Relative) -> Floats:
@@ -125,7 +125,7 @@ def _distances2(model: TwoViewModel, fits: Fitted, poses: Relative) -> Floats:
     return np.asarray((steps * (steps @ np.linalg.inv(fits.covariance))).sum(axis=-1))
 
 
-def about_samples(model: TwoViewModel, centres: Centres, drawn: Samples, weights: Floats) -> Centres:
+def recentre_on_samples(model: TwoViewModel, centres: Centres, drawn: Samples, weights: Floats) -> Centres:
     """The centres, and some of K samples with weights (K,), the covariances of those near each centre about them."""
     fits, count = centres.fits, len(weights)
     # the largest are cut, as few samples tell little of their weight
@@ -147,11 +147,11 @@ def about_samples(model: TwoViewModel, centres: Centres, drawn: Samples, weights
     return Centres(fits.joined(more), shares, np.concatenate([centres.group, group]))
 
 
-def drawn_about(model: TwoViewModel, centres: Centres, count: int, rng: np.random.Generator) -> Samples:
+def draw_samples(model: TwoViewModel, centres: Centres, count: int, rng: np.random.Generator) -> Samples:
     """Samples about the centres, as many as their shares."""
     fits = centres.fits
-    poses, centre = drawn_poses(model, centres, count, rng)
-    of_rate, of_clutter, (shape, scale) = _others(model, fits)
+    poses, centre = draw_relative_poses(model, centres, count, rng)
+    of_rate, of_clutter, (shape, scale) = _nuisance_parameters(model, fits)
     variance = scale[centre] / rng.gamma(shape[centre])
     rate = np.full(count, model.detection_rate)
     if model.detection_rate is None:
@@ -159,7 +159,7 @@ def drawn_about(model: TwoViewModel, centres: Centres, count: int, rng: np.rando
     return Samples(poses, variance, rate, rng.gamma(of_clutter[centre]), centre)
 
 
-def drawn_poses(
+def draw_relative_poses(
     model: TwoViewModel, centres: Centres, count: int, rng: np.random.Generator
 ) -> tuple[Relative, Integers]:
     """Poses about the centres, as many as their shares, and the centre (count,) of each."""
@@ -169,13 +169,13 @@ def drawn_poses(
     return model.moved(fits.poses.take(centre), (roots[centre] @ normal[..., None])[..., 0]), centre
 
 
-def log_drawn(model: TwoViewModel, centres: Centres, drawn: Samples) -> Floats:
+def log_proposal_density(model: TwoViewModel, centres: Centres, drawn: Samples) -> Floats:
     """Logarithm (K,) of the density of samples, by the whole mixture."""
     from scipy.special import betaln, gammaln  # slow to import
 
-    log, some = log_drawn_poses(model, centres, drawn.poses)
+    log, some = log_pose_proposal_density(model, centres, drawn.poses)
     # s², δ and Λ are drawn alike about all centres of one fit, and their densities are exponential families
-    (a, b), k, (shape, scale) = _others(model, centres.fits)
+    (a, b), k, (shape, scale) = _nuisance_parameters(model, centres.fits)
     factors = np.stack([-(shape + 1.0), -scale, k - 1.0])
     of_drawn = np.stack([np.log(drawn.variance), 1.0 / drawn.variance, np.log(drawn.clutter)])
     norm = shape * np.log(scale) - gammaln(shape) - gammaln(k)
@@ -187,7 +187,7 @@ def log_drawn(model: TwoViewModel, centres: Centres, drawn: Samples) -> Floats:
     return np.asarray(log_sum(log) - drawn.clutter)
 
 
-def log_drawn_poses(model: TwoViewModel, centres: Centres, poses: Relative) -> tuple[Floats, Integers]:
+def log_pose_proposal_density(model: TwoViewModel, centres: Centres, poses: Relative) -> tuple[Floats, Integers]:
     """Logarithm (C, K) of the density of poses about each centre that has any, its share included; those centres."""
     counts = centres.counts(len(poses.turn))
     some = np.flatnonzero(counts)
@@ -209,14 +209,16 @@ def log_sum(log: Floats) -> Floats:
     return np.asarray(most + np.log(np.exp(log - most).sum(axis=0)))
 
 
-def log_prior(model: TwoViewModel, drawn: Samples) -> Floats:
+def log_sample_prior(model: TwoViewModel, drawn: Samples) -> Floats:
     """Logarithm (K,) of the prior density of samples, that of Λ being Jeffreys', which is Λ^(−½)."""
     half, variance = 0.5 * NOISE_FREEDOM, drawn.variance
     of_variance = half * math.log(half) - math.lgamma(half) - (half + 1.0) * np.log(variance) - half / variance
     return np.asarray(model.log_prior(drawn.poses) + of_variance - 0.5 * np.log(drawn.clutter))
 
 
-def _others(model: TwoViewModel, fits: Fitted) -> tuple[tuple[Floats, Floats], Floats, tuple[Floats, Floats]]:
+def _nuisance_parameters(
+    model: TwoViewModel, fits: Fitted
+) -> tuple[tuple[Floats, Floats], Floats, tuple[Floats, Floats]]:
     """Parameters, (C,) each, of the beta, gamma and inverse gamma distributions of δ, Λ and s² about each centre."""
     n, n_target = model.shape
     matched = (fits.assignments >= 0).sum(axis=1)

@@ -21,18 +21,18 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.known_density import LEAST_SPREAD, Known
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Mixed
-from rootmatch.model.shown_in_part import ahead, few_in_sight, ways_to_own
+from rootmatch.model.shown_in_part import count_distributions, count_ways_to_own, positions_ahead
 
 POSES = 32
 """Poses of a prediction over which a mean is taken. A round value."""
 
 
-def unrecognised(model: DetectionModel, prior: Doubted, copies: Modes) -> Floats:
+def odds_of_unrecognised(model: DetectionModel, prior: Doubted, copies: Modes) -> Floats:
     """Odds (M,) that the body is in its expected poses and shows too little, relative to clutter alone.
 
     ``copies``: what is seen of a copy.
     """
-    views, (rates, log_weights) = Views.of(model, prior), model.rates
+    views, (rates, log_weights) = ExpectedViews.of(model, prior), model.rate_quadrature
     matched = np.count_nonzero(copies.assignments >= 0, axis=1)
     missed = np.maximum(copies.visible.sum(axis=1) - matched, 0.0)
     told = log_weights + np.outer(matched, np.log(rates)) + np.outer(missed, np.log1p(-rates))
@@ -40,17 +40,17 @@ def unrecognised(model: DetectionModel, prior: Doubted, copies: Modes) -> Floats
     told /= told.sum(axis=1)[:, None]
     out = np.empty(len(matched))
     for k, used in enumerate(copies.uses(model.shape[1])):
-        left = np.bincount(model.image_of[~used], minlength=views.few.shape[1])
+        left = np.bincount(model.image_indices[~used], minlength=views.few.shape[1])
         out[k] = views.odds(left) @ told[k]
     return out
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
+class ExpectedViews:
     """What the images show of a body in its expected poses: worked out once, and a frame asks several times."""
 
     few: Floats
-    """(m + 1, C, S Q H) probability that 0, 1 … points of each image are detected, see `few_in_sight`."""
+    """(m + 1, C, S Q H) probability that 0, 1 … points of each image are detected, see `count_distributions`."""
     weights: Floats
     """(S,) of the poses."""
     sight: Floats
@@ -58,40 +58,40 @@ class Views:
     tables: dict[bytes, Floats] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, model: DetectionModel, prior: Doubted) -> Views:
+    def of(cls, model: DetectionModel, prior: Doubted) -> ExpectedViews:
         """Those of what is known of the body."""
         if "views" in prior.told:
             return prior.told["views"]  # type: ignore[no-any-return]
-        poses, shares = [expected(model, one) for one in prior.predictions], np.exp(prior.log_shares)
+        poses, shares = [sample_expected_poses(model, one) for one in prior.predictions], np.exp(prior.log_shares)
         rotation, position = (np.concatenate(part) for part in zip(*poses, strict=True))
-        at = model.linearised(rotation, position)
+        at = model.linearise_about(rotation, position)
         visible = prior.lit * model.visibility(at, np.zeros(len(rotation)))
         weights = np.repeat(shares, POSES)
         in_view = weights * at.seen.any(axis=1)  # as a vague prediction hardly says: the body is asked for
         weights = in_view if in_view.any() else weights
-        few, sight = few_in_sight(visible, model.rates[0], max(len(model.images), 1), prior.least - 1)
+        few, sight = count_distributions(visible, model.rate_quadrature[0], max(len(model.images), 1), prior.least - 1)
         views = prior.told["views"] = cls(few, weights / weights.sum(), sight)
         return views
 
     def odds(self, left: Integers) -> Floats:
         """Odds (Q,) at each rate that no more are detected, with detections (C,) that each image has left."""
         if (key := left.tobytes()) not in self.tables:
-            each = (ways_to_own(left, len(self.few) - 1) * self.few).sum(axis=0).prod(axis=0)
+            each = (count_ways_to_own(left, len(self.few) - 1) * self.few).sum(axis=0).prod(axis=0)
             self.tables[key] = self.weights @ (each.reshape(len(self.weights), -1, len(self.sight)) @ self.sight)
         return self.tables[key]
 
 
-def expected(model: DetectionModel, known: Mixed) -> tuple[Floats, Floats]:
+def sample_expected_poses(model: DetectionModel, known: Mixed) -> tuple[Floats, Floats]:
     """Some poses (`POSES`, 3, 3) and (`POSES`, 3) of the body's centre by what is known; ahead where no place is."""
-    normal = _normal()
+    normal = _normal_deviates()
     if isinstance(known, Gaussian):
-        step = normal @ np.linalg.cholesky(known.bounded).T
+        step = normal @ np.linalg.cholesky(known.bounded_covariance).T
         return rotation_from_vector(step[:, :3]) @ known.rotation, known.position + step[:, 3:]
     rotation, place = spread_rotations(POSES), None
     if isinstance(known, Known):
         turn, down, place = known.prior.turn, known.prior.down, known.prior.place
         if turn is not None:
-            rotation = rotation_from_vector(normal[:, :3] @ _root(turn[1])) @ turn[0]
+            rotation = rotation_from_vector(normal[:, :3] @ _matrix_root(turn[1])) @ turn[0]
         elif down is not None:
             source, camera, tilt = down
             onto, back = rotation_onto_y(np.asarray(source)), rotation_onto_y(np.asarray(camera)).T
@@ -99,17 +99,17 @@ def expected(model: DetectionModel, known: Mixed) -> tuple[Floats, Floats]:
             tilted = rotation_from_vector(max(tilt, LEAST_SPREAD) * normal[:, :3] * np.array([1.0, 0.0, 1.0]))
             rotation = back @ tilted @ rotation_from_vector(about) @ onto
     if place is None:
-        return rotation, ahead(model, POSES)
-    return rotation, place[0] + normal[:, 3:] @ _root(place[1]) + rotation @ model.centre
+        return rotation, positions_ahead(model, POSES)
+    return rotation, place[0] + normal[:, 3:] @ _matrix_root(place[1]) + rotation @ model.centre
 
 
 @lru_cache(maxsize=1)
-def _normal() -> Floats:
+def _normal_deviates() -> Floats:
     """Normal deviates (`POSES`, 6), always the same, as nothing here is to be noisy."""
     return np.random.default_rng(0).normal(size=(POSES, 6))
 
 
-def _root(covariance: Floats) -> Floats:
+def _matrix_root(covariance: Floats) -> Floats:
     """A root (3, 3) of a covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)

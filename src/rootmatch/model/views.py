@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, kept_by_identity, kept_by_values
+from rootmatch.arrays import Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.cameras.base import RIM, CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
@@ -34,70 +34,74 @@ class Views(NamedTuple):
     rims: Floats
 
 
-def views_of(camera: CameraModel) -> Views | None:
+def kernel_camera_views(camera: CameraModel) -> Views | None:
     """The numbers of a camera, or of the cameras of a rig; None if one is of another kind than those compiled."""
     if isinstance(camera, Camera):
-        return _of_camera(camera)
+        return _camera_views(camera)
     if isinstance(camera, Stereographic):
-        return _views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
+        return _stack_views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
     if isinstance(camera, RigImage):
-        known = _of_rig(camera.rig)
+        known = _rig_views(camera.rig)
         if known is not None:
             shifts = known.translations if camera.unit == 1.0 else known.translations / camera.unit
             return known._replace(translations=shifts, offsets=np.ascontiguousarray(camera.offsets, np.float64))
     return None
 
 
-def frames_of(camera: CameraModel) -> tuple[Floats, Floats]:
+def camera_frames(camera: CameraModel) -> tuple[Floats, Floats]:
     """Rotations (C, 3, 3) and translations (C, 3) into the frames of the cameras of a rig; no motion for a camera."""
     if not isinstance(camera, RigImage):
         return NO_MOTION
     return camera.rig.rotations, camera.rig.translations / camera.unit
 
 
-def rays_of(camera: CameraModel, target: Floats) -> Floats:
+def unproject_detections(camera: CameraModel, target: Floats) -> Floats:
     """Unit rays (n', 3) of detections (n', 2) in the frames of their cameras; NaN where a lens shows nothing."""
     target = np.array(target, float)
-    image, views = camera if isinstance(camera, RigImage) else None, views_of(camera)
+    image, views = camera if isinstance(camera, RigImage) else None, kernel_camera_views(camera)
     if views is not None and INVERTED.issuperset(views.kinds.tolist()):
         rays = np.empty((len(target), 3))
         camera_of = np.zeros(len(target), np.int64) if image is None else np.array(image.camera_of, np.int64)
         unproject(target, camera_of, (views.kinds, views.numbers, views.offsets), rays)
         return rays
     if image is None:
-        return _rays(camera, target)
-    return _rays_of_rig(image.rig, target, image.offsets, image.camera_of)
+        return _unproject_camera(camera, target)
+    return _unproject_rig(image.rig, target, image.offsets, image.camera_of)
 
 
-@kept_by_values(4)
-def _rays_of_rig(rig: Rig, target: Floats, offsets: Floats, camera_of: Integers) -> Floats:
+@cache_by_values(4)
+def _unproject_rig(rig: Rig, target: Floats, offsets: Floats, camera_of: Integers) -> Floats:
     rays = np.empty((len(target), 3))
     for k, (camera, offset) in enumerate(zip(rig.cameras, offsets, strict=True)):
-        rays[camera_of == k] = _rays(camera, target[camera_of == k] - offset)
+        rays[camera_of == k] = _unproject_camera(camera, target[camera_of == k] - offset)
     return rays
 
 
-def _rays(camera: CameraModel, target: Floats) -> Floats:
+def _unproject_camera(camera: CameraModel, target: Floats) -> Floats:
     """Unit rays (m, 3) of detections (m, 2) of one camera; NaN where its lens shows nothing."""
     return camera.seen_bearings(target) if len(target) else np.empty((0, 3))
 
 
-@kept_by_identity(64)
-def _of_camera(camera: Camera) -> Views | None:
-    one = _numbers(camera)
-    return None if one is None else _with_sizes(_views((one,)), None if camera.size is None else (camera.size,))
+@cache_by_identity(64)
+def _camera_views(camera: Camera) -> Views | None:
+    one = _camera_numbers(camera)
+    return (
+        None if one is None else _add_image_sizes(_stack_views((one,)), None if camera.size is None else (camera.size,))
+    )
 
 
-@kept_by_identity(16)
-def _of_rig(rig: Rig) -> Views | None:
-    every = [_numbers(camera) for camera in rig.cameras]
+@cache_by_identity(16)
+def _rig_views(rig: Rig) -> Views | None:
+    every = [_camera_numbers(camera) for camera in rig.cameras]
     known = tuple(one for one in every if one is not None)
     if len(known) < len(every):
         return None
-    return _with_sizes(_views(known)._replace(rotations=rig.rotations, translations=rig.translations), rig.sizes)
+    return _add_image_sizes(
+        _stack_views(known)._replace(rotations=rig.rotations, translations=rig.translations), rig.sizes
+    )
 
 
-def _with_sizes(views: Views, sizes: tuple[tuple[float, float], ...] | None) -> Views:
+def _add_image_sizes(views: Views, sizes: tuple[tuple[float, float], ...] | None) -> Views:
     """The same with the sizes of the images, if they are known."""
     if sizes is None:
         return views
@@ -105,7 +109,7 @@ def _with_sizes(views: Views, sizes: tuple[tuple[float, float], ...] | None) -> 
     return views._replace(sizes=known, rims=RIM * known[:, 0])
 
 
-def _numbers(camera: CameraModel) -> tuple[int, tuple[float, ...]] | None:
+def _camera_numbers(camera: CameraModel) -> tuple[int, tuple[float, ...]] | None:
     """The kind of a camera with its numbers."""
     if not isinstance(camera, Camera):
         return None
@@ -119,7 +123,7 @@ def _numbers(camera: CameraModel) -> tuple[int, tuple[float, ...]] | None:
     return None
 
 
-def _views(every: tuple[tuple[int, tuple[float, ...]], ...]) -> Views:
+def _stack_views(every: tuple[tuple[int, tuple[float, ...]], ...]) -> Views:
     """Views from one place and in one image."""
     count = len(every)
     numbers = np.zeros((count, NUMBERS))

@@ -26,7 +26,7 @@ LOGISTIC = 1.702
 """Slope of the logistic curve nearest to the normal distribution's integral: within 0.01 everywhere."""
 
 
-def facing(normals: Floats | None, positions: Floats, rotation: Floats) -> Floats | None:
+def facing_cosines(normals: Floats | None, positions: Floats, rotation: Floats) -> Floats | None:
     """Cosines (…, n) between normals (n, 3) and the direction to the camera; NaN for a zero normal.
 
     ``positions`` (…, n, 3) are as seen from the camera, ``rotation`` (…, 3, 3) is the pose's. None without normals.

@@ -12,10 +12,10 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.hypergraph.assignment import apart_from
+from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
-from rootmatch.model.exact_symmetry import exactly_symmetric
-from rootmatch.model.labelling_sums import LabellingSums, labelling_sums, same_motion
+from rootmatch.model.exact_symmetry import exact_symmetry_probability
+from rootmatch.model.labelling_sums import LabellingSums, is_same_motion, sum_labellings
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import COPY, COUNTS
 
@@ -74,12 +74,12 @@ class Weighed(NamedTuple):
         return self._replace(**{name: getattr(self, name)[which] for name in ("assignments", "log_odds", "log_mass")})
 
 
-def nothing_weighed(n: int) -> Weighed:
+def empty_weighed(n: int) -> Weighed:
     """No labelling of n points."""
     return Weighed(np.empty((0, n), np.int64), np.empty(0), np.empty(0), None, -math.inf)
 
 
-def weighed(
+def weigh_labellings(
     model: PointSetModel, proposals: Judged, mirrored: Integers | None = None, *, of_several: bool = False
 ) -> Weighed:
     """Proposed labellings of three matches or more and their neighbours by one change, the best ones of them.
@@ -94,9 +94,9 @@ def weighed(
         If the deadline in force passes: without its neighbours a labelling would look more certain than it is.
     """
     if not len(proposals.log_odds):
-        return nothing_weighed(len(model.clouds.source))
+        return empty_weighed(len(model.clouds.source))
     checkpoint()
-    kept = found = _best(proposals, of_several)
+    kept = found = _select_best(proposals, of_several)
     model.keep(found.take(slice(1)))
     known_ones = {one.tobytes() for one in found.fit.assignments}
     expanded: set[bytes] = set()
@@ -112,7 +112,7 @@ def weighed(
             changes, gains = likely_changes(one, model.gains(fit, k), odds.max() - odds[k] - NEGLIGIBLE)
             some = np.argsort(-gains, kind="stable")[:CHANGES]
             better = changes.take(some[gains[some] > 0.0])
-            for other in (*changes.take(some).applied_to(one), _changed_at_once(one, better)):
+            for other in (*changes.take(some).apply_to(one), _apply_disjoint_changes(one, better)):
                 if other.tobytes() not in known_ones and (other >= 0).sum() >= 3:
                     known_ones.add(other.tobytes())
                     new.append(other)
@@ -120,29 +120,29 @@ def weighed(
             break
         found = found.joined(model.judged(np.array(new)))
     if found is not kept:
-        found = _best(found, of_several)
+        found = _select_best(found, of_several)
         model.keep(found.take(slice(1)))
     assignments, known = found.fit.assignments, found.known  # which tells symmetric motions from each other
     odds = found.log_odds - known
     most = float(odds.max())
-    equal = _exchanged(model, assignments, np.exp(odds - most))
+    equal = _mix_symmetric(model, assignments, np.exp(odds - most))
     mass = np.log(np.maximum(equal, 1e-300)) + known + most
     images = [] if mirrored is None else [mirrored, proposals.fit.assignments]
-    image = _mirrored(model, images, assignments, found.log_odds)
+    image = _best_mirror_image(model, images, assignments, found.log_odds)
     sums = []
     in_question = np.logaddexp.reduce(mass) > max(image[1], model.log_absent) - WORTH
     if in_question and len(odds) >= KEPT and np.sort(odds)[-KEPT] > most - NEGLIGIBLE:
-        sums = _summed(model, assignments, found.log_odds)
+        sums = _sum_likely_motions(model, assignments, found.log_odds)
         left = np.ones(len(assignments), np.bool_)  # what is about two motions counts for the better one
         for one in sums:
-            own = same_motion(assignments, one.about)
+            own = is_same_motion(assignments, one.about)
             if one.count >= ENOUGH:
                 mass[left & own] -= math.log(max(float(one.shares(assignments[own]).sum()), 1e-300))
             left &= ~own
     return Weighed(assignments, odds, mass, *image, sums)
 
 
-def _summed(model: PointSetModel, assignments: Integers, log_odds: Floats) -> list[LabellingSums]:
+def _sum_likely_motions(model: PointSetModel, assignments: Integers, log_odds: Floats) -> list[LabellingSums]:
     """The sums over all labellings about the most probable motions of some, the best one first."""
     sums: list[LabellingSums | None] = []
     left = np.ones(len(assignments), np.bool_)
@@ -151,14 +151,14 @@ def _summed(model: PointSetModel, assignments: Integers, log_odds: Floats) -> li
         if log_odds[best] < log_odds.max() + math.log(LEADING):
             break
         checkpoint()
-        own = left & same_motion(assignments, assignments[best])
+        own = left & is_same_motion(assignments, assignments[best])
         order = np.flatnonzero(own)[np.argsort(-log_odds[own], kind="stable")]
-        sums.append(labelling_sums(model, assignments[order], np.exp(log_odds[order] - log_odds[best])))
+        sums.append(sum_labellings(model, assignments[order], np.exp(log_odds[order] - log_odds[best])))
         left &= ~own
     return [one for one in sums if one is not None]
 
 
-def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
+def _apply_disjoint_changes(assignment: Integers, changes: Changes) -> Integers:
     """An assignment with as many of some changes, the best first, as do not concern the same points or targets."""
     changed, touched = assignment.copy(), np.zeros(len(assignment), np.bool_)
     for row in zip(*changes, strict=True):
@@ -170,7 +170,7 @@ def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
     return changed
 
 
-def _best(found: Judged, of_several: bool) -> Judged:
+def _select_best(found: Judged, of_several: bool) -> Judged:
     """The best hypotheses that are not negligible, and those of a copy, the best one first.
 
     Of several bodies, all that are better than clutter: others may take what a better one needs.
@@ -180,7 +180,7 @@ def _best(found: Judged, of_several: bool) -> Judged:
         return found
     order = np.argsort(-odds, kind="stable")
     least = 0.0 if of_several else -math.log(COPY)
-    apart = apart_from(assignments[order], assignments[order[0]]) & (odds[order] > least - COUNTS)
+    apart = are_targets_disjoint(assignments[order], assignments[order[0]]) & (odds[order] > least - COUNTS)
     near = (odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE) & (np.arange(len(order)) < KEPT)
     if of_several:
         near |= (odds[order] > 0.0) & (np.arange(len(order)) < KEPT)
@@ -188,7 +188,7 @@ def _best(found: Judged, of_several: bool) -> Judged:
     return found.take(order)
 
 
-def _mirrored(
+def _best_mirror_image(
     model: PointSetModel, labellings: Sequence[Integers], assignments: Integers, odds: Floats
 ) -> tuple[Integers | None, float]:
     """The best mirror image and its log-odds, prior included.
@@ -209,7 +209,7 @@ def _mirrored(
     return mirrored[best], float(weight[best]) + math.log(MIRRORED)
 
 
-def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> Floats:
+def _mix_symmetric(model: PointSetModel, assignments: Integers, weights: Floats) -> Floats:
     """Weights (K,) of hypotheses, those that a self-motion of the source exchanges as equal as it is probably exact."""
     mixing = np.eye(len(assignments))
     least = math.exp(-NEGLIGIBLE) * float(weights.max())
@@ -226,5 +226,5 @@ def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> 
         first, second = (
             np.argsort(one, kind="stable")[int((one < 0).sum()) :] for one in (assignments[a], assignments[b])
         )
-        mixing[a, b] = mixing[b, a] = exactly_symmetric(model.clouds, first, second, model.mirror)
+        mixing[a, b] = mixing[b, a] = exact_symmetry_probability(model.clouds, first, second, model.mirror)
     return np.asarray((mixing / mixing.sum(axis=1, keepdims=True)) @ weights)

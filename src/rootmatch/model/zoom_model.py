@@ -39,7 +39,7 @@ class ZoomDensity(PoseDensity):
 
     def components(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.components`; rotations hold focal lengths."""
-        log_zoom, _ = unstored(self.upright, rotation)
+        log_zoom, _ = decode_zoom(self.upright, rotation)
         across, along = self.upright.camera[0], rotation @ self.upright.world[1]
         idle = cross(np.broadcast_to(across, along.shape), along)
         precision, slope = np.zeros((len(rotation), 6, 6)), np.zeros((len(rotation), 6))
@@ -49,14 +49,14 @@ class ZoomDensity(PoseDensity):
             + idle[:, :, None] * idle[:, None]
         )
         slope[:, :3] = -log_zoom[:, None] / ZOOM**2 * across
-        precision[:, 3:, 3:], log_position = self.broad.of_position(position)
+        precision[:, 3:, 3:], log_position = self.broad.position_terms(position)
         # the idle rotation has a normal distribution of its own, which integrates to 1
         peak = -math.log(TURNS) - math.log(ZOOM) - LOG_2PI
         terms = Terms(precision, slope, (log_zoom / ZOOM) ** 2, log_position + peak)
         return Terms(*(one[:, None] for one in terms))
 
 
-def stored(upright: Upright, rotation: Floats, log_zoom: Floats) -> Floats:
+def encode_zoom(upright: Upright, rotation: Floats, log_zoom: Floats) -> Floats:
     """Rotations (…, 3, 3) that hold logarithms (…) of focal lengths over the usual one, of upright ones."""
     c, s = np.cos(log_zoom), np.sin(log_zoom)
     tilt = np.zeros((*c.shape, 3, 3))
@@ -65,7 +65,7 @@ def stored(upright: Upright, rotation: Floats, log_zoom: Floats) -> Floats:
     return np.asarray(upright.camera.T @ tilt @ upright.camera @ rotation)
 
 
-def unstored(upright: Upright, rotation: Floats) -> tuple[Floats, Floats]:
+def decode_zoom(upright: Upright, rotation: Floats) -> tuple[Floats, Floats]:
     """The logarithms (K,) of focal lengths that rotations (K, 3, 3) hold, and the nearest upright rotations."""
     turned = upright.camera @ rotation @ upright.world.T
     log_zoom = np.arctan2(turned[:, 2, 1], turned[:, 1, 1])
@@ -102,17 +102,17 @@ class ZoomModel(DetectionModel):
         """NumPy projects the points."""
         return None
 
-    def at_focal(self, rotation: Floats, log_focal: Floats) -> Floats:
+    def encode_focal(self, rotation: Floats, log_focal: Floats) -> Floats:
         """Rotations (…, 3, 3) as this model stores them, of upright ones with logarithms (…) of focal lengths."""
         log_zoom = np.clip(log_focal - math.log(self.camera.focal), -MOST_LOG, MOST_LOG)
-        return stored(self.upright, rotation, log_zoom)
+        return encode_zoom(self.upright, rotation, log_zoom)
 
-    def linearised(self, rotation: Floats, position: Floats) -> Linearised:
+    def linearise_about(self, rotation: Floats, position: Floats) -> Linearised:
         """See `DetectionModel.linearised`; rotations are brought back to those that hold a focal length."""
-        log_zoom, level = unstored(self.upright, np.asarray(rotation))
-        own = stored(self.upright, level, log_zoom)
+        log_zoom, level = decode_zoom(self.upright, np.asarray(rotation))
+        own = encode_zoom(self.upright, level, log_zoom)
         focal = self.camera.focal * np.exp(log_zoom)
-        turned = self.about_centre[0] @ level.swapaxes(-1, -2)
+        turned = self.centred_body[0] @ level.swapaxes(-1, -2)
         places = turned + position[:, None]
         depth = places[..., 2]
         with np.errstate(all="ignore"):
@@ -139,9 +139,9 @@ class ZoomModel(DetectionModel):
             position=np.array(position, float),
         )
 
-    def pose_of(self, rotation: Floats, position: Floats, covariance: Floats) -> Pose:
-        """See `DetectionModel.pose_of`: with the focal length, which has the last row of the covariance."""
-        log_zoom, level = unstored(self.upright, rotation[None])
+    def pose_of_origin(self, rotation: Floats, position: Floats, covariance: Floats) -> Pose:
+        """See `DetectionModel.pose_of_origin`: with the focal length, which has the last row of the covariance."""
+        log_zoom, level = decode_zoom(self.upright, rotation[None])
         R, focal = level[0], self.camera.focal * math.exp(float(log_zoom[0]))
         change = np.zeros((7, 6))
         change[:3, :3] = np.outer(self.upright.camera[1], rotation @ self.upright.world[1])

@@ -77,7 +77,7 @@ def warmup(
     check_problem(problem)
     if source is None and options.keys() & {"normals", "bodies", "view_angle"}:
         raise InputError("warmup: normals, view_angle and bodies describe source points; give source as well")
-    steps = list(_of_one_camera(problem, source, options) if problem.takes_prior else _of_scenes(problem, options))
+    steps = list(_camera_steps(problem, source, options) if problem.takes_prior else _scene_steps(problem, options))
     if progress is not None:
         progress(0, len(steps))
     for done, step in enumerate(steps):
@@ -111,24 +111,24 @@ def load_tracker(problem: Problem, source: Floats, **options: Any) -> None:
         _ = found.confidence, found.pose
 
 
-def _of_scenes(problem: Problem, options: dict[str, Any]) -> Iterator[Step]:
+def _scene_steps(problem: Problem, options: dict[str, Any]) -> Iterator[Step]:
     """Matches of a problem without a prediction."""
     if problem.name not in PROBLEMS:
         raise InputError(f"warmup: no scenes of {problem.name} are known; match a few of its images instead")
     scene = sample(problem.name)
     for kept in (len(scene.source), problem.order + 1):
-        yield partial(_matched, scene, kept, options)
-    yield partial(_matched, _cluttered(scene), len(scene.source), options)
+        yield partial(_match_scene, scene, kept, options)
+    yield partial(_match_scene, _add_clutter(scene), len(scene.source), options)
 
 
-def _matched(scene: Sample, kept: int, options: dict[str, Any]) -> None:
+def _match_scene(scene: Sample, kept: int, options: dict[str, Any]) -> None:
     """A frame of a scene, read as a user may."""
     matcher = Matcher(scene.source[:kept], scene.problem, noise=scene.noise, **options)
     found = matcher.match(scene.target)
     _ = found.score, found.confidence, found.pose
 
 
-def _cluttered(scene: Sample) -> Sample:
+def _add_clutter(scene: Sample) -> Sample:
     """A scene whose hyper-edges are too many for a sweep."""
     rng = np.random.default_rng(0)
     low, high = scene.target.min(axis=0), scene.target.max(axis=0)
@@ -144,7 +144,7 @@ class Body:
     options: dict[str, Any]
 
 
-def _of_one_camera(problem: Problem, source: ArrayLike | None, options: dict[str, Any]) -> Iterator[Step]:
+def _camera_steps(problem: Problem, source: ArrayLike | None, options: dict[str, Any]) -> Iterator[Step]:
     """Flights of bodies before the camera of a problem."""
     rng = np.random.default_rng(0)
     ball = rng.normal(size=(LARGE, 3))
@@ -159,12 +159,12 @@ def _of_one_camera(problem: Problem, source: ArrayLike | None, options: dict[str
     if source is not None:
         bodies.append(Body(np.asarray(source, np.float64), {**others, **of_points}))
     for body in bodies:
-        yield partial(_flown, problem, body)
-        yield partial(_searched, problem, body)
-    yield partial(_vague, problem, Body(rng.normal(size=(DENSE, 3)), others))
+        yield partial(_fly, problem, body)
+        yield partial(_search_frames, problem, body)
+    yield partial(_match_dense_image, problem, Body(rng.normal(size=(DENSE, 3)), others))
 
 
-def _searched(problem: Problem, body: Body) -> None:
+def _search_frames(problem: Problem, body: Body) -> None:
     """Matches of frames by themselves: all points, few, and crowded ones."""
     view = _View(problem, body.points)
     n = len(body.points)
@@ -180,13 +180,13 @@ def _searched(problem: Problem, body: Body) -> None:
     matcher.match(_View(problem, elsewhere).frame(0, n, 2))
 
 
-def _vague(problem: Problem, body: Body) -> None:
+def _match_dense_image(problem: Problem, body: Body) -> None:
     """A match of an image that is dense for its noise."""
     view = _View(problem, body.points)
     Matcher(body.points, problem, noise=VAGUE * view.sigma, **body.options).match(view.frame(0, len(body.points), 2))
 
 
-def _flown(problem: Problem, body: Body) -> None:
+def _fly(problem: Problem, body: Body) -> None:
     """A flight with every kind of loss."""
     view, n = _View(problem, body.points), len(body.points)
     tracker = Tracker(body.points, problem, noise=view.sigma, **{"sampler": Guided(budget=BUDGET), **body.options})
@@ -252,7 +252,7 @@ class _View:
             low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else np.zeros((2, pixels.shape[1]))
             many = (clutter if len(known) else 0, pixels.shape[1])
             if wide:
-                more = self._anywhere(camera, rng.normal(size=(2 * clutter, 3)))
+                more = self._scatter_directions(camera, rng.normal(size=(2 * clutter, 3)))
             else:
                 more = rng.uniform(low - 9 * self.sigma, high + 9 * self.sigma, many)
             rows.append(np.concatenate([noisy, more]))
@@ -262,7 +262,7 @@ class _View:
             return target / np.linalg.norm(target, axis=1, keepdims=True)
         return (target, np.concatenate(index)) if self.rig else target
 
-    def _anywhere(self, camera: CameraModel, directions: Floats) -> Floats:
+    def _scatter_directions(self, camera: CameraModel, directions: Floats) -> Floats:
         """Those of some directions (k, 3) that an image can show; that of a wide lens shows more than 60°."""
         if self.of_rays:
             return directions

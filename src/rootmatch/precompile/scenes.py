@@ -28,33 +28,33 @@ class Sample:
     noise: float
 
 
-def simulated(name: str, points: int, outliers: int, **more: Any) -> Sample:
+def simulate_sample(name: str, points: int, outliers: int, **more: Any) -> Sample:
     """A scene of the paper."""
     scene = SCENES[name](points, outliers, 0.5, 1, **more)
     return Sample(scene.source, scene.target, scene.problem, scene.noise)
 
 
-def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rotate(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points turned about the second axis."""
     return np.asarray(points @ rotation_about_y(np.cos(0.3), np.sin(0.3)).T)
 
 
 def _planar() -> Sample:
     points = np.random.default_rng(1).uniform((-3.0, -2.0, 6.0), (3.0, 2.0, 14.0), (7, 3))
-    seen = CAMERA.project(points), CAMERA.project(_rotated(points) + np.array([-2.0, 0.0, 1.0]))
+    seen = CAMERA.project(points), CAMERA.project(_rotate(points) + np.array([-2.0, 0.0, 1.0]))
     return Sample(*seen, problem_class("planar")(CAMERA, axis=(0, 1, 0)), 0.1)
 
 
 def _unknown_zoom() -> Sample:
     points = np.random.default_rng(2).uniform(-2.0, 2.0, (7, 3))
-    seen = CAMERA.project(_rotated(points) + np.array([0.3, -0.2, 9.0]))
+    seen = CAMERA.project(_rotate(points) + np.array([0.3, -0.2, 9.0]))
     return Sample(points, seen, problem_class("up2pf")((320.0, 240.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)), 0.1)
 
 
 def _point_set(name: str) -> Sample:
     points = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 3))
     plane = [0, 2]  # in which `_rotated` rotates
-    return Sample(points[:, plane], _rotated(points)[:, plane], problem_class(name)(2), 0.01)
+    return Sample(points[:, plane], _rotate(points)[:, plane], problem_class(name)(2), 0.01)
 
 
 OWN: dict[str, Callable[[], Sample]] = {
@@ -68,4 +68,4 @@ OWN: dict[str, Callable[[], Sample]] = {
 
 def sample(name: str) -> Sample:
     """A small scene of the problem of that name."""
-    return OWN[name]() if name in OWN else simulated(name, 8, 2)
+    return OWN[name]() if name in OWN else simulate_sample(name, 8, 2)

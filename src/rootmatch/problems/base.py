@@ -20,12 +20,12 @@ from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
 from rootmatch.problems.limits import MOST_PAIRS
 from rootmatch.problems.noise import (
+    add_model_noise,
     check_source_noise,
     detection_covariances,
     mean_deviation,
     parse_noise,
     split_noise,
-    with_model_noise,
 )
 from rootmatch.problems.points import CheckedSource, PointClouds, PointSets, TwoViews
 from rootmatch.problems.pose_fit.pose import Pose
@@ -94,7 +94,7 @@ class Problem(ABC):
         camera = getattr(self, "camera2", None) or getattr(self, "camera", None)
         return camera if isinstance(camera, CameraModel) else None
 
-    def checked_source(
+    def check_source(
         self,
         source: ArrayLike,
         normals: ArrayLike | None = None,
@@ -126,7 +126,7 @@ class Problem(ABC):
         Parameters
         ----------
         source : (n, 3) or (n, 2) array
-            Points in space (any unit, any frame) or pixels of the first image; or what `checked_source` made of them
+            Points in space (any unit, any frame) or pixels of the first image; or what `check_source` made of them
             and of the normals with their view angle.
         target : (n', 2) or (n', 3) array
             Pixels, or points in space.
@@ -153,7 +153,7 @@ class Problem(ABC):
         """
         if not isinstance(source, CheckedSource):
             settled = self.for_points(source)
-            checked = settled.checked_source(source, normals, view_angle, distinct=distinct)
+            checked = settled.check_source(source, normals, view_angle, distinct=distinct)
             return settled.validated(checked, target, noise, source_noise=source_noise, least_target=least_target)
         first, facing, cosine = source
         needing = f"{self.name} without prior=" if self.takes_prior else self.name
@@ -207,7 +207,7 @@ class Problem(ABC):
 
     def in_image(self, points: PointSets) -> PointSets:
         """Points whose detections have the noise of the source in theirs, as far as that shows in the image."""
-        return points if self.noisy_source or self.sensor is None else with_model_noise(points, self.sensor)
+        return points if self.noisy_source or self.sensor is None else add_model_noise(points, self.sensor)
 
     def with_noise(self, points: PointSets, sigma: float) -> PointSets:
         """Points with one σ of a coordinate for that of all, without the noise that is stated of a measured model."""

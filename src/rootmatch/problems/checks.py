@@ -51,17 +51,17 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int, disti
         raise InputError(f"{name}: point {far[0]} lies beyond {MOST:g}; choose another unit, or remove it")
     if len(array) < least:
         raise InputError(f"{name}: {len(array)} points given, at least {least} needed by {of}")
-    same = repeated(array) if distinct else None
+    same = find_repeated(array) if distinct else None
     if same is not None:
         raise InputError(f"{name}: points {same[0]} and {same[1]} are the same; remove repeated points")
     if len(array) > 1 and float((array.max(axis=0) - array.min(axis=0)).max()) < LEAST:
-        same = repeated(array)
+        same = find_repeated(array)
         fault = f"lie within {LEAST:g}; choose another unit" if same is None else "are the same; give others"
         raise InputError(f"{name}: all points {fault}")
     return array
 
 
-def repeated(points: Floats) -> tuple[int, int] | None:
+def find_repeated(points: Floats) -> tuple[int, int] | None:
     """Indices of two points with the same coordinates; None if all differ."""
     ascending = np.sort(points[:, 0])
     if (ascending[1:] != ascending[:-1]).all():

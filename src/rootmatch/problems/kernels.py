@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rootmatch.jit.dispatch import class_of
+from rootmatch.jit.dispatch import tuple_class
 
 Kernel = Callable[..., Any]
 
@@ -117,7 +117,7 @@ class ProblemKernels:
     """Fields of the tables with a source axis: (k, n) or (n, n). Empty: a large object is never verified in part."""
 
 
-def kernels_of(tables: Any) -> ProblemKernels:
+def kernel_record(tables: Any) -> ProblemKernels:
     """The record of some tables, of their class, or of their Numba type."""
-    record: ProblemKernels = class_of(tables).kernels()
+    record: ProblemKernels = tuple_class(tables).kernels()
     return record

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, as_floats, kept_by_values
+from rootmatch.arrays import Bools, Floats, as_floats, cache_by_values
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
@@ -58,7 +58,7 @@ def parse_noise(
     return np.full(n, np.sqrt(sigma @ sigma / n_target)), sigma
 
 
-def thousandth(points: Floats) -> float:
+def pixel_equivalent(points: Floats) -> float:
     """A thousandth of the extent of points: as a pixel is of an image, in whatever unit they are given."""
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     return 1e-3 * extent if extent > 0.0 else 1.0
@@ -166,7 +166,7 @@ def mean_deviation(covariance: Floats) -> Floats:
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2) / covariance.shape[-1]))
 
 
-def with_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
+def add_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
     """Points whose detections have the noise of the model in theirs, as a search without a pose takes it.
 
     One number for all points, at a distance that is plausible: `FARTHER` times that at which the points of the model
@@ -185,13 +185,13 @@ def with_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
         target, sigma = points.target[rows], own[rows]
         if not len(target):
             continue
-        seen, spread, per_pixel = _seen_spread(one, np.ascontiguousarray(target[:, : one.dimension]))
+        seen, spread, per_pixel = _detection_spread(one, np.ascontiguousarray(target[:, : one.dimension]))
         total[np.flatnonzero(rows)[seen]] = np.hypot(sigma[seen], relative * spread / per_pixel)
     return replace(points, target_noise=total, noise_alone=own)
 
 
-@kept_by_values(32)
-def _seen_spread(camera: CameraModel, target: Floats) -> tuple[Bools, float, Floats]:
+@cache_by_values(32)
+def _detection_spread(camera: CameraModel, target: Floats) -> tuple[Bools, float, Floats]:
     """Of detections, which directions (m,) they have; the spread of these, and a pixel there (seen,), in radians.
 
     Every body of a frame, and every search for it, asks this of the same detections.

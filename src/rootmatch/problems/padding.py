@@ -13,18 +13,18 @@ import numpy as np
 from numba.extending import overload
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.jit.dispatch import class_of
-from rootmatch.problems.kernels import kernels_of
+from rootmatch.jit.dispatch import tuple_class
+from rootmatch.problems.kernels import kernel_record
 
 LANES = 8
 """Targets that are evaluated together: the doubles of the widest vector (AVX-512)."""
 
 
-def padded(tables: Any, targets: int) -> Any:
+def pad_tables(tables: Any, targets: int) -> Any:
     """Tables of n' = ``targets`` points with padding behind them; as they are where their record names no fields."""
-    if targets % LANES == 0 or not kernels_of(tables).target_fields:
+    if targets % LANES == 0 or not kernel_record(tables).target_fields:
         return tables
-    return with_targets(tables, padded_places(targets), targets)
+    return select_targets(tables, padded_places(targets), targets)
 
 
 def padded_places(targets: int) -> Integers:
@@ -32,17 +32,17 @@ def padded_places(targets: int) -> Integers:
     return np.minimum(np.arange(targets + -targets % LANES), targets - 1)
 
 
-def with_targets(tables: Any, chosen: Integers, targets: int) -> Any:
+def select_targets(tables: Any, chosen: Integers, targets: int) -> Any:
     """Tables of some of the n' = ``targets`` target points, one of them more than once if need be."""
-    return _with_points(tables, kernels_of(tables).target_fields, chosen, targets)
+    return _select_points(tables, kernel_record(tables).target_fields, chosen, targets)
 
 
-def with_sources(tables: Any, chosen: Integers, sources: int) -> Any:
+def select_sources(tables: Any, chosen: Integers, sources: int) -> Any:
     """Tables of some of the n = ``sources`` source points, whose record names the fields that have such an axis."""
-    return _with_points(tables, kernels_of(tables).source_fields, chosen, sources)
+    return _select_points(tables, kernel_record(tables).source_fields, chosen, sources)
 
 
-def _with_points(tables: Any, names: Sequence[str], chosen: Integers, points: int) -> Any:
+def _select_points(tables: Any, names: Sequence[str], chosen: Integers, points: int) -> Any:
     """Tables with some of so many points on each axis of these fields that has as many."""
     fewer = {}
     for name in names:
@@ -54,7 +54,7 @@ def _with_points(tables: Any, names: Sequence[str], chosen: Integers, points: in
     return tables._replace(**fewer)
 
 
-def padded_rows(rows: Floats, columns: int) -> Floats:
+def pad_rows(rows: Floats, columns: int) -> Floats:
     """An array (k, n') that repeats its last column up to ``columns``; itself where it has as many."""
     if rows.shape[1] == columns:
         return rows
@@ -66,20 +66,20 @@ def padded_rows(rows: Floats, columns: int) -> Floats:
 
 def target_columns(tables: Any, targets: int) -> int:
     """Targets of the tables, the padding behind them included."""
-    names = kernels_of(tables).target_fields
+    names = kernel_record(tables).target_fields
     return int(getattr(tables, names[0]).shape[1]) if names else targets
 
 
 @overload(target_columns)
 def _columns_overload(tables: Any, targets: Any) -> Callable[..., Any]:
-    names = kernels_of(tables).target_fields
+    names = kernel_record(tables).target_fields
     if not names:
 
         def as_given(tables: Any, targets: Any) -> Any:  # with the annotations of the overload, which Numba compares
             return targets
 
         return as_given
-    position = class_of(tables)._fields.index(names[0])
+    position = tuple_class(tables)._fields.index(names[0])
 
     def implementation(tables: Any, targets: Any) -> Any:
         return tables[position].shape[1]

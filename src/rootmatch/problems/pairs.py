@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.algebra.any_degree import last_entry_of, lesser_last_entry_of, singular_value_of
+from rootmatch.algebra.any_degree import make_last_entry_kernel, make_lesser_entry_kernel, make_singular_value_kernel
 from rootmatch.jit.decorators import kernel
 from rootmatch.problems.limits import MOST_PAIRS
 from rootmatch.problems.residual_kinds import QR, SVD, QRBoth
@@ -27,10 +27,14 @@ def pair_orders(minimal: int) -> tuple[tuple[int, ...], ...]:
 
 def comparisons(degree: int) -> dict[type, Any]:
     """Kernels that compare two polynomials of a degree, by the kind of residual; see `rootmatch.algebra.any_degree`."""
-    return {QR: last_entry_of(degree), QRBoth: lesser_last_entry_of(degree), SVD: singular_value_of(degree)}
+    return {
+        QR: make_last_entry_kernel(degree),
+        QRBoth: make_lesser_entry_kernel(degree),
+        SVD: make_singular_value_kernel(degree),
+    }
 
 
-def root_of(squared: Any) -> Any:
+def root_kernel(squared: Any) -> Any:
     """Edge kernel of a residual, from the one of its squares."""
 
     @kernel
@@ -40,7 +44,7 @@ def root_of(squared: Any) -> Any:
     return edge
 
 
-def edge_of_pairs(residual: Any, minimal: int) -> Any:
+def edge_kernel_of_pairs(residual: Any, minimal: int) -> Any:
     """Edge kernel: the greatest residual of the pairs that ``kind.pairs`` names.
 
     ``residual``: of one pair, the correspondences of the hyper-edge taken in an order of `pair_orders`. ``minimal``:
@@ -60,7 +64,7 @@ def edge_of_pairs(residual: Any, minimal: int) -> Any:
     return edge
 
 
-def slab_of_edges(edge: Any) -> Any:
+def slab_kernel_of_edges(edge: Any) -> Any:
     """Kernel ``(tables, kind, i, j, first, out)`` that fills a slab by an edge kernel, one hyper-edge after the other.
 
     For several pairs at once, which share nothing.
@@ -78,12 +82,12 @@ def slab_of_edges(edge: Any) -> Any:
     return fill
 
 
-def slab_of_rows(row: Any, edge: Any) -> Any:
+def slab_kernel_of_rows(row: Any, edge: Any) -> Any:
     """Slab kernel: of the first pair alone row by row, of others by the edge kernel.
 
     ``row``: residuals of the first pair, of the minimal set with source point ``last`` and every target point.
     """
-    several = slab_of_edges(edge)
+    several = slab_kernel_of_edges(edge)
 
     @kernel
     def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]

@@ -37,7 +37,7 @@ class PointSets:
     target_noise: Floats
     """(n,) and (n',) standard deviation of each coordinate, in the unit of its set. That of an exact source is not
     used. That of detections includes what ``source_covariance`` may add in the image
-    (`rootmatch.problems.noise.with_model_noise`); `detection_noise` does not."""
+    (`rootmatch.problems.noise.add_model_noise`); `detection_noise` does not."""
     normals: Floats | None = None
     """(n, 3) outward normals of the source points, zero where unknown."""
     view_cosine: Floats | None = None
@@ -182,7 +182,7 @@ class TwoViews(NamedTuple):
     """Whether the baseline is known to be across the common direction."""
 
 
-def known_normals(points: PointSets, rotation: Floats | None = None) -> Floats:
+def normals_with_cosines(points: PointSets, rotation: Floats | None = None) -> Floats:
     """Normals and least cosines (4, n) for the kernels, the normals rotated if asked; zero where none are known.
 
     The cosines are those of the view angle and `SLACK`: a minimal set knows the directions of normals that well.
@@ -212,7 +212,7 @@ def squared_distances(points: Floats) -> Floats:
     return squared
 
 
-def squared_distances_to(points: Floats, others: Floats) -> Floats:
+def pairwise_squared_distances(points: Floats, others: Floats) -> Floats:
     """(H, n, n') squared distances of points (H, n, k) from others (n', k), quick, about the centre of the others."""
     centre = others.mean(axis=0)
     first, second = points - centre, others - centre

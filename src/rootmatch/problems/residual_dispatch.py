@@ -17,9 +17,9 @@ from typing import Any
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.jit.decorators import kernel
-from rootmatch.jit.dispatch import calls, chooses, class_of
-from rootmatch.jit.float32 import serving
-from rootmatch.problems.kernels import ResidualKernels, kernels_of
+from rootmatch.jit.dispatch import call_by_types, choose_by_types, tuple_class
+from rootmatch.jit.float32 import kernel_for_tables
+from rootmatch.problems.kernels import ResidualKernels, kernel_record
 
 SCRATCH_ROWS = 32
 """Rows of the scratch array that every caller of a slab kernel provides."""
@@ -33,12 +33,12 @@ BLOCK_ROWS, BLOCK_COLUMNS = 60, 64
 
 def residual_kernels(tables: Any, kind: Any) -> ResidualKernels:
     """The kernels of tables and kind, both given as they are or as their Numba types."""
-    return kernels_of(tables).residuals[class_of(kind)]
+    return kernel_record(tables).residuals[tuple_class(kind)]
 
 
 def edge_residual(tables: Any, kind: Any, i: Any, j: Any) -> float:
     """Residual of one hyper-edge: source indices ``i`` and target indices ``j``, sequences of length d."""
-    return float(serving(tables, residual_kernels(tables, kind).edge)(tables, kind, i, j))
+    return float(kernel_for_tables(tables, residual_kernels(tables, kind).edge)(tables, kind, i, j))
 
 
 def fill_panel(tables: Any, kind: Any, i: Integers, j: Integers, panel: Floats) -> None:
@@ -49,7 +49,7 @@ def fill_panel(tables: Any, kind: Any, i: Integers, j: Integers, panel: Floats) 
     """
     fill = residual_kernels(tables, kind).panel
     if fill is not None:
-        serving(tables, fill)(tables, kind, i, j, panel)
+        kernel_for_tables(tables, fill)(tables, kind, i, j, panel)
 
 
 def slab_residual(
@@ -65,7 +65,7 @@ def slab_residual(
     SCRATCH_COLUMNS long. What depends on the minimal set alone is computed once: that is most of the work.
     """
     kernels = residual_kernels(tables, kind)
-    slab = serving(tables, kernels.slab)
+    slab = kernel_for_tables(tables, kernels.slab)
     if kernels.panel is not None:
         slab(tables, kind, i, j, first, panel, scratch, out)
     else:
@@ -98,9 +98,9 @@ def listed_residual(tables: Any, kind: Any, i: Any, j: Any, block: Floats, colum
     return edge_residual(tables, kind, i, j)
 
 
-@chooses(edge_residual)
+@choose_by_types(edge_residual)
 def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]:
-    function = serving(tables, residual_kernels(tables, kind).edge)
+    function = kernel_for_tables(tables, residual_kernels(tables, kind).edge)
 
     def implementation(tables: Any, kind: Any, i: Any, j: Any) -> Any:
         return function(tables, kind, i, j)
@@ -113,9 +113,9 @@ def _no_panel(tables, kind, i, j, panel):  # type: ignore[no-untyped-def]
     """Panel kernel that does nothing, for residuals that have none."""
 
 
-@chooses(fill_panel)
+@choose_by_types(fill_panel)
 def _panel_overload(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Callable[..., Any]:
-    function = serving(tables, residual_kernels(tables, kind).panel or _no_panel)
+    function = kernel_for_tables(tables, residual_kernels(tables, kind).panel or _no_panel)
 
     def implementation(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Any:
         function(tables, kind, i, j, panel)
@@ -128,21 +128,21 @@ def _no_block(tables, kind, source, target, first, last, block):  # type: ignore
     """Block kernel that does nothing, for residuals that are computed one hyper-edge at a time."""
 
 
-@calls(fill_block)
+@call_by_types(fill_block)
 def _fill_block_choice(
     tables: Any, kind: Any, source: Any, target: Any, first: Any, last: Any, block: Any
 ) -> Callable[..., Any]:
     return residual_kernels(tables, kind).fill or _no_block
 
 
-@calls(listed_residual)
+@call_by_types(listed_residual)
 def _listed_choice(tables: Any, kind: Any, i: Any, j: Any, block: Any, column: Any) -> Callable[..., Any]:
     kernels = residual_kernels(tables, kind)
-    return kernels.listed or _one_by_one(kernels.edge)
+    return kernels.listed or _make_listed_kernel(kernels.edge)
 
 
 @cache
-def _one_by_one(edge: Callable[..., Any]) -> Callable[..., Any]:
+def _make_listed_kernel(edge: Callable[..., Any]) -> Callable[..., Any]:
     """Kernel for one hyper-edge of a list, made from the edge kernel."""
 
     @kernel
@@ -152,12 +152,12 @@ def _one_by_one(edge: Callable[..., Any]) -> Callable[..., Any]:
     return listed  # type: ignore[no-any-return]
 
 
-@chooses(slab_residual)
+@choose_by_types(slab_residual)
 def _slab_overload(
     tables: Any, kind: Any, i: Any, j: Any, first: Any, panel: Any, scratch: Any, out: Any
 ) -> Callable[..., Any]:
     kernels = residual_kernels(tables, kind)
-    function = serving(tables, kernels.slab)
+    function = kernel_for_tables(tables, kernels.slab)
 
     def plain(tables: Any, kind: Any, i: Any, j: Any, first: Any, panel: Any, scratch: Any, out: Any) -> Any:
         function(tables, kind, i, j, first, scratch, out)
@@ -168,7 +168,7 @@ def _slab_overload(
     return plain if kernels.panel is None else with_panel
 
 
-@chooses(gives_squares)
+@choose_by_types(gives_squares)
 def _squares_overload(tables: Any, kind: Any) -> Callable[..., Any]:
     squares = residual_kernels(tables, kind).squares
 
@@ -188,6 +188,6 @@ def has_single(tables: Any, kind: Any) -> bool:
     return residual_kernels(tables, kind).single
 
 
-def kinds_of(tables: Any) -> tuple[type, ...]:
+def residual_kinds_of_tables(tables: Any) -> tuple[type, ...]:
     """The kinds of residual that tables, or a type of tables, have kernels for."""
-    return tuple(kernels_of(tables).residuals)
+    return tuple(kernel_record(tables).residuals)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel, check_camera
-from rootmatch.cameras.vertical import IN_BOTH_IMAGES, Vector, given_direction, rotation_to_vertical
+from rootmatch.cameras.vertical import IN_BOTH_IMAGES, Vector, check_direction, rotation_to_vertical
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets, TwoViews
 from rootmatch.problems.pose_fit.epipolar_lines import Views
@@ -43,8 +43,8 @@ class TwoImageProblem(Problem):
             check_camera(self.camera2, "camera2")
         self._take_dimensions(self.camera, self.camera2)
         self.__dict__.update(
-            axis=given_direction(self.axis, "axis", self.name, IN_BOTH_IMAGES),
-            axis2=given_direction(self.axis2, "axis2", self.name, IN_BOTH_IMAGES),
+            axis=check_direction(self.axis, "axis", self.name, IN_BOTH_IMAGES),
+            axis2=check_direction(self.axis2, "axis2", self.name, IN_BOTH_IMAGES),
         )
 
     @property

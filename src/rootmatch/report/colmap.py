@@ -14,7 +14,7 @@ from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.io import folder_written_whole
+from rootmatch.io import write_folder_atomically
 
 if TYPE_CHECKING:
     from rootmatch.result import Match
@@ -49,7 +49,7 @@ def write_colmap(
     InputError
         If an image has no pose, a camera none of COLMAP's models, or a file cannot be written.
     """
-    points, known = _points(images, ids)
+    points, known = _common_points(images, ids)
     shift = 0.5 if opencv_pixels else 0.0
     cameras: dict[CameraModel, int] = {}
     tracks: list[list[str]] = [[] for _ in known]
@@ -72,18 +72,18 @@ def write_colmap(
         lines.append(" ".join(f"{x!r} {y!r} {known[i] if i >= 0 else -1}" for (x, y), i in shown))
     rows = zip(known, points.tolist(), tracks, strict=True)
     texts = {
-        "cameras.txt": [f"{k} {_camera(camera, size, shift)}" for camera, k in cameras.items()],
+        "cameras.txt": [f"{k} {_camera_line(camera, size, shift)}" for camera, k in cameras.items()],
         "images.txt": lines,
         "points3D.txt": [
             " ".join([str(one), *map(repr, x), "255 255 255", "0" if track else "-1", *track]) for one, x, track in rows
         ],
     }
-    with folder_written_whole(Path(folder), force=True) as temporary:
+    with write_folder_atomically(Path(folder), force=True) as temporary:
         for file, content in texts.items():
             (temporary / file).write_text("\n".join(content) + "\n", encoding="utf-8")
 
 
-def _points(images: Mapping[str, Match], ids: ArrayLike | None) -> tuple[NDArray[np.float64], list[int]]:
+def _common_points(images: Mapping[str, Match], ids: ArrayLike | None) -> tuple[NDArray[np.float64], list[int]]:
     """Points in space and their ids, alike for all images."""
     if not images:
         raise InputError("images: none given; give a match for each name of an image")
@@ -101,7 +101,7 @@ def _points(images: Mapping[str, Match], ids: ArrayLike | None) -> tuple[NDArray
     return points, known.tolist()
 
 
-def _camera(camera: CameraModel, size: tuple[int, int] | None, shift: float) -> str:
+def _camera_line(camera: CameraModel, size: tuple[int, int] | None, shift: float) -> str:
     """A camera as COLMAP has it: model, width, height and parameters."""
     if not isinstance(camera, Camera):
         raise InputError(f"camera: {type(camera).__name__} given, which COLMAP does not have; give a Camera")

@@ -46,7 +46,7 @@ def draw_poses(
     known = [(pose, colours[k % len(colours)]) for k, pose in enumerate(poses) if pose is not None]
     if not known:
         return []
-    factor = _factor(target, [pose for pose, _ in known])
+    factor = _residual_factor(target, [pose for pose, _ in known])
     squares = []
     for pose, colour in known:
         predicted, detected = np.asarray(pose.predicted), target[match[pose.points]]
@@ -64,7 +64,7 @@ def draw_poses(
     ]
 
 
-def _factor(target: Floats, poses: Sequence[Pose]) -> float:
+def _residual_factor(target: Floats, poses: Sequence[Pose]) -> float:
     """The factor by which the longest residual is drawn as long as it may be."""
     longest = max(float(np.max(pose.residuals, initial=0.0)) for pose in poses)  # type: ignore[arg-type]
     extent = float(np.max(np.ptp(target, axis=0)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rootmatch.io import finite, pose_record
+from rootmatch.io import finite_or_none, pose_record
 
 if TYPE_CHECKING:
     from rootmatch.explain.diagnosis import Diagnosis, Trial
@@ -31,14 +31,14 @@ def match_record(match: Match) -> dict[str, Any]:
     others = match.alternative_poses if fits else [None] * len(match.alternatives)
     return {
         "assignment": match.assignment.tolist(),
-        "score": finite(match.score),
-        "margin": finite(match.margin),
-        "probability": finite(match.probability),
-        "log_odds": finite(match.log_odds),
-        "confidence": [finite(value) for value in match.confidence.tolist()],
+        "score": finite_or_none(match.score),
+        "margin": finite_or_none(match.margin),
+        "probability": finite_or_none(match.probability),
+        "log_odds": finite_or_none(match.log_odds),
+        "confidence": [finite_or_none(value) for value in match.confidence.tolist()],
         "motion_labels": match.motion_labels.tolist(),
         "alternatives": [
-            {"assignment": other.tolist(), "score": finite(score), "poses": _records(poses)}
+            {"assignment": other.tolist(), "score": finite_or_none(score), "poses": _pose_records(poses)}
             for (other, score), poses in zip(match.alternatives, others, strict=True)
         ],
         "status": match.status.name.lower(),
@@ -46,12 +46,12 @@ def match_record(match: Match) -> dict[str, Any]:
         "prior_holds": match.prior_holds,
         "converged": match.converged,
         "stopped_early": match.stopped_early,
-        "seconds": finite(match.seconds),
+        "seconds": finite_or_none(match.seconds),
         "evaluated": int(match.evaluated),
-        "noise": finite(match.noise) if isinstance(match.noise, int | float) else None,
-        "noise_factor": finite(match.noise_factor),
-        "point_error": finite(match.point_error),
-        "poses": _records(match.poses) if fits else None,
+        "noise": finite_or_none(match.noise) if isinstance(match.noise, int | float) else None,
+        "noise_factor": finite_or_none(match.noise_factor),
+        "point_error": finite_or_none(match.point_error),
+        "poses": _pose_records(match.poses) if fits else None,
         "other_poses": [{"pose": pose_record(pose), "probability": likely} for pose, likely in match.other_poses]
         if fits
         else None,
@@ -75,11 +75,11 @@ def _trial_record(trial: Trial) -> dict[str, Any]:
         "remedy": trial.remedy,
         "status": trial.status.name.lower(),
         "matched": trial.matched,
-        "log_odds": finite(trial.log_odds),
-        "probability": finite(trial.probability),
+        "log_odds": finite_or_none(trial.log_odds),
+        "probability": finite_or_none(trial.probability),
     }
 
 
-def _records(poses: Sequence[Pose | None] | None) -> list[dict[str, Any] | None] | None:
+def _pose_records(poses: Sequence[Pose | None] | None) -> list[dict[str, Any] | None] | None:
     """Records of poses, None if there are none."""
     return None if poses is None else [None if pose is None else pose_record(pose) for pose in poses]

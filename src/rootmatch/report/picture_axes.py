@@ -125,7 +125,7 @@ def view_near_camera(source: Floats, target: Floats, match: Integers, labels: In
     return float(np.rad2deg(elevation)), float(np.rad2deg(azimuth)), float(np.rad2deg(roll))
 
 
-def to_axes_plane(axes: Any, points: Floats) -> Floats:
+def project_to_axes(axes: Any, points: Floats) -> Floats:
     """Points in axes coordinates (n, 2): image points as they are, 3D points projected."""
     if points.shape[1] == 2:
         return points

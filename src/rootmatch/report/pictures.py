@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.errors import InputError
-from rootmatch.io import written_whole
+from rootmatch.io import write_atomically
 from rootmatch.report.drawn_poses import draw_poses
 from rootmatch.report.picture_axes import (
     DEFAULT_VIEW,
@@ -24,9 +24,9 @@ from rootmatch.report.picture_axes import (
     WIDTH,
     Layout,
     axes_frame,
+    project_to_axes,
     show_image,
     show_space,
-    to_axes_plane,
     view_near_camera,
 )
 from rootmatch.report.point_labels import draw_labels
@@ -58,7 +58,7 @@ def check_picture(path: Path) -> None:
 def save_figure(figure: Figure, path: Path) -> None:
     """Save a figure as PNG, SVG or PDF, by the suffix of ``path``, whole or not at all."""
     check_picture(path)
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         figure.savefig(temporary, format=path.suffix.lower()[1:], dpi=figure.dpi)
 
 
@@ -129,7 +129,7 @@ def match_figure(
     wrong = np.zeros(len(match), dtype=bool) if true is None else (match >= 0) & (match != true)
 
     in_space, to_space = source.shape[1] == 3, target.shape[1] == 3
-    picture = None if photo is None else _pixels(photo)
+    picture = None if photo is None else _read_photo(photo)
     frames = [None if in_space else axes_frame(source, None), None if to_space else axes_frame(target, picture)]
     layout = Layout.of(frames)
     figure = Figure(figsize=(WIDTH, layout.height), dpi=120)
@@ -160,8 +160,8 @@ def match_figure(
     figure.suptitle(title, fontsize=11, y=0.975)
 
     figure.draw_without_rendering()  # fixes the axes, and with them the projection of the 3D points
-    flat, flat_target = to_axes_plane(left, source), to_axes_plane(right, target)
-    groups = _groups(match, labels, wrong, motion_names)
+    flat, flat_target = project_to_axes(left, source), project_to_axes(right, target)
+    groups = _group_matches(match, labels, wrong, motion_names)
     for group in groups:
         ends = zip(flat[group.members].tolist(), flat_target[match[group.members]].tolist(), strict=True)
         style: dict[str, Any] = {"color": group.colour, "linestyle": group.line, "linewidth": 1.0, "alpha": 0.6}
@@ -191,7 +191,7 @@ def _check_shapes(source: Floats, target: Floats, match: Integers, labels: Integ
         raise InputError(f"picture: the assignment names target {match.max()}, but there are {len(target)}")
 
 
-def _pixels(photo: Path) -> Floats:
+def _read_photo(photo: Path) -> Floats:
     """The photograph (rows, columns[, 3])."""
     from matplotlib.image import imread
 
@@ -203,7 +203,7 @@ def _pixels(photo: Path) -> Floats:
 
 def check_photo(path: Path) -> None:
     """Refuse, before any work, a photograph that cannot be read."""
-    _pixels(path)
+    _read_photo(path)
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ class _Group:
         return Line2D([], [], linestyle=self.line, label=f"{self.name} ({len(self.members)})", **self.marker)
 
 
-def _groups(match: Integers, labels: Integers, wrong: Bools, names: Sequence[str] | None) -> list[_Group]:
+def _group_matches(match: Integers, labels: Integers, wrong: Bools, names: Sequence[str] | None) -> list[_Group]:
     """The matches of each motion and the wrong ones, without empty groups."""
     kinds = np.unique(labels[match >= 0])
     groups = [

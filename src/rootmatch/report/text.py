@@ -51,18 +51,18 @@ def match_residuals(match: Match) -> Floats:
     return residuals
 
 
-def weight(match: Match) -> str:
+def describe_weight(match: Match) -> str:
     """Evidence for a match: its score or, if no hyper-edge was evaluated, its log-odds against clutter."""
     if match.score is not None:
         return f"score {match.score:.4g}"
     return "no score" if match.log_odds is None else f"log-odds {match.log_odds:.4g}"
 
 
-def summary(match: Match) -> str:
+def summarise_match(match: Match) -> str:
     """One line: the number of matches, the score and the margin."""
     matched = int(np.sum(match.assignment >= 0))
-    figures = f"{matched} of {len(match.assignment)} matched, {weight(match)}, margin {match.margin:.2f}"
-    return figures if match.probability is None else f"{figures}, probability {_share(match.probability)}"
+    figures = f"{matched} of {len(match.assignment)} matched, {describe_weight(match)}, margin {match.margin:.2f}"
+    return figures if match.probability is None else f"{figures}, probability {_format_probability(match.probability)}"
 
 
 def print_match(
@@ -90,25 +90,27 @@ def print_match(
     """
     sources = point_names(source_names, match.soft_assignment.shape[0])
     targets = point_names(target_names, match.soft_assignment.shape[1])
-    console.print(_table(match, sources, targets, truth))
+    console.print(_match_table(match, sources, targets, truth))
     unmatched_sources = [sources[i] for i in np.flatnonzero(match.assignment < 0).tolist()]
     unmatched_targets = [targets[j] for j in np.setdiff1d(np.arange(len(targets)), match.assignment).tolist()]
     for side, unmatched in (("source", unmatched_sources), ("target", unmatched_targets)):
         if unmatched:
-            _print_line(console, f"unmatched {side} points: {joined_names(unmatched)}")
+            _print_line(console, f"unmatched {side} points: {join_names(unmatched)}")
     if truth is not None:
         _print_line(console, _compare_with_truth(match.assignment, truth))
-    _print_line(console, f"{summary(match)}; {match.evaluated:,} hyper-edges in {match.seconds:.3g} s")
+    _print_line(console, f"{summarise_match(match)}; {match.evaluated:,} hyper-edges in {match.seconds:.3g} s")
     if estimated:
         _print_line(console, f"noise: {match.noise:.3g} px, estimated")
     _print_line(console, match.advice)
     if match.status.name != "MATCHED":
         for rank, (other, score) in enumerate(match.alternatives[:ALTERNATIVES_SHOWN], start=1):
             known = "" if score is None else f", score {score:.4g}"
-            _print_line(console, f"  alternative {rank}{known}: {_difference(other, match, sources, targets)}")
+            _print_line(
+                console, f"  alternative {rank}{known}: {_alternative_difference(other, match, sources, targets)}"
+            )
 
 
-def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: Integers | None) -> Table:
+def _match_table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: Integers | None) -> Table:
     """The matched points: source, target, weight and, where they apply, confidence, motion and truth."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
@@ -126,7 +128,7 @@ def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: 
         *(["truth"] if truth is not None else []),
     ):
         # what a row is about is the last to be cut where the terminal is narrow
-        least = {"source": _widest(sources), "target": _widest(targets)}.get(name)
+        least = {"source": _name_width(sources), "target": _name_width(targets)}.get(name)
         table.add_column(name, justify="left" if name == "truth" else "right", min_width=least)
     weights = match_weights(match)
     confidence = match.confidence
@@ -135,7 +137,7 @@ def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: 
             continue
         cells = [Text(sources[i]), Text(targets[j]), Text(f"{weights[i]:.3f}")]
         if known:
-            cells.append(Text(_share(float(confidence[i]))))
+            cells.append(Text(_format_probability(float(confidence[i]))))
         if multi_motion:
             cells.append(Text(str(match.motion_labels[i])))
         if truth is not None:
@@ -145,7 +147,7 @@ def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: 
     return table
 
 
-def _widest(names: Sequence[str]) -> int:
+def _name_width(names: Sequence[str]) -> int:
     """Columns of a terminal that names get at least, however narrow it is."""
     return min(max(len(name) for name in names), NARROW)
 
@@ -157,16 +159,16 @@ def _compare_with_truth(assignment: Integers, truth: Integers) -> str:
     return f"truth: {right} of {int(np.sum(truth >= 0))} right, {wrong} wrong, {missed} missed"
 
 
-def _difference(other: Integers, match: Match, sources: Sequence[str], targets: Sequence[str]) -> str:
+def _alternative_difference(other: Integers, match: Match, sources: Sequence[str], targets: Sequence[str]) -> str:
     """Differences of an alternative from the assignment, as ``source→target``."""
     parts = [
         f"{sources[i]}→{targets[other[i]] if other[i] >= 0 else '–'}"
         for i in np.flatnonzero(other != match.assignment).tolist()
     ]
-    return joined_names(parts)
+    return join_names(parts)
 
 
-def joined_names(names: Sequence[str]) -> str:
+def join_names(names: Sequence[str]) -> str:
     """Names in one line, as many as `NAMES_SHOWN`; the rest are counted."""
     more = len(names) - NAMES_SHOWN
     return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
@@ -177,7 +179,7 @@ def _print_line(console: Console, text: str) -> None:
     console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
-def _share(probability: float) -> str:
+def _format_probability(probability: float) -> str:
     """A probability with as many digits as it takes to tell it from 1."""
     if np.isnan(probability):
         return "–"

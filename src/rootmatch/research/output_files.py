@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rootmatch.errors import InputError
-from rootmatch.io import written_whole
+from rootmatch.io import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,7 +64,7 @@ def write_files(folder: Path, files: Iterable[tuple[str, bytes]]) -> tuple[Path,
     """Write files as they come; one that is being replaced stays whole until the new one is."""
     written = []
     for name, content in files:
-        with written_whole(folder / name) as temporary:
+        with write_atomically(folder / name) as temporary:
             temporary.write_bytes(content)
         written.append(folder / name)
     return tuple(written)

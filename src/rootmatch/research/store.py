@@ -102,7 +102,7 @@ class Store:
         self.path = path
         make_folder(path.parent)
         # Transactions are begun and ended here by hand, not by the module.
-        with self._errors_explained():
+        with self._explain_errors():
             self._connection = sqlite3.connect(path, timeout=WAITS, isolation_level=None)
         try:
             self._open()
@@ -112,7 +112,7 @@ class Store:
 
     def _open(self) -> None:
         """Lay out a new file, or make sure that an old one is whole and of this layout."""
-        with self._errors_explained():
+        with self._explain_errors():
             # before anything is written: a database of somebody else is left as it is
             tables = self._connection.execute("SELECT 1 FROM sqlite_master").fetchone()
             (found,) = self._connection.execute("PRAGMA user_version").fetchone()
@@ -150,7 +150,7 @@ class Store:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        with self._errors_explained():
+        with self._explain_errors():
             self._connection.execute("BEGIN IMMEDIATE")
             try:
                 yield
@@ -161,7 +161,7 @@ class Store:
                 raise
 
     @contextmanager
-    def _errors_explained(self) -> Iterator[None]:
+    def _explain_errors(self) -> Iterator[None]:
         """Errors of SQLite as one line that says what to do."""
         try:
             yield
@@ -179,9 +179,9 @@ class Store:
                 f"{self.path}: damaged, or not a store of results ({error}); move it away, or name another folder"
             ) from None
 
-    def _fetched(self, query: str, values: tuple[object, ...] = ()) -> list[Any]:
+    def _fetch(self, query: str, values: tuple[object, ...] = ()) -> list[Any]:
         """The lines of a query."""
-        with self._errors_explained():
+        with self._explain_errors():
             return self._connection.execute(query, values).fetchall()
 
     def _id(self, table: str, columns: tuple[str, ...], values: tuple[object, ...]) -> int:
@@ -219,16 +219,16 @@ class Store:
     def done(self) -> dict[tuple[Setting, Method, int], set[int]]:
         """The sample sizes that are there, for each setting, method and seed."""
         there: dict[tuple[Setting, Method, int], set[int]] = {}
-        settings = {i: Setting(*rest) for i, *rest in self._fetched("SELECT * FROM settings")}
-        methods = {i: Method(*rest) for i, *rest in self._fetched("SELECT * FROM methods")}
-        for s, m, seed, samples in self._fetched("SELECT setting, method, seed, samples FROM results"):
+        settings = {i: Setting(*rest) for i, *rest in self._fetch("SELECT * FROM settings")}
+        methods = {i: Method(*rest) for i, *rest in self._fetch("SELECT * FROM methods")}
+        for s, m, seed, samples in self._fetch("SELECT setting, method, seed, samples FROM results"):
             there.setdefault((settings[s], methods[m], seed), set()).add(samples)
         return there
 
     def rows(self) -> list[tuple[object, ...]]:
         """All rows of the view ``rows``, in an order that does not depend on when they were written."""
         key = "problem, outliers, noise, baseline, motions, residual, solver, rho, seed, samples"
-        return self._fetched(f"SELECT * FROM rows ORDER BY {key}")
+        return self._fetch(f"SELECT * FROM rows ORDER BY {key}")
 
     def accuracies(self, setting: Setting, method: Method, seeds: range) -> dict[int, dict[int, float]]:
         """Accuracy by sample size and seed."""
@@ -239,15 +239,15 @@ class Store:
             WHERE problem = ? AND outliers = ? AND noise = ? AND baseline = ? AND motions = ?
               AND residual = ? AND solver = ? AND rho = ? AND seed >= ? AND seed < ? ORDER BY samples, seed"""
         values = (*astuple(setting), *astuple(method), seeds.start, seeds.stop)
-        for samples, seed, accuracy in self._fetched(query, values):
+        for samples, seed, accuracy in self._fetch(query, values):
             found.setdefault(samples, {})[seed] = accuracy
         return found
 
     def versions(self) -> list[str]:
         """The versions under which the rows were worked out."""
-        return [text for (text,) in self._fetched("SELECT text FROM versions ORDER BY id")]
+        return [text for (text,) in self._fetch("SELECT text FROM versions ORDER BY id")]
 
     def seconds(self) -> float:
         """Processor time spent on all the rows, over all runs."""
-        ((total,),) = self._fetched("SELECT COALESCE(SUM(seconds), 0) FROM work")
+        ((total,),) = self._fetch("SELECT COALESCE(SUM(seconds), 0) FROM work")
         return float(total)

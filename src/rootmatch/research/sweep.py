@@ -14,7 +14,7 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.backends.dask import IN_FLIGHT, connected, in_order
+from rootmatch.backends.dask import IN_FLIGHT, connect_client, results_in_order
 from rootmatch.backends.strongest import Progress
 from rootmatch.backends.worker_lifetime import pool
 from rootmatch.errors import InputError, RootmatchError
@@ -95,7 +95,7 @@ def run(
     """
     if not work:
         return
-    results = _on_cluster(work, scheduler, function) if scheduler else _here(work, jobs, function)
+    results = _run_on_cluster(work, scheduler, function) if scheduler else _run_here(work, jobs, function)
     done, total = 0, sum(unit.rows for unit in work)
     for rows, versions, seconds in results:
         store.add(rows, versions, seconds)
@@ -138,24 +138,26 @@ def check_jobs(jobs: int) -> None:
         raise InputError(f"jobs: {jobs} given; give a number of processes, or -1 for one per processor")
 
 
-def _timed(function: Evaluate, unit: Unit) -> Timed:
+def _run_timed(function: Evaluate, unit: Unit) -> Timed:
     start = time.process_time()
     rows = function(unit)
     return rows, versions_in_use(), time.process_time() - start
 
 
-def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Timed]:
+def _run_here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Timed]:
     check_jobs(jobs)
     processes = joblib.effective_n_jobs(jobs)
     if processes == 1:
-        yield from (_timed(function, unit) for unit in work)
+        yield from (_run_timed(function, unit) for unit in work)
         return
     with warnings.catch_warnings():
         # A worker that has grown by 300 MB, as the compiler makes it, is replaced once it is idle; nothing is lost.
         warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given to the executor")
         try:
             with pool(processes) as workers:
-                yield from (one.result() for one in as_completed({workers.submit(_timed, function, u) for u in work}))
+                yield from (
+                    one.result() for one in as_completed({workers.submit(_run_timed, function, u) for u in work})
+                )
         except BrokenProcessPool:
             raise RootmatchError(
                 "a worker process died, perhaps for lack of memory; finished work is kept: run the same command again, "
@@ -163,9 +165,9 @@ def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Timed]:
             ) from None
 
 
-def _on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterator[Timed]:
-    with connected(scheduler) as client:
+def _run_on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterator[Timed]:
+    with connect_client(scheduler) as client:
         ahead = IN_FLIGHT * sum(client.nthreads().values())
         # not pure: Dask would otherwise look the unit's result up by a hash of its input
-        submit = partial(client.submit, _timed, function, pure=False)
-        yield from (result for _, result in in_order(submit, iter(work), ahead, "a unit"))
+        submit = partial(client.submit, _run_timed, function, pure=False)
+        yield from (result for _, result in results_in_order(submit, iter(work), ahead, "a unit"))

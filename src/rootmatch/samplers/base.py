@@ -23,7 +23,7 @@ class SamplingTask:
     """What a sampler is given: the prepared points of a problem, and which correspondences are possible."""
 
     tables: Any
-    """Tables of `Problem.prepare`, noise included; source points are best in the order of `wide_first`."""
+    """Tables of `Problem.prepare`, noise included; source points are best in the order of `farthest_point_order`."""
     kind: residual_kinds.Kind
     """Kind of residual; its type selects the kernel."""
     affinity: Affinity

@@ -15,11 +15,11 @@ from rootmatch.deadline import Pace, checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
-from rootmatch.jit.threads import LONGEST, in_threads
+from rootmatch.jit.threads import LONGEST, run_in_threads
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion_kernels import Completions, can_complete
-from rootmatch.samplers.exhaustive import given_tensor
+from rootmatch.samplers.exhaustive import tensor_of_hyperedges
 from rootmatch.samplers.guided.minimal_sets import width
 
 SEARCHED = 0.6
@@ -88,7 +88,7 @@ class Completion:
         arrangements = enumeration.target_arrangements(shape[1], order - 1)
         checkpoint()
         images = arrangements.astype(np.int64)
-        tasks = self._tasks(tables, shape[0], order)
+        tasks = self._tasks_of_sets(tables, shape[0], order)
         results: list[tuple[Integers, int]] = [(np.empty((0, 2 * order), np.int64), 0)] * len(tasks)
 
         # so many images of a minimal set between two looks at the time and for signals
@@ -112,7 +112,7 @@ class Completion:
         threads = int(numba.get_num_threads())
         pace, done = Pace(deadline), 0
         while done < len(tasks) and (few := pace.block(min(AT_ONCE * threads, len(tasks) - done))):
-            in_threads(
+            run_in_threads(
                 lambda first, last, done=done: work(done + first, done + last),  # type: ignore[misc]
                 few, threads, 4, stopped=stopped,
             )  # fmt: skip
@@ -120,13 +120,13 @@ class Completion:
             if task.progress is not None:
                 task.progress(done, len(tasks))
         evaluated = sum(number for _, number in results)
-        found = _each_once(np.concatenate([rows for rows, _ in results]), shape)
+        found = _unique_hyperedges(np.concatenate([rows for rows, _ in results]), shape)
         source, target = np.ascontiguousarray(found[:, :order]), np.ascontiguousarray(found[:, order:])
-        tensor = given_tensor(task, source, target)
+        tensor = tensor_of_hyperedges(task, source, target)
         chance = max(1.0, float(tensor.weights.sum())) / max(task.hyperedge_count, 1.0)
         return SampledTensor(tensor, evaluated + len(found), 1.0, chance)
 
-    def _tasks(self, tables: Any, n: int, order: int) -> list[tuple[Integers, Integers]]:
+    def _tasks_of_sets(self, tables: Any, n: int, order: int) -> list[tuple[Integers, Integers]]:
         """Minimal sets of source points, each with the other points for which it is among the widest."""
         subsets = enumeration.subsets(n, order)
         bases = np.array(list(combinations(range(order), order - 1)), np.int64)
@@ -143,7 +143,7 @@ class Completion:
         return [(one, other[order_of[cuts[number] : cuts[number + 1]]]) for number, one in enumerate(sets)]
 
 
-def _each_once(found: Integers, shape: tuple[int, int]) -> Integers:
+def _unique_hyperedges(found: Integers, shape: tuple[int, int]) -> Integers:
     """Each hyper-edge (source, target: 2 d columns) once."""
     order = found.shape[1] // 2
     flat = (found[:, :order] * shape[1] + found[:, order:]).astype(np.int32)

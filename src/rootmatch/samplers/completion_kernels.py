@@ -8,16 +8,16 @@ import numpy as np
 
 from rootmatch.algebra.vector import tangent_basis
 from rootmatch.arrays import Bools, Integers
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, scalar
-from rootmatch.jit.dispatch import kernel_of
-from rootmatch.problems.kernels import STRIDE, CompletionKernels, kernels_of
-from rootmatch.problems.padding import padded
+from rootmatch.jit.dispatch import dispatch_to_kernel
+from rootmatch.problems.kernels import STRIDE, CompletionKernels, kernel_record
+from rootmatch.problems.padding import pad_tables
 
 
 def completion_kernels(tables: Any) -> CompletionKernels:
     """The kernels of some tables, of their class or of their Numba type, which must have them."""
-    kernels = kernels_of(tables).completion
+    kernels = kernel_record(tables).completion
     if kernels is None:
         raise TypeError(f"{tables}: no kernels for completion; ask can_complete() first")
     return kernels
@@ -25,10 +25,10 @@ def completion_kernels(tables: Any) -> CompletionKernels:
 
 def can_complete(tables: type) -> bool:
     """Whether a type of tables has the kernels for the completion of minimal sets."""
-    return kernels_of(tables).completion is not None
+    return kernel_record(tables).completion is not None
 
 
-predict_block = kernel_of(completion_kernels, "predict")
+predict_block = dispatch_to_kernel(completion_kernels, "predict")
 """Prediction of some points at one root; see `CompletionKernels`."""
 
 FIRST_ROOM = 4096
@@ -50,7 +50,7 @@ class Completions:
 
     def __init__(self, tables: Any, images: Integers, gate2: float, allowed: Bools) -> None:
         self.tables, self.images, self.gate2, self.allowed = tables, images, gate2, allowed
-        self.wide = padded(tables, tables.rays.shape[1])
+        self.wide = pad_tables(tables, tables.rays.shape[1])
         kernels = completion_kernels(tables)
         self.solutions, fields = kernels.solutions, kernels.fields
         self.rows = np.concatenate([getattr(tables, name) for name in fields])
@@ -68,10 +68,10 @@ class Completions:
             Minimal sets solved and points predicted.
         """
         step = STRIDE - len(base)
-        parts = [self._some(base, others[first : first + step]) for first in range(0, len(others), step)]
+        parts = [self._complete_some(base, others[first : first + step]) for first in range(0, len(others), step)]
         return np.concatenate([found for found, _ in parts]), sum(evaluated for _, evaluated in parts)
 
-    def _some(self, base: Integers, others: Integers) -> tuple[Integers, int]:
+    def _complete_some(self, base: Integers, others: Integers) -> tuple[Integers, int]:
         points = np.concatenate([base, others])
         self.flat[:, : len(points)] = self.rows[:, points]
         allowed = self.allowed[points] if self.allowed.size else self.allowed
@@ -90,7 +90,7 @@ class Completions:
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _complete(tables, flat, points, solutions, n_target, images, gate2, allowed, out, found):  # type: ignore[no-untyped-def]
     """Fill ``found`` with the completions of the set of the first m points; their number, and that of evaluations."""
-    tables, flat, images, allowed, out, found = borrowed((tables, flat, images, allowed, out, found))
+    tables, flat, images, allowed, out, found = borrow((tables, flat, images, allowed, out, found))
     m = images.shape[1]
     masked = allowed.shape[0] > 0
     rays, variance = tables.rays, tables.variance

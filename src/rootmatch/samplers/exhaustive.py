@@ -74,7 +74,7 @@ def exhaustive_tensor(
     return AffinityTensor.unchecked(indices, affinity.weights(residuals), shape), evaluated
 
 
-def given_tensor(task: SamplingTask, source: Integers, target: Integers) -> AffinityTensor:
+def tensor_of_hyperedges(task: SamplingTask, source: Integers, target: Integers) -> AffinityTensor:
     """Tensor of those of the given hyper-edges (E, d), (E, d) whose residual is below the gate, in their order."""
     residuals = cpu.residuals(task.tables, task.kind, source, target)
     keep = residuals <= task.affinity.gate

@@ -67,7 +67,7 @@ def random_tensor(
         if progress is not None:
             progress(done, samples)
         if done < samples and deadline.left() <= SECONDS_TO_MERGE * kept:
-            deadline.cuts(left_out=True)
+            deadline.record_cut(left_out=True)
             break
     indices = np.ascontiguousarray(np.concatenate([part[0] for part in parts]))
     weights = affinity.weights(np.concatenate([part[1] for part in parts]))

@@ -68,7 +68,7 @@ class Streams:
         return np.random.default_rng(self._children[ingredient])
 
 
-def points_of(streams: Streams, n: int, hidden: int, labels: Integers) -> tuple[Floats, Integers]:
+def draw_points(streams: Streams, n: int, hidden: int, labels: Integers) -> tuple[Floats, Integers]:
     """World points (n + hidden, 3), the hidden ones at random positions among the others, and their labels."""
     half = CUBE_SIDE / 2.0
     visible = streams["points"].uniform(-half, half, (n, 3))
@@ -81,14 +81,14 @@ def points_of(streams: Streams, n: int, hidden: int, labels: Integers) -> tuple[
     return points, motions
 
 
-def image_of(
+def draw_image(
     camera: CameraModel, points: Floats, motions: Integers, poses: tuple[Pose, ...], streams: Streams, *, counts: Counts
 ) -> tuple[Floats, Integers]:
     """Shuffled noisy image points (n', 2) of the visible points and the outliers, and the truth (n + hidden,)."""
     visible, outliers, noise = np.flatnonzero(motions >= 0), counts.outliers, counts.noise
     moved = np.stack([poses[motions[i]][0] @ points[i] + poses[motions[i]][1] for i in visible])
-    image = detected_at(camera, moved, noise * streams["noise"].standard_normal((len(visible), 2)))
-    clutter = clutter_in(camera, streams["outliers"], outliers)
+    image = detect_points(camera, moved, noise * streams["noise"].standard_normal((len(visible), 2)))
+    clutter = draw_clutter(camera, streams["outliers"], outliers)
     shift = noise * streams["outlier noise"].standard_normal((outliers, 2))
     clutter = clutter + shift if camera.dimension == 2 else clutter
     order = streams["order"].permutation(len(visible) + outliers)
@@ -97,7 +97,7 @@ def image_of(
     return np.concatenate([image, clutter])[order], truth
 
 
-def detected_at(camera: CameraModel, points: Floats, shift: Floats) -> Floats:
+def detect_points(camera: CameraModel, points: Floats, shift: Floats) -> Floats:
     """Detections of points (m, 3) of the camera frame, moved by some noise (m, 2)."""
     if not np.all(camera.sees(points)):
         raise InputError("camera: it does not see all points of the scene; give one with a field of view of 30°")
@@ -108,10 +108,10 @@ def detected_at(camera: CameraModel, points: Floats, shift: Floats) -> Floats:
     return camera.bearings(rays + (axes @ shift[..., None])[..., 0])
 
 
-def clutter_in(camera: CameraModel, rng: np.random.Generator, count: int) -> Floats:
+def draw_clutter(camera: CameraModel, rng: np.random.Generator, count: int) -> Floats:
     """Detections (count, 2 or 3) anywhere in the image."""
     if camera.dimension == 3:
-        return np.array([unit(rng) for _ in range(count)]).reshape(count, 3)
+        return np.array([random_direction(rng) for _ in range(count)]).reshape(count, 3)
     width, height = 2.0 * np.array([getattr(camera, "cx", WIDTH / 2.0), getattr(camera, "cy", HEIGHT / 2.0)])
     kept = np.empty((0, 2))
     for _ in range(TRIES):
@@ -140,13 +140,13 @@ def look_at_origin(centre: Floats, roll: float = 0.0) -> Pose:
     return R, -R @ centre
 
 
-def unit(rng: np.random.Generator) -> Floats:
+def random_direction(rng: np.random.Generator) -> Floats:
     """Unit vector uniform on the sphere."""
     v = rng.standard_normal(3)
     return np.asarray(v / np.linalg.norm(v))
 
 
-def horizontal(rng: np.random.Generator) -> Floats:
+def random_horizontal(rng: np.random.Generator) -> Floats:
     """Unit vector uniform on the circle y = 0."""
     angle = rng.uniform(0.0, 2.0 * np.pi)
     return np.array([np.cos(angle), 0.0, np.sin(angle)])

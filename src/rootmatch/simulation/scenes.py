@@ -18,13 +18,13 @@ from rootmatch.simulation.ingredients import (
     DOWN,
     Counts,
     Streams,
-    detected_at,
-    horizontal,
-    image_of,
+    detect_points,
+    draw_image,
+    draw_points,
     look_at_origin,
     paper_camera,
-    points_of,
-    unit,
+    random_direction,
+    random_horizontal,
 )
 
 if TYPE_CHECKING:
@@ -132,10 +132,10 @@ def p3p_scene(
     counts.check(motions)
     streams, camera = Streams(seed), camera or paper_camera()
     rng = streams["camera"]
-    pose = look_at_origin(CAMERA_RADIUS * unit(rng), roll=rng.uniform(0.0, 2.0 * np.pi))
+    pose = look_at_origin(CAMERA_RADIUS * random_direction(rng), roll=rng.uniform(0.0, 2.0 * np.pi))
     rng = streams["motions"]
-    moves = [(np.eye(3), np.zeros(3))] + [(random_rotation(rng), unit(rng)) for _ in range(motions - 1)]
-    return _absolute(P3P(camera), pose, moves, streams, counts)
+    moves = [(np.eye(3), np.zeros(3))] + [(random_rotation(rng), random_direction(rng)) for _ in range(motions - 1)]
+    return _make_absolute_scene(P3P(camera), pose, moves, streams, counts)
 
 
 def up2p_scene(
@@ -157,13 +157,13 @@ def up2p_scene(
     counts = Counts(n, outliers, noise, seed, hidden)
     counts.check(motions)
     streams, camera = Streams(seed), camera or paper_camera()
-    pose = look_at_origin(CAMERA_RADIUS * horizontal(streams["camera"]))
+    pose = look_at_origin(CAMERA_RADIUS * random_horizontal(streams["camera"]))
     rng = streams["motions"]
     moves = [(np.eye(3), np.zeros(3))]
     for _ in range(motions - 1):
         angle = rng.uniform(0.0, 2.0 * np.pi)
-        moves.append((rotation_about_y(np.cos(angle), np.sin(angle)), unit(rng)))
-    return _absolute(UP2P(camera, vertical_camera=DOWN, vertical_world=DOWN), pose, moves, streams, counts)
+        moves.append((rotation_about_y(np.cos(angle), np.sin(angle)), random_direction(rng)))
+    return _make_absolute_scene(UP2P(camera, vertical_camera=DOWN, vertical_world=DOWN), pose, moves, streams, counts)
 
 
 def three_plus_one_scene(
@@ -194,26 +194,26 @@ def three_plus_one_scene(
         raise InputError(f"baseline is {baseline!r}; expected a length between 0 and {limit:.2f}: give such a number")
     streams, camera = Streams(seed), camera or paper_camera()
     rng = streams["camera"]
-    centre = CAMERA_RADIUS * horizontal(rng)
-    centre2 = centre + baseline * horizontal(rng)
+    centre = CAMERA_RADIUS * random_horizontal(rng)
+    centre2 = centre + baseline * random_horizontal(rng)
     (R1, t1), (R2, t2) = look_at_origin(centre), look_at_origin(centre2)
-    world, motions = points_of(streams, n, hidden, np.zeros(n, dtype=np.int64))
+    world, motions = draw_points(streams, n, hidden, np.zeros(n, dtype=np.int64))
     points = world @ R1.T + t1
     relative = R2 @ R1.T, t2 - R2 @ R1.T @ t1
-    source = detected_at(camera, points, noise * streams["source noise"].standard_normal((n + hidden, 2)))
+    source = detect_points(camera, points, noise * streams["source noise"].standard_normal((n + hidden, 2)))
     problem = ThreePlusOne(camera, camera, axis=DOWN, axis2=DOWN)
-    return _scene(problem, points, motions, (relative,), streams, counts=counts, source=source)
+    return _make_scene(problem, points, motions, (relative,), streams, counts=counts, source=source)
 
 
-def _absolute(problem: P3P | UP2P, pose: Pose, moves: list[Pose], streams: Streams, counts: Counts) -> Scene:
+def _make_absolute_scene(problem: P3P | UP2P, pose: Pose, moves: list[Pose], streams: Streams, counts: Counts) -> Scene:
     """Scene of 3D points: each group moved by one of ``moves``, then imaged by the camera at ``pose``."""
-    points, motions = points_of(streams, counts.n, counts.hidden, np.arange(counts.n) * len(moves) // counts.n)
+    points, motions = draw_points(streams, counts.n, counts.hidden, np.arange(counts.n) * len(moves) // counts.n)
     R, t = pose
     poses = tuple((R @ rotation, R @ translation + t) for rotation, translation in moves)
-    return _scene(problem, points, motions, poses, streams, counts=counts)
+    return _make_scene(problem, points, motions, poses, streams, counts=counts)
 
 
-def _scene(
+def _make_scene(
     problem: P3P | UP2P | ThreePlusOne,
     points: Floats,
     motions: Integers,
@@ -225,7 +225,7 @@ def _scene(
 ) -> Scene:
     """Scene of the image of points by the problem's camera; ``source`` where that is the image of another one."""
     cameras = (problem.camera,) if source is None else (problem.camera, problem.camera)
-    target, truth = image_of(problem.camera, points, motions, poses, streams, counts=counts)
+    target, truth = draw_image(problem.camera, points, motions, poses, streams, counts=counts)
     return Scene(
         problem=problem,
         source=points if source is None else source,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 from rootmatch.solvers.base import Alternatives
 
 
@@ -51,7 +51,7 @@ def _best_changes(indices, weights, image, v, own, images, changes, free, moves,
     for i in range(n):
         for k in range(n_target):
             if image[i] >= 0 and free[k]:
-                count = _entered(changes, moves, count, v[i, k] - own[i], i * n_target + k)
+                count = _enter_move(changes, moves, count, v[i, k] - own[i], i * n_target + k)
     _add_pair_weights(indices, weights, image, n_target, pairs)
     for i in range(n):
         for j in range(n):
@@ -60,7 +60,7 @@ def _best_changes(indices, weights, image, v, own, images, changes, free, moves,
                 if image[j] >= 0:
                     change += v[i, image[j]]
                 change = change - own[i] - own[j] + pairs[i, j]
-                count = _entered(changes, moves, count, change, n * n_target + i * n + j)
+                count = _enter_move(changes, moves, count, change, n * n_target + i * n + j)
     for place in range(count):
         for i in range(n):
             images[place, i] = image[i]
@@ -73,8 +73,8 @@ def _best_changes(indices, weights, image, v, own, images, changes, free, moves,
     return count
 
 
-@internal()
-def _entered(changes, moves, count, change, move):  # type: ignore[no-untyped-def]
+@internal_function()
+def _enter_move(changes, moves, count, change, move):  # type: ignore[no-untyped-def]
     """Put a move in its place among the best so far, behind its equals; their number with it."""
     keep = changes.size
     if count == keep and not change > changes[keep - 1]:
@@ -87,7 +87,7 @@ def _entered(changes, moves, count, change, move):  # type: ignore[no-untyped-de
     return min(count + 1, keep)
 
 
-@internal()
+@internal_function()
 def _add_pair_weights(indices, weights, image, n_target, total):  # type: ignore[no-untyped-def]
     """Add P + Q of each pair of points (n, n): hyper-edges inside with both, and those with their targets exchanged."""
     order = indices.shape[1]

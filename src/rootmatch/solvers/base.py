@@ -10,7 +10,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 from rootmatch.hypergraph.assignment import margin
 from rootmatch.hypergraph.tensor import AffinityTensor
 
@@ -79,7 +79,7 @@ class Solver(Protocol):
         ...
 
 
-def solved(solver: Solver, tensor: AffinityTensor, seed: int, deadline: Deadline = NEVER) -> Solution:
+def solve_tensor(solver: Solver, tensor: AffinityTensor, seed: int, deadline: Deadline = NEVER) -> Solution:
     """The solution of a tensor, by the deadline if the solver can keep to one."""
     bounded: Any = solver
     try:
@@ -91,7 +91,9 @@ def solved(solver: Solver, tensor: AffinityTensor, seed: int, deadline: Deadline
     except OutOfTime:
         return replace(empty_solution(tensor), converged=False)
     if not isinstance(solution, Solution):
-        raise InputError(f"solver: {quoted(solver)} returned {type(solution).__name__}; a solver returns a Solution")
+        raise InputError(
+            f"solver: {quote_value(solver)} returned {type(solution).__name__}; a solver returns a Solution"
+        )
     return solution
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline
-from rootmatch.hypergraph.assignment import largest_total, one_hot
+from rootmatch.hypergraph.assignment import maximise_total, one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
@@ -108,7 +108,7 @@ class _Ascent:
         improved = False
         for b in range(self.blocks):
             slope = self.gradient(b)
-            assignment = largest_total(slope)  # min(n, n') points, without gain too
+            assignment = maximise_total(slope)  # min(n, n') points, without gain too
             x = one_hot(assignment, self.tensor.shape[1])
             if self.key[b] == b"" or float((slope * (x - self.x[b])).sum()) > least:
                 self.x[b], self.key[b] = x, assignment.tobytes()
@@ -150,7 +150,7 @@ class _Ascent:
             self.contractions += 1
         return self.cache[key]
 
-    def polarised(self, blocks: tuple[int, ...]) -> Floats:
+    def polarise(self, blocks: tuple[int, ...]) -> Floats:
         """F(·, blocks) of d−1 blocks."""
         count = self.order - 1
         if len({self.key[b] for b in blocks}) == 1:
@@ -166,7 +166,7 @@ class _Ascent:
         """Slope of F_α in block b."""
         others = [c for c in range(self.blocks) if c != b]
         parts = list(combinations(others, self.order - 1))
-        slope = np.sum([self.polarised(part) for part in parts], axis=0)
+        slope = np.sum([self.polarise(part) for part in parts], axis=0)
         # Odd order: the mean over the D sets of d blocks, of which those with b count here.
         slope = slope / (1 if self.order == self.blocks else self.blocks) + self.unary / self.blocks
         if self.alpha > 0:
@@ -180,7 +180,7 @@ class _Ascent:
         """F_α of all blocks."""
         x = self.x
         sets = list(combinations(range(self.blocks), self.order))
-        value = sum(float((self.polarised(part[1:]) * x[part[0]]).sum()) for part in sets) / len(sets)
+        value = sum(float((self.polarise(part[1:]) * x[part[0]]).sum()) for part in sets) / len(sets)
         value += sum(float((self.unary * y).sum()) for y in x) / self.blocks
         pairings = list(_pairings(list(range(1, self.blocks))))
         for partner, pairs in pairings:

@@ -70,7 +70,7 @@ class KLProjection(Options):
         matches = most if self.matches is None else min(self.matches, most)
         limit = deadline.affordable(self.iterations, SECONDS_PER_ENTRY * y.size)
         soft, change, rounds = project(y / y.max(), float(matches), limit, self.tolerance)
-        deadline.cuts(left_out=rounds < self.iterations and change > self.tolerance)
+        deadline.record_cut(left_out=rounds < self.iterations and change > self.tolerance)
         assignment = discretise(soft)
         return Solution(
             soft=soft,

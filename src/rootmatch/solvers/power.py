@@ -75,7 +75,7 @@ class PowerIteration:
         sparse = self.norm == "l1"
         axes = _normalised_axes(self.normalise, tensor.shape)
         ones = np.ones(tensor.shape)
-        start = _unit_lines(ones, ones, axes) if sparse else _unit(ones)
+        start = _normalise_lines(ones, ones, axes) if sparse else _normalise_matrix(ones)
         y = start
         change, done = np.inf, 0
         while done < self.iterations and change > self.tolerance and (done == 0 or not deadline.passed()):
@@ -84,10 +84,10 @@ class PowerIteration:
                 # Only directions matter; this keeps products of tiny weights from underflow.
                 v /= v.max() if v.max() > 0 else 1.0
             if sparse:
-                new = _unit_lines(y * v + self.bias * start, y, axes)
+                new = _normalise_lines(y * v + self.bias * start, y, axes)
                 change = np.abs(new * new - y * y).max()
             else:
-                new = _unit(v + self.bias * start, y)
+                new = _normalise_matrix(v + self.bias * start, y)
                 change = np.abs(new - y).max() / new.max()
             y = new
             done += 1
@@ -109,7 +109,7 @@ class PowerIteration:
         )
 
 
-def _unit(v: Floats, last: Floats | None = None) -> Floats:
+def _normalise_matrix(v: Floats, last: Floats | None = None) -> Floats:
     """Unit ℓ² norm; the last iterate when v is zero."""
     norm = np.linalg.norm(v)
     return v / norm if norm > 0 else (v if last is None else last)
@@ -125,7 +125,7 @@ def _normalised_axes(normalise: Normalise, shape: tuple[int, int]) -> tuple[int,
     return (1,) if n < n_target else (0,)
 
 
-def _unit_lines(y: Floats, last: Floats, axes: tuple[int, ...]) -> Floats:
+def _normalise_lines(y: Floats, last: Floats, axes: tuple[int, ...]) -> Floats:
     """Lines along these axes, one axis after another, of unit ℓ² norm; a line of zeros keeps its last values."""
     for axis in axes:
         # A line of tiny values must not be lost to the squares in its norm.

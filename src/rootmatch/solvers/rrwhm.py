@@ -9,7 +9,7 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import discretise
-from rootmatch.hypergraph.contraction import chunks_of
+from rootmatch.hypergraph.contraction import chunk_count
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import LONGEST
@@ -75,7 +75,7 @@ class ReweightedWalk(Options):
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
             return empty_solution(tensor)
-        x, done, change = self.walked(tensor, deadline)
+        x, done, change = self.run_walk(tensor, deadline)
         assignment = discretise(x)
         return Solution(
             soft=x,
@@ -87,7 +87,7 @@ class ReweightedWalk(Options):
             statistics={"change": change},
         )
 
-    def walked(self, tensor: AffinityTensor, deadline: Deadline = NEVER) -> tuple[Floats, int, float]:
+    def run_walk(self, tensor: AffinityTensor, deadline: Deadline = NEVER) -> tuple[Floats, int, float]:
         """End of the walk (n, n'), the number of steps, and the squared change of the last step."""
         x = np.full(tensor.shape, 1.0 / (tensor.shape[0] * tensor.shape[1]))
         if self._is_short(tensor, deadline):
@@ -100,39 +100,39 @@ class ReweightedWalk(Options):
                 np.empty(lines), np.empty(length),
             )  # fmt: skip
             return x, done, change
-        return self.walked_in_steps(tensor, x, deadline)
+        return self.run_walk_in_steps(tensor, x, deadline)
 
     def _is_short(self, tensor: AffinityTensor, deadline: Deadline) -> bool:
         """Whether the longest walk takes less than `LONGEST` and what is left until the deadline, on one thread."""
         entries = tensor.shape[0] * tensor.shape[1]
         each = SECONDS_PER_ENTRY * self.balancing * entries + SECONDS_PER_INDEX * tensor.indices.size
         in_time = self.iterations * each <= min(LONGEST, 0.5 * deadline.left())
-        return in_time and chunks_of(tensor.size, entries) == 1
+        return in_time and chunk_count(tensor.size, entries) == 1
 
-    def walked_in_steps(
+    def run_walk_in_steps(
         self, tensor: AffinityTensor, x: Floats, deadline: Deadline = NEVER
     ) -> tuple[Floats, int, float]:
         """As `walked`, from x (n, n'); it ends between two steps at the deadline or an interrupt."""
         change, done = np.inf, 0
         while done < self.iterations and change >= self.tolerance and (done == 0 or not deadline.passed()):
-            moved = self.stepped(tensor.contract(x).ravel(), x)
+            moved = self.walk_step(tensor.contract(x).ravel(), x)
             if moved is None:
                 break
             x, change, done = *moved, done + 1
         return x, done, change
 
-    def stepped(self, w: Floats, x: Floats) -> tuple[Floats, float] | None:
+    def walk_step(self, w: Floats, x: Floats) -> tuple[Floats, float] | None:
         """The next x (n, n'), by the contraction w (n n',) of this one, and the squared change; None if w is zero."""
         largest = w.max()
         if largest <= 0.0:
             return None
         jump = np.exp(self.inflation * (w / largest)).reshape(x.shape)
-        jump = balanced(jump, self.balancing, self.balanced_to, slack=self.slack)
+        jump = balance_matrix(jump, self.balancing, self.balanced_to, slack=self.slack)
         new = self.walk * (w / w.sum()).reshape(x.shape) + (1.0 - self.walk) * (jump / jump.sum())
         return new, float(((new - x) ** 2).sum())
 
 
-def balanced(y: Floats, steps: int, tolerance: float = 1e-4, *, slack: bool = True) -> Floats:
+def balance_matrix(y: Floats, steps: int, tolerance: float = 1e-4, *, slack: bool = True) -> Floats:
     """Positive matrix (n, n') scaled so that lines of the smaller set sum to 1 and those of the larger to at most 1.
 
     Without `slack` all lines of the larger set sum to the same, which is less than 1.

@@ -9,10 +9,10 @@ import numpy as np
 
 from rootmatch.hypergraph.contraction import scatter
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 
 
-@internal(error_model="numpy")
+@internal_function(error_model="numpy")
 def sinkhorn(y, row, column, with_slack, steps, tolerance):  # type: ignore[no-untyped-def]
     """Factors of rows and of columns that balance a matrix with n ≤ n', and whether they do so within the tolerance.
 

@@ -22,17 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import (
-    along_arc,
+    arc_motion,
     cross_matrix,
-    on_arc,
+    move_along_arc,
     one_rotation_matrix,
     rotation_from_vector,
     rotation_vector,
 )
 from rootmatch.arrays import Floats
-from rootmatch.model.compiled.averaging import average
+from rootmatch.model.compiled.averaging import average_along_lines
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import errors_by_source, evidence, squared_deviations
+from rootmatch.model.evidence import source_errors, squared_deviations, weigh_assignments
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import PoseDensity, Terms
 from rootmatch.model.priors import WRONG_MODEL
@@ -47,7 +47,7 @@ LEAST = 0.25
 """Least variance along the line, over that of the fit: the poses on it are no closer. By construction."""
 
 
-def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
+def average_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     """The pose of one of some modes, averaged over its changes, then along its weak directions, one after another.
 
     Parameters
@@ -61,24 +61,24 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     Pose
         Of the points as they were given, with its covariance, and with the errors that it has by those of the points.
     """
-    R, position, covariance = _over_changes(modes, k)
+    R, position, covariance = _average_over_changes(modes, k)
     distance = max(math.sqrt(position @ position), 1e-300)
-    lines = _weak(covariance, distance)
+    lines = _weak_directions(covariance, distance)
     if lines.shape[1]:
         about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
         prior = model.prior.for_kernels
         if model.exact_scene_for_kernels is None or prior is None:
-            R, position, covariance = _averaged(model, modes.assignments[k], about, lines)
+            R, position, covariance = _average(model, modes.assignments[k], about, lines)
         else:
             row = np.array(modes.assignments[k][None], np.int64)
-            average(row, np.array(lines), PLACES, model.exact_scene_for_kernels, prior, LEAST, about)
+            average_along_lines(row, np.array(lines), PLACES, model.exact_scene_for_kernels, prior, LEAST, about)
             R, position, covariance = about[0][0], about[1][0], about[2]
-    pose = model.pose_of(R, position, 0.5 * (covariance + covariance.T))
-    shared = errors_by_source(model, modes.assignments[k], pose)
+    pose = model.pose_of_origin(R, position, 0.5 * (covariance + covariance.T))
+    shared = source_errors(model, modes.assignments[k], pose)
     return pose if shared is None else SharedPose.of(pose, shared)
 
 
-def _over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]:
+def _average_over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]:
     """Rotation, position and covariance of a mode over all changes of its assignment, the first two moments of all."""
     R, position, covariance = modes.rotation[k], modes.position[k], modes.covariance[k]
     _, values, steps = modes.near[k]
@@ -91,7 +91,7 @@ def _over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]:
     return one_rotation_matrix(mean[:3]) @ R, position + mean[3:], covariance + spread
 
 
-def _averaged(
+def _average(
     model: DetectionModel, assignment: NDArray[np.int64], about: tuple[Floats, Floats, Floats], lines: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Rotation (3, 3), position (3,) and covariance (6, 6) of an average, from those of a fit, (1, …) but the last."""
@@ -99,12 +99,12 @@ def _averaged(
     known, mean = _About.of(model.prior, R, position), np.zeros(6)
     model = replace(model, prior=known)
     for line in lines.T:
-        moments = _along(model, assignment, known, mean + PLACES[:, None] * line, lines=lines)
+        moments = _project_along(model, assignment, known, mean + PLACES[:, None] * line, lines=lines)
         if moments is not None:
             mean, spread = moments
             covariance = covariance - np.outer(line, line) + spread + LEAST * np.outer(line, line)
-    moved = on_arc(mean[:3], mean[3:])
-    change = _referred(moved[None])[0]
+    moved = move_along_arc(mean[:3], mean[3:])
+    change = _refer_to(moved[None])[0]
     return one_rotation_matrix(mean[:3]) @ R, position + moved, change @ covariance @ change.T
 
 
@@ -130,21 +130,21 @@ class _About(PoseDensity):
     def components(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.components`."""
         vectors, moved = rotation_vector(rotation @ self.rotation.T), position - self.position
-        off, change = np.concatenate([vectors, along_arc(vectors, moved)], axis=1), _referred(-moved)
+        off, change = np.concatenate([vectors, arc_motion(vectors, moved)], axis=1), _refer_to(-moved)
         precision = change.swapaxes(1, 2) @ self.precision @ change
         slope = ((self.slope - off @ self.precision)[:, None] @ change)[:, 0]
         zero = np.zeros((len(off), 1))
         return Terms(precision[:, None], slope[:, None], zero, zero)
 
 
-def _referred(arms: Floats) -> Floats:
+def _refer_to(arms: Floats) -> Floats:
     """Matrices (K, 6, 6) of motions of a point to those of another, (K, 3) from it."""
     out = np.tile(np.eye(6), (len(arms), 1, 1))
     out[:, 3:, :3] = -cross_matrix(arms)
     return out
 
 
-def _weak(covariance: Floats, distance: float) -> Floats:
+def _weak_directions(covariance: Floats, distance: float) -> Floats:
     """Directions (6, w) in which a covariance is large, as long as its standard deviation there, the largest first."""
     variances = covariance.diagonal()
     if float(variances[:3].sum() + variances[3:].sum() / distance**2) < WEAK**2:
@@ -155,26 +155,26 @@ def _weak(covariance: Floats, distance: float) -> Floats:
     return np.asarray(np.sqrt(values[weak]) * unit[:, None] * vectors[:, weak])
 
 
-def _along(
+def _project_along(
     model: DetectionModel, assignment: NDArray[np.int64], known: _About, off: Floats, *, lines: Floats
 ) -> tuple[Floats, Floats] | None:
     """Mean (6,) and covariance (6, 6) of motions from a pose, by the posterior at some places (K, 6) on a line.
 
     ``lines`` (6, w): all weak directions.
     """
-    moved = on_arc(off[:, :3], off[:, 3:])
+    moved = move_along_arc(off[:, :3], off[:, 3:])
     rotation, places = rotation_from_vector(off[:, :3]) @ known.rotation, known.position + moved
     assignments = np.repeat(assignment[None], len(off), axis=0)
-    found = evidence(model, assignments, model.linearised(rotation, places))
+    found = weigh_assignments(model, assignments, model.linearise_about(rotation, places))
     # to the valley, but along none of its weak directions
     unit = np.repeat([1.0, known.position @ known.position], 3)
-    duals = _referred(-moved).swapaxes(1, 2) @ (lines / unit[:, None])
+    duals = _refer_to(-moved).swapaxes(1, 2) @ (lines / unit[:, None])
     push = found.covariance @ duals
     along = np.linalg.solve(duals.swapaxes(1, 2) @ push, (found.step[:, None] @ duals).swapaxes(1, 2))
     across = found.step - (push @ along)[..., 0]
     rotation, places = rotation_from_vector(across[:, :3]) @ rotation, places + across[:, 3:]
-    off = off + (_referred(-moved) @ across[..., None])[..., 0]
-    at = model.linearised(rotation, places)
+    off = off + (_refer_to(-moved) @ across[..., None])[..., 0]
+    at = model.linearise_about(rotation, places)
     value = -0.5 * squared_deviations(model, assignments, at) + off @ known.slope
     value -= 0.5 * ((off @ known.precision) * off).sum(axis=1)
     seen = model.visibility(at, np.zeros(len(off)))

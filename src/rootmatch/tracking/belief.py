@@ -17,34 +17,40 @@ import numpy as np
 from rootmatch.arrays import Floats
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
-from rootmatch.explain.image_decision import misfit_of
-from rootmatch.explain.rig_triples import search_meets
+from rootmatch.explain.image_decision import mode_misfit
+from rootmatch.explain.rig_triples import is_met_by_search
 from rootmatch.explain.rivals import DOUBT, Rivals
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.priors import IN_VIEW, PRESENT_ODDS, WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.rivals import EXISTS
-from rootmatch.tracking.averaged_pose import averaged_pose
-from rootmatch.tracking.followed_motion import after_motion
+from rootmatch.tracking.averaged_pose import average_pose
+from rootmatch.tracking.followed_motion import update_motion
 from rootmatch.tracking.followed_places import (
     ANYTHING,
     LOOKED_AT,
     GonePlaces,
     LastFrame,
-    chance_absent,
-    chance_of_copy,
-    log_absent,
-    log_back,
+    absence_chance,
+    copy_chance,
+    log_absence,
+    log_return,
     log_returned,
-    overlooked,
+    overlooked_chance,
 )
-from rootmatch.tracking.followed_pose import FollowedPose, Step, beside_misfits, moved_alike, of_places
-from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, after_frame, log_other_in_sight
+from rootmatch.tracking.followed_pose import (
+    FollowedPose,
+    Step,
+    pool_place_weights,
+    share_misfit_odds,
+    unify_alike_moves,
+)
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, log_other_presence, update_identity
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.two_states import log_chance
-from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes, weighed_modes
+from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes, weigh_modes
 
 MOST = 4
 """Largest number of poses followed at once, each for about a millisecond per frame. A round value."""
@@ -100,7 +106,7 @@ class Belief:
         """The filter of the most probable hypothesis."""
         return self.poses[0].filter
 
-    def returned(self, time: float) -> float:
+    def presence_after_return(self, time: float) -> float:
         """See `log_returned`; 0 if the body was seen in the last frame, or the caller says where it is now."""
         unseen = self.poses and all(one.filter.time < self.time < time for one in self.poses)
         return log_returned(time - self.time) if unseen else 0.0
@@ -143,7 +149,7 @@ class Belief:
         """Give up some hypotheses, and remember the share of the places that are not followed any more."""
         if all(kept):
             return
-        before, things = self.places, {one.place: chance_of_copy(one.alone) for one in self.poses}
+        before, things = self.places, {one.place: copy_chance(one.alone) for one in self.poses}
         self.poses = [one for one, keep in zip(self.poses, kept, strict=True) if keep]
         self.gone.add(before, self.places, things)
 
@@ -154,7 +160,7 @@ class Belief:
 
     def keep_best(self, time: float) -> None:
         """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
-        self.poses = [copied(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
+        self.poses = [copy_with(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
         self.gone, self.absent, self.time, self.given_up = GonePlaces(), DOUBT, time, None
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
@@ -170,13 +176,13 @@ class Belief:
         pose = filter_.predicted(filter_.time)
         if len(self.poses) < MOST and not any(one.filter.is_near(pose, filter_.time) for one in self.poses):
             log_weight = self.poses[0].log_weight + math.log(DOUBTED)
-            self.poses.append(copied(self.poses[0], filter=filter_, log_weight=log_weight))
+            self.poses.append(copy_with(self.poses[0], filter=filter_, log_weight=log_weight))
 
     def _add(self, filter_: MotionFilter, log_share: float) -> None:
         """Follow another pose, unless one like it is followed, or as many as are followed at once."""
         known = any(float((filter_.R * one.filter.R).sum()) > ALIKE for one in self.poses)
         if len(self.poses) < MOST and not known:
-            self.poses.append(copied(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
+            self.poses.append(copy_with(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
 
     def take(self, found: Finding, time: float, searched: bool = False) -> None:
         """Take in a frame's posterior: its modes continue the hypotheses about which they lie, or are new ones.
@@ -188,14 +194,14 @@ class Belief:
         if searched and not others:
             self.excluded = time
         if self.poses:  # were it not seen again where it is followed
-            self.absent = chance_absent(1.0, time - self.best.time)
+            self.absent = absence_chance(1.0, time - self.best.time)
 
     def _take(self, found: Finding, time: float) -> bool:
         """Take in a frame's posterior; whether it has something beside what is followed."""
         told, model = found.posterior, found.model
         if found.task.problem.takes_motion_prior:
             of_body = self.source, self.motion
-            every = after_motion(self.poses, found, time, of_body, self.given_up, weight=TEMPER)
+            every = update_motion(self.poses, found, time, of_body, self.given_up, weight=TEMPER)
             self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)
             self.poses = [one for one in every if one.log_other < GIVEN_UP]
         elif self.poses and (told is None or not len(told.probabilities)):
@@ -209,13 +215,13 @@ class Belief:
         log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
         first = int((origin >= 0).argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
-        weighed, self.most = weighed_modes(
+        weighed, self.most = weigh_modes(
             found, origin, log_shares, (first, often), poses=self.poses, most=self.most, time=time
         )
-        nothing = float(log_chance(np.array(told.clutter))) - self.returned(time)
+        nothing = float(log_chance(np.array(told.clutter))) - self.presence_after_return(time)
         go_on = weighed.steps(found, model, nothing, log_shares)
         own = (log_chance(shares) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
-        stay = [self._stays(k, often * nothing, go_on, own) for k in range(len(self.poses))]
+        stay = [self._keep_unmatched(k, often * nothing, go_on, own) for k in range(len(self.poses))]
         stay = [one for one in stay if one.origin not in {step.origin for step in go_on}]
         self._follow(found, weighed, sorted([*stay, *go_on], key=lambda one: -one.total), time)
         return weighed.others
@@ -230,26 +236,26 @@ class Belief:
         likely = [one for one, gap in zip(after, least, strict=True) if one.total > after[0].total + gap][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
         seen = [step for step in after if step.mode is not None and step.origin >= 0] != []
-        every = [self._after(step, found, modes, time, seen) for step in likely]
-        every = moved_alike(every, [step.mode for step in likely], model, modes)
+        every = [self._advance(step, found, modes, time, seen) for step in likely]
+        every = unify_alike_moves(every, [step.mode for step in likely], model, modes)
         self.given_up = next((one.filter for one in every if one.log_other >= GIVEN_UP), self.given_up)
         stands = origin[0] >= 0 or not weighed.is_shown or 0 in [step.mode for step in after]
         new = None if stands else (int(weighed.place[0]), float(weighed.weights[0] + weighed.shown[0]))
-        every = beside_misfits(every, new)
-        known, self.poses = bool(self.poses), of_places([one for one in every if one.log_other < GIVEN_UP])
+        every = share_misfit_odds(every, new)
+        known, self.poses = bool(self.poses), pool_place_weights([one for one in every if one.log_other < GIVEN_UP])
         share = np.exp([step.total - after[0].total for step in after])
         kept = np.array([step in likely for step in after], np.bool_)
         left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
-        if origin[0] < 0 and found.facts.missed > EXISTS and search_meets(found.task, model, modes.assignments[0]):
+        if origin[0] < 0 and found.facts.missed > EXISTS and is_met_by_search(found.task, model, modes.assignments[0]):
             left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
         self.unfollowed = max(left, self.unfollowed if known else 0.0)
-        if not known and len({one.place for one in self.poses if chance_of_copy(one.alone) >= LIKELY}) > 1:
+        if not known and len({one.place for one in self.poses if copy_chance(one.alone) >= LIKELY}) > 1:
             self.gone = GonePlaces()  # they are in view again
         if known and any(one.filter.time == time for one in self.poses):
             self.gone.fade(time - self.time)
         self.time = time
 
-    def _stays(self, k: int, more: float, go_on: Sequence[Step], log_shares: Sequence[float]) -> Step:
+    def _keep_unmatched(self, k: int, more: float, go_on: Sequence[Step], log_shares: Sequence[float]) -> Step:
         """A hypothesis that no mode continues; ``more``: what the frame adds to its log-weight, if it tells of it.
 
         It does not where what is followed elsewhere explains the frame as well if the body is hidden.
@@ -265,22 +271,22 @@ class Belief:
         if found.is_exchanged(mode):  # it was put in the place of another body, and did not come back
             return -PRESENT_ODDS
         if seen:
-            return log_back(self.poses[0], time)
+            return log_return(self.poses[0], time)
         before, since = (1.0, self.best.time) if self.poses else (self.absent, self.time)
         last, told = ANYTHING, found.posterior
         if self.room and told is not None and found.model is not None and mode < len(told.probabilities):
-            last = LastFrame(time - self.room[0], overlooked(found.model, told.modes, mode, self.room[1]))
-        return log_absent(before, time - since, time - self.excluded, last)
+            last = LastFrame(time - self.room[0], overlooked_chance(found.model, told.modes, mode, self.room[1]))
+        return log_absence(before, time - since, time - self.excluded, last)
 
-    def _after(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
+    def _advance(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
         """The hypothesis that a step leads to; ``seen``: whether the body is where it is followed."""
         model = found.model
         assert model is not None
         if step.mode is None:
-            return copied(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
-        pose = averaged_pose(model, modes, step.mode)
+            return copy_with(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
+        pose = average_pose(model, modes, step.mode)
         if step.origin < 0:
-            log_other = FLOOR if self.given_up is None else log_other_in_sight(self.given_up, pose, time)
+            log_other = FLOOR if self.given_up is None else log_other_presence(self.given_up, pose, time)
             moving = MotionFilter(self.source, pose, time, self.motion)
             exchanged = found.is_exchanged(step.mode)
             if exchanged and (there := next((one for one in self.others if one.is_near(pose, time)), None)):
@@ -295,9 +301,9 @@ class Belief:
         if step.mode == found.mode and (factor := found.noise_factor) is not None:
             misfit = Misfit(factor**2, factor, found.noise_dof, found.alike)
         else:
-            misfit = misfit_of(model, modes, step.mode)
-        log_other = after_frame(last.log_other, misfit, TEMPER, len(model.images) > 1)
-        return copied(
+            misfit = mode_misfit(model, modes, step.mode)
+        log_other = update_identity(last.log_other, misfit, TEMPER, len(model.images) > 1)
+        return copy_with(
             last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
             alone=step.alone,
         )  # fmt: skip

@@ -6,12 +6,12 @@ import math
 from typing import NamedTuple
 
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.point_set_decision import pose_alone
+from rootmatch.explain.point_set_decision import matches_pose
 from rootmatch.model.priors import COPY, probability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
-from rootmatch.tracking.followed_places import chance_returned, log_back, share_unseen
-from rootmatch.tracking.mistaken_identity import log_other_in_sight
+from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen
+from rootmatch.tracking.mistaken_identity import log_other_presence
 
 
 class Certainty(NamedTuple):
@@ -22,16 +22,16 @@ class Certainty(NamedTuple):
     """What most of the doubt is about."""
 
 
-def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
+def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
     """How certain it is that what holds in a frame is the body, and that no pose was left out."""
     holds, told = bool(found.prior_holds) and bool(belief.poses), found.posterior
-    absent = log_back(belief.poses[0], time) if holds else belief.log_absent(found, found.mode, time, seen=False)
+    absent = log_return(belief.poses[0], time) if holds else belief.log_absent(found, found.mode, time, seen=False)
     sure = {
         "it may be in a place in which it was followed before": 1.0 - belief.gone.share,
         "it may be another one that looks like it and came into view": probability(-math.log(COPY) - absent),
     }
     if belief.poses:  # where it was followed, or as a jump from there
-        returned = chance_returned(1.0 if told is None else told.clutter, belief.returned(time))
+        returned = return_factor(1.0 if told is None else told.clutter, belief.presence_after_return(time))
         sure["it was not in view a moment ago, and little shows it now"] = returned
     if holds:
         unseen = share_unseen(found, belief.poses, belief.places) if len(belief.poses) > 1 else 0.0
@@ -43,11 +43,11 @@ def certainty_of(belief: Belief, found: Finding, time: float) -> Certainty:
             ),
         }
     elif belief.given_up is not None and (pose := found.pose or _pose_in_space(found)) is not None:
-        other = log_other_in_sight(belief.given_up, pose, time, in_space=found.labellings is not None)
+        other = log_other_presence(belief.given_up, pose, time, in_space=found.labellings is not None)
         sure["what was followed in its line of sight a moment ago did not fit"] = probability(-other)
     return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))
 
 
 def _pose_in_space(found: Finding) -> Pose | None:
     """The pose of a finding of two point sets, which has none of its own where no prediction holds."""
-    return None if found.labellings is None else pose_alone(found)
+    return None if found.labellings is None else matches_pose(found)

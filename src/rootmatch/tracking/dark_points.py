@@ -15,9 +15,9 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats
 from rootmatch.explain.finding import Finding
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.tracking.followed_places import chance_returned
+from rootmatch.tracking.followed_places import return_factor
 from rootmatch.tracking.foreign_lights import LIT, ForeignLights, missed, rates
-from rootmatch.tracking.two_states import chance_later
+from rootmatch.tracking.two_states import later_chance
 
 LASTS = 0.25
 """Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
@@ -40,7 +40,7 @@ class DarkPoints:
         if self.lit is None:
             return None
         if self._ahead is None or self._ahead[0] != time:  # asked for as a frame is weighed and as it is learned from
-            self._ahead = time, chance_later(self.lit, LIT, time - self.time, LASTS)
+            self._ahead = time, later_chance(self.lit, LIT, time - self.time, LASTS)
         return self._ahead[1]
 
     @property
@@ -58,7 +58,7 @@ class DarkPoints:
         sure, chance = found.confidence, found.probability
         if lit is None or sure is None or chance is None or not matched.any() or len(lit) != len(matched):
             return found
-        whole, local = _given_pose(sure, matched)
+        whole, local = _match_credibility(sure, matched)
         dark = (1.0 - local) * missed(found, lit)
         told = local * lit / np.maximum(local * lit + dark, 1e-300)
         told = np.minimum(told, self.foreign.most(found, lit, time))[matched]
@@ -67,7 +67,7 @@ class DarkPoints:
             return found
         confidence = sure.copy()
         confidence[matched] = whole * told
-        return found.doubted(chance * less, confidence)
+        return found.lower_probability(chance * less, confidence)
 
     def take(self, found: Finding, time: float, log_back: float = 0.0) -> None:
         """Learn from a frame, if the body is more probably in it than not; ``log_back``: see `Belief.returned`.
@@ -77,7 +77,7 @@ class DarkPoints:
         told, sure = found.posterior, found.confidence
         if told is None or sure is None or not len(told.probabilities):
             return
-        present = chance_returned(told.clutter, log_back)
+        present = return_factor(told.clutter, log_back)
         if (1.0 - told.clutter) * present < 0.5:
             return
         before, matched = self.at(time), found.assignment >= 0
@@ -87,11 +87,11 @@ class DarkPoints:
         self.lit = np.where(rates(found) < FACING, before, chance + (1.0 - chance) * before / missed(found, before))
         if log_back < 0.0:
             self.foreign.since = time
-        self.foreign.take(found, present * _given_pose(sure, matched)[1], before, time)
+        self.foreign.take(found, present * _match_credibility(sure, matched)[1], before, time)
         self.time, self._ahead = time, None
 
 
-def _given_pose(confidence: Floats, matched: Bools) -> tuple[float, Floats]:
+def _match_credibility(confidence: Floats, matched: Bools) -> tuple[float, Floats]:
     """Probability that the pose is right, and of each match (n,) given that it is."""
     whole = max(float(confidence[matched].max(initial=0.0)), 1e-300)
     return whole, np.minimum(confidence / whole, 1.0)

@@ -11,12 +11,12 @@ import numpy as np
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import KEPT
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.model.pose_density import LEAST
-from rootmatch.model.posterior import Others, without_doubtful
+from rootmatch.model.posterior import Others, drop_doubtful_matches
 
 
-def sure_of_the_rest(found: Finding, weighed: Finding) -> Finding:
+def drop_doubtful(found: Finding, weighed: Finding) -> Finding:
     """What was found without the matches that are doubtful, if it is trusted then; else as it was weighed.
 
     Parameters
@@ -33,11 +33,11 @@ def sure_of_the_rest(found: Finding, weighed: Finding) -> Finding:
     pose = float(confidence[matched].max(initial=0.0))
     if pose < least:
         return weighed
-    believed = without_doubtful(found.assignment, confidence, pose, least, pose=pose)
+    believed = drop_doubtful_matches(found.assignment, confidence, pose, least, pose=pose)
     kept, every = believed.assignment >= 0, np.count_nonzero(told.modes.assignments[found.mode] >= 0)
     if np.count_nonzero(kept) < LEAST or believed.known < KEPT * every:
         return weighed
-    return copied(
+    return copy_with(
         found.with_facts(probability=believed.probability),
         assignment=believed.assignment,
         confidence=np.where(matched & ~kept, 1.0 - confidence, confidence),

@@ -15,7 +15,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats
 from rootmatch.explain.body_labels import BodyLabels, Label
-from rootmatch.explain.likeness import laid_onto, likenesses
+from rootmatch.explain.likeness import align_points, likenesses
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.tracking.followed_body import FollowedBody
 
@@ -29,7 +29,7 @@ class Likeness(NamedTuple):
     shift: Floats
 
 
-def likenesses_of(labels: BodyLabels, points: Floats, identical: Sequence[Sequence[Label]]) -> list[Likeness]:
+def family_likenesses(labels: BodyLabels, points: Floats, identical: Sequence[Sequence[Label]]) -> list[Likeness]:
     """The motions between bodies of a family, of all points (n, 3); the names of identical ones are a convention."""
     of = {name: points[labels.points_of(k)] for k, name in enumerate(labels.names)}
     found = []
@@ -38,7 +38,7 @@ def likenesses_of(labels: BodyLabels, points: Floats, identical: Sequence[Sequen
             continue
         for image in likenesses(of[label], of[other]):
             own = np.flatnonzero(image >= 0)
-            laid = laid_onto(of[label][own], of[other][image[own]], body_radius(of[other]))
+            laid = align_points(of[label][own], of[other][image[own]], body_radius(of[other]))
             if laid is not None:
                 found.append(Likeness(label, other, *laid[:2]))
     return found

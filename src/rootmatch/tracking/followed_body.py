@@ -11,21 +11,21 @@ from rootmatch.arrays import Floats
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_hypotheses import is_enough
-from rootmatch.explain.rig_triples import search_meets
+from rootmatch.explain.image_hypotheses import is_search_needless
+from rootmatch.explain.rig_triples import is_met_by_search
 from rootmatch.explain.rivals import DOUBT, Rivals
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.model.priors import PRESENT, WRONG_MODEL
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
-from rootmatch.tracking.certainty import Certainty, certainty_of
+from rootmatch.tracking.certainty import Certainty, pose_certainty
 from rootmatch.tracking.dark_points import DarkPoints
-from rootmatch.tracking.doubtful_matches import sure_of_the_rest
+from rootmatch.tracking.doubtful_matches import drop_doubtful
 from rootmatch.tracking.followed_places import RETURN
 from rootmatch.tracking.mistaken_identity import FLOOR
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
-from rootmatch.tracking.two_states import chance_later
+from rootmatch.tracking.two_states import later_chance
 
 LONGEST = 8
 """Times `TrackingOptions.search_every` that may lie between two searches for a followed body. A round value: bodies are
@@ -186,7 +186,7 @@ class FollowedBody:
         if self.presence is None or self.belief:
             return None
         chance, then = self.presence
-        return chance_later(chance, PRESENT, time - then, RETURN)
+        return later_chance(chance, PRESENT, time - then, RETURN)
 
     def is_due(self, frame: int) -> bool:
         """Whether to search again for a body that is not followed: soon at first, since each frame shows other points.
@@ -196,7 +196,7 @@ class FollowedBody:
         wait = min(1 << min(self.failures - 1, 30), MISSING) if self.failures else 0
         return frame - self.searched >= wait
 
-    def wants_search(self, found: Finding, frame: int, free: int = 0) -> bool:
+    def needs_search(self, found: Finding, frame: int, free: int = 0) -> bool:
         """Whether to search for the body in a frame, judged by the finding about its predicted poses.
 
         ``free``: detections that no other body has for certain, of several.
@@ -206,18 +206,18 @@ class FollowedBody:
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return shown or free >= max(self.options.present * self.own, found.task.minimal + 1)
-        appeared = self.appeared(found)
+        appeared = self.has_new_detections(found)
         if appeared and not self.beside:  # another one like it: nobody looked
             return True
         interval = self.options.search_every if appeared else self._interval
         return frame - self.searched >= interval and not _is_enough(found)
 
-    def appeared(self, found: Finding) -> bool:
+    def has_new_detections(self, found: Finding) -> bool:
         """Whether more is left beside a body that holds than at the last search: that is searched by itself."""
         holds = bool(self.belief) and found.status is not Status.UNTRUSTED
-        return holds and _left(found) - self.left > found.task.minimal
+        return holds and _unused_count(found) - self.left > found.task.minimal
 
-    def share_of_search(self, found: Finding) -> float:
+    def search_share(self, found: Finding) -> float:
         """Share of `TrackingOptions.search_budget` for a search: what a frame shows where it is expected can wait."""
         return DOUBTED if self.belief and found.status is Status.MATCHED else 1.0
 
@@ -226,12 +226,12 @@ class FollowedBody:
         """Frames between searches for poses that may explain more; it doubles with each that found none."""
         return self.options.search_every * min(1 << min(self.agreements, 30), LONGEST)
 
-    def wants_search_of_several(self, found: Finding, frame: int, free: int = 0) -> bool:
+    def needs_joint_search(self, found: Finding, frame: int, free: int = 0) -> bool:
         """Whether a search for the body is due among those for several bodies."""
         if found.status is Status.UNTRUSTED:
-            return self.is_due(frame) and self.wants_search(found, frame, free)
+            return self.is_due(frame) and self.needs_search(found, frame, free)
         known = self.settled and _is_enough(found, of_several=True)
-        return not known and self.wants_search(found, frame)
+        return not known and self.needs_search(found, frame)
 
     def checked(self, found: Finding, time: float, frame: int, searched: bool) -> Finding:
         """What was found in a frame: ambiguous if a pose elsewhere could explain more, and no search has excluded it.
@@ -242,21 +242,21 @@ class FollowedBody:
         weighed = self.dark.weighed(found, time) if self.belief and found.prior_holds else found
         certain, why = Certainty(1.0, "")
         if found.status is Status.MATCHED:
-            certain, why = certainty_of(self.belief, weighed, time)
+            certain, why = pose_certainty(self.belief, weighed, time)
         sure, least = weighed.confidence, found.facts.min_probability
         surest = 0.0 if sure is None else float(sure[weighed.assignment >= 0].max(initial=0.0))
         doubted = certain < least or surest * certain < least <= surest
-        whole = weighed.less_certain(certain) if certain < 1.0 - WRONG_MODEL else weighed
-        rest = whole if doubted else sure_of_the_rest(found, whole)
+        whole = weighed.scale_probability(certain) if certain < 1.0 - WRONG_MODEL else weighed
+        rest = whole if doubted else drop_doubtful(found, whole)
         matched = (weighed if doubted else rest).status is Status.MATCHED
         if searched:
             agrees = matched and found.prior_holds
-            if self.beside or not (agrees and self.appeared(found)):  # else it was among what is left alone
+            if self.beside or not (agrees and self.has_new_detections(found)):  # else it was among what is left alone
                 self.agreements = self.agreements + 1 if agrees else 0
             self.failures = 0 if matched else self.failures + 1
             # a search for the body itself ends with it, whatever else there is
-            self.searched, self.beside = frame, bool(self.belief) or _left(found) <= found.task.minimal
-            self.left = _left(found) if self.beside else 0
+            self.searched, self.beside = frame, bool(self.belief) or _unused_count(found) <= found.task.minimal
+            self.left = _unused_count(found) if self.beside else 0
         told = bool(found.prior_holds) and not self.belief  # by the caller
         if found.status is not Status.UNTRUSTED:
             self.excluded |= searched
@@ -269,11 +269,11 @@ class FollowedBody:
         if self.confirmed and not unsure and not doubted:
             return rest
         reason = f"this frame fits, but by those before {why}" if doubted else UNCERTAIN if unsure else UNSEARCHED
-        return copied(rest.with_facts(contested=True, sure_of_the_rest=False), reason=reason)
+        return copy_with(rest.with_facts(contested=True, sure_of_the_rest=False), reason=reason)
 
     def acquit(self) -> None:
         """Forget that what is followed did not fit: the noise was larger than it was taken to be."""
-        self.belief.poses = [copied(one, log_other=FLOOR) for one in self.belief.poses]
+        self.belief.poses = [copy_with(one, log_other=FLOOR) for one in self.belief.poses]
         self.belief.given_up = None
 
     def take(self, found: Finding, time: float, frame: int, searched: bool) -> None:
@@ -282,7 +282,7 @@ class FollowedBody:
         From time to time, poses that look the same are followed beside the best one.
         """
         if self.belief:
-            self.dark.take(found, time, self.belief.returned(time))
+            self.dark.take(found, time, self.belief.presence_after_return(time))
         self.belief.take(found, time, searched)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:
@@ -310,7 +310,7 @@ class FollowedBody:
             self.belief.add_turned(self.symmetries)
 
 
-def _left(found: Finding) -> int:
+def _unused_count(found: Finding) -> int:
     """Number of detections that a finding does not explain."""
     return found.task.shape[1] - int((found.assignment >= 0).sum())
 
@@ -319,13 +319,13 @@ def _is_met(found: Finding) -> bool:
     """Whether a search would have met other poses of as many matches; two point sets need none."""
     if found.task.problem.takes_motion_prior or found.model is None:
         return True
-    return search_meets(found.task, found.model, found.assignment)
+    return is_met_by_search(found.task, found.model, found.assignment)
 
 
 def _is_enough(found: Finding, of_several: bool = False) -> bool:
-    """Whether no pose elsewhere could explain more than what was found; see `is_enough`."""
+    """Whether no pose elsewhere could explain more than what was found; see `is_search_needless`."""
     if found.task.problem.takes_motion_prior:
         return True  # two point sets: every motion was weighed
     assert found.model is not None
     assert found.posterior is not None
-    return is_enough(found.model, found.posterior, found.task.minimal, of_several=of_several)
+    return is_search_needless(found.model, found.posterior, found.task.minimal, of_several=of_several)

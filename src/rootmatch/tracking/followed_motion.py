@@ -6,10 +6,10 @@ from rootmatch.arrays import Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
-from rootmatch.explain.point_set_decision import pose_alone
-from rootmatch.frozen import copied
+from rootmatch.explain.point_set_decision import matches_pose
+from rootmatch.frozen import copy_with
 from rootmatch.tracking.followed_pose import FollowedPose
-from rootmatch.tracking.mistaken_identity import FLOOR, after_frame, log_other_in_sight
+from rootmatch.tracking.mistaken_identity import FLOOR, log_other_presence, update_identity
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
 SURE = 2.0 * FLOOR
@@ -17,7 +17,7 @@ SURE = 2.0 * FLOOR
 comes to be where points of space are predicted, to the noise, and a marker may be bent meanwhile. A round value."""
 
 
-def after_motion(
+def update_motion(
     followed: list[FollowedPose],
     found: Finding,
     time: float,
@@ -47,11 +47,11 @@ def after_motion(
         (best,) = [*(one for one in followed if one.filter.is_near(found.pose, time)), *followed][:1]
         if matched:
             best.filter.update(found.pose, time)
-        return [copied(best, log_other=_log_other(best.log_other, found, weight))]
-    if not matched or (pose := pose_alone(found)) is None:
+        return [copy_with(best, log_other=_log_other(best.log_other, found, weight))]
+    if not matched or (pose := matches_pose(found)) is None:
         # what comes into view next may be something else
-        return [copied(one, log_other=max(one.log_other, FLOOR)) for one in followed[:1]]
-    log_other = FLOOR if given_up is None else log_other_in_sight(given_up, pose, time, in_space=True)
+        return [copy_with(one, log_other=max(one.log_other, FLOOR)) for one in followed[:1]]
+    log_other = FLOOR if given_up is None else log_other_presence(given_up, pose, time, in_space=True)
     filter_ = MotionFilter(of_body[0], pose, time, of_body[1])
     return [FollowedPose(filter_, log_other=_log_other(log_other, found, weight))]
 
@@ -62,4 +62,6 @@ def _log_other(log_odds: float, found: Finding, weight: float) -> float:
     if log_odds <= SURE or factor is None or not (found.log_odds or 0.0) > 0.0:
         return log_odds
     misfit = Misfit(factor**2, factor, found.noise_dof, found.alike)
-    return after_frame(log_odds, misfit, weight, as_off=misfit.most_off(found.task.log_inexact), least=SURE)
+    return update_identity(
+        log_odds, misfit, weight, as_off=misfit.largest_error_gain(found.task.log_inexact), least=SURE
+    )

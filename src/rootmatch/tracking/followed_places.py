@@ -27,12 +27,12 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import evidence
-from rootmatch.model.modes import Modes, same_place
+from rootmatch.model.evidence import weigh_assignments
+from rootmatch.model.modes import Modes, is_same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.priors import COPY, IN_VIEW, PRESENT_ODDS
 from rootmatch.tracking.followed_pose import FollowedPose
-from rootmatch.tracking.two_states import chance_later
+from rootmatch.tracking.two_states import later_chance
 
 RETURN = 1.0
 """Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five
@@ -83,7 +83,7 @@ class GonePlaces:
             self.share, self._most = self.share * stays / left, self._most * stays / left
 
 
-def in_places(
+def sort_into_places(
     model: DetectionModel, modes: Modes, origin: Integers, followed: Sequence[FollowedPose], shown: Floats
 ) -> tuple[Integers, Floats, Floats]:
     """The place (M,) of each mode, its log-odds alone, and what is added to its log-weight for what it shows alone.
@@ -105,11 +105,11 @@ def in_places(
     alone, more = np.full(len(origin), max((one.alone for one in followed), default=-math.inf)), np.zeros(len(origin))
     if len(origin) == 1 and len({*known}) <= 1 and (origin[0] >= 0 or not known):
         return np.array(known[:1] or [0]), alone, more
-    place = places_of(modes.uses(model.shape[1]), origin, known)
+    place = assign_places(modes.uses(model.shape[1]), origin, known)
     every = set(place.tolist())
     if len(every.union(known)) == 1:
         return place, alone, more
-    told, reference = odds_alone(model, modes), int((origin >= 0).argmax())
+    told, reference = sole_odds(model, modes), int((origin >= 0).argmax())
     for number in every:
         own = place == number
         first = int(own.argmax())
@@ -130,7 +130,7 @@ def share_unseen(found: Finding, poses: Sequence[FollowedPose], places: Mapping[
     return sum(share for place, share in places.items() if place not in seen) if seen else 0.0
 
 
-def places_of(uses: Bools, origin: Integers, followed: Sequence[int]) -> Integers:
+def assign_places(uses: Bools, origin: Integers, followed: Sequence[int]) -> Integers:
     """The place (M,) of each mode: that of the others that share detections with it.
 
     Parameters
@@ -144,7 +144,7 @@ def places_of(uses: Bools, origin: Integers, followed: Sequence[int]) -> Integer
     """
     count = len(uses)
     out, new = np.full(count, -1), max(followed, default=-1) + 1
-    overlap = same_place(uses)
+    overlap = is_same_place(uses)
     for k in range(count):
         if out[k] >= 0:
             continue
@@ -157,12 +157,12 @@ def places_of(uses: Bools, origin: Integers, followed: Sequence[int]) -> Integer
     return out
 
 
-def odds_alone(model: DetectionModel, modes: Modes) -> Floats:
+def sole_odds(model: DetectionModel, modes: Modes) -> Floats:
     """Log-odds (M,) of modes against clutter, without a prediction."""
     if not isinstance(model.prior, Doubted):
         return modes.log_mass
-    at = model.linearised(modes.rotation, modes.position)
-    anywhere = evidence(model, modes.assignments, at, model.prior.without).log_odds
+    at = model.linearise_about(modes.rotation, modes.position)
+    anywhere = weigh_assignments(model, modes.assignments, at, model.prior.without).log_odds
     return np.asarray(modes.log_mass - modes.log_odds + anywhere)
 
 
@@ -171,14 +171,14 @@ def log_weight(alone: float) -> float:
     return -float(np.logaddexp(math.log(COPY), -alone))
 
 
-def chance_of_copy(alone: float) -> float:
+def copy_chance(alone: float) -> float:
     """Probability that what is in a place is a copy rather than clutter, if it is not the body."""
     return COPY * math.exp(log_weight(alone))
 
 
-def chance_absent(before: float, seconds: float) -> float:
+def absence_chance(before: float, seconds: float) -> float:
     """Probability that a body is not in view, some seconds after it was not with another probability."""
-    return chance_later(before, 1.0 - IN_VIEW, seconds, RETURN)
+    return later_chance(before, 1.0 - IN_VIEW, seconds, RETURN)
 
 
 def log_returned(seconds: float) -> float:
@@ -186,11 +186,11 @@ def log_returned(seconds: float) -> float:
 
     A frame that shows three lights where the body is awaited tells little, and sixty frames a second do so soon.
     """
-    chance = chance_later(0.0, IN_VIEW, seconds, RETURN)
+    chance = later_chance(0.0, IN_VIEW, seconds, RETURN)
     return math.log(chance) - math.log1p(-chance) - PRESENT_ODDS
 
 
-def chance_returned(clutter: float, log_odds: float) -> float:
+def return_factor(clutter: float, log_odds: float) -> float:
     """Factor on the probabilities of poses, of which clutter alone is the rest, by `log_returned`."""
     odds = math.exp(log_odds)
     return odds / (odds * (1.0 - clutter) + clutter)
@@ -209,7 +209,7 @@ ANYTHING = LastFrame()
 """A last frame that tells nothing."""
 
 
-def overlooked(model: DetectionModel, modes: Modes, mode: int, left: int) -> float:
+def overlooked_chance(model: DetectionModel, modes: Modes, mode: int, left: int) -> float:
     """Probability that what is in view with a mode has no more than so many detections in another frame.
 
     ``left``: detections there that nothing else explains. Points are detected at a rate, of which the mode tells.
@@ -218,14 +218,14 @@ def overlooked(model: DetectionModel, modes: Modes, mode: int, left: int) -> flo
     visible = max(round(float(modes.visible[mode].sum())), matched)
     if left >= visible:
         return 1.0
-    rate, weight = model.rates
+    rate, weight = model.rate_quadrature
     weight = weight + matched * np.log(rate) + (visible - matched) * np.log1p(-rate)
     weight = np.exp(weight - weight.max())
     seen = sum(math.comb(visible, k) * rate**k * (1.0 - rate) ** (visible - k) for k in range(left + 1))
     return float(weight @ seen / weight.sum())
 
 
-def log_absent(before: float, seconds: float, unsearched: float, last: LastFrame = ANYTHING) -> float:
+def log_absence(before: float, seconds: float, unsearched: float, last: LastFrame = ANYTHING) -> float:
     """Log-odds that a body is not in view where it seems to be found: that a copy came, to that the body came back.
 
     A copy is there at any time with the same probability, and comes as seldom as the body does: since a search that met
@@ -241,22 +241,22 @@ def log_absent(before: float, seconds: float, unsearched: float, last: LastFrame
     last : LastFrame
     """
     ago = min(last.ago, seconds)
-    absent = chance_absent(before, seconds - ago)
-    absent = chance_absent(absent / (absent + (1.0 - absent) * last.overlooked), ago)
+    absent = absence_chance(before, seconds - ago)
+    absent = absence_chance(absent / (absent + (1.0 - absent) * last.overlooked), ago)
     new, came = (-math.expm1(-min(time, unsearched) / RETURN) for time in (ago, unsearched))
     return math.log(absent) - math.log1p(-absent) + math.log(new + (came - new) * last.overlooked)
 
 
-def log_back(followed: FollowedPose, now: float) -> float:
+def log_return(followed: FollowedPose, now: float) -> float:
     """Log-odds that the body was not in view when a place was found that is followed, and comes back only now."""
     return followed.log_absent - IN_VIEW / RETURN * (now - followed.since)
 
 
-def met_beside(model: DetectionModel, modes: Modes, each: Floats, alone: Floats, first: int) -> Floats:
+def relative_log_weights(model: DetectionModel, modes: Modes, each: Floats, alone: Floats, first: int) -> Floats:
     """Log-weights (M,) of modes in other places relative to the followed one, whose first mode is given.
 
     By what each shows for itself, and by how much less probable it is because other bodies explain it as well.
-    ``each`` (M,): logarithms of the probabilities of the modes in the frame; ``alone`` (M,): as of `in_places`.
+    ``each`` (M,): logarithms of the probabilities of the modes in the frame; ``alone`` (M,): as of `sort_into_places`.
     """
     own = np.array([log_weight(one) for one in alone.tolist()])
     (told,) = joint_posterior([model], [modes], [()])  # as if there was no other body

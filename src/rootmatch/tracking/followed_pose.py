@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
-from rootmatch.model.parallel_poses import between
+from rootmatch.model.parallel_poses import motion_between_modes
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP
 from rootmatch.tracking.motion_filter import MotionFilter
 
@@ -67,7 +67,7 @@ class Step(NamedTuple):
         return self.log_weight + self.shown
 
 
-def tempered(evidence: Floats, origin: Integers, often: float) -> Floats:
+def temper(evidence: Floats, origin: Integers, often: float) -> Floats:
     """Logarithms (M,) of evidence of modes that counts for less; what several of one hypothesis have, counts once.
 
     Otherwise a hypothesis that a frame splits into two gains by that.
@@ -91,7 +91,7 @@ def tempered(evidence: Floats, origin: Integers, often: float) -> Floats:
     return out
 
 
-def of_places(poses: list[FollowedPose]) -> list[FollowedPose]:
+def pool_place_weights(poses: list[FollowedPose]) -> list[FollowedPose]:
     """Hypotheses of which those of a place weigh together what it has with the last frame.
 
     Which points a frame shows tells of the poses of a place, for that frame, and is no reason for the place itself.
@@ -104,11 +104,11 @@ def of_places(poses: list[FollowedPose]) -> list[FollowedPose]:
         whole, weight = (
             np.logaddexp.reduce([getattr(other, name) for other in own]) for name in ("total", "log_weight")
         )
-        out.append(copied(one, log_weight=one.log_weight + float(whole - weight)))
+        out.append(copy_with(one, log_weight=one.log_weight + float(whole - weight)))
     return out
 
 
-def beside_misfits(poses: Sequence[FollowedPose], left: tuple[int, float] | None) -> list[FollowedPose]:
+def share_misfit_odds(poses: Sequence[FollowedPose], left: tuple[int, float] | None) -> list[FollowedPose]:
     """Hypotheses of which those of a place share the odds that it is of something else.
 
     What is in a place, and does not fit the body in the most probable of its poses, is something else. Then so it is in
@@ -129,11 +129,11 @@ def beside_misfits(poses: Sequence[FollowedPose], left: tuple[int, float] | None
         odds = np.logaddexp.reduce([weight for where, weight in misfits if where == place])
         odds -= np.logaddexp.reduce([poses[k].total for k in own])
         for k in own:
-            out[k] = copied(out[k], log_other=float(np.logaddexp(out[k].log_other, odds)))
+            out[k] = copy_with(out[k], log_other=float(np.logaddexp(out[k].log_other, odds)))
     return out
 
 
-def moved_alike(
+def unify_alike_moves(
     poses: Sequence[FollowedPose], of: Sequence[int | None], model: DetectionModel, modes: Modes
 ) -> list[FollowedPose]:
     """Hypotheses of which those between which the body looks the same move as the first does; ``of``: their modes.
@@ -144,6 +144,6 @@ def moved_alike(
     for k, mode in enumerate(of[1:], 1):
         if mode is None or of[0] is None:
             continue
-        if (motion := between(model, modes, of[0], mode)) is not None:
-            out[k] = copied(out[k], filter=out[0].filter.turned(*motion))
+        if (motion := motion_between_modes(model, modes, of[0], mode)) is not None:
+            out[k] = copy_with(out[k], filter=out[0].filter.turned(*motion))
     return out

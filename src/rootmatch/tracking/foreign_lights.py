@@ -14,7 +14,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.explain.finding import Finding
 from rootmatch.model.detection_model import USUAL_RATE
-from rootmatch.model.evidence import evidence
+from rootmatch.model.evidence import weigh_assignments
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import WRONG_MODEL
@@ -63,7 +63,7 @@ class ForeignLights:
             none, one, two = wrong * none, wrong * one + own * none, wrong * two + own * one
         return 1.0 - none - one - two
 
-    def _now(self, chance: Floats, time: float) -> Floats:
+    def _current_probability(self, chance: Floats, time: float) -> Floats:
         """Probabilities (n,) at a time: what was beside the body may have left since the last match."""
         gone = np.where(self.seen < self.time, (time - self.seen) / STAYS, 0.0)
         return np.asarray(1.0 - (1.0 - chance) * np.exp(-gone))
@@ -73,13 +73,13 @@ class ForeignLights:
 
         ``lit`` (n,): probability that each point is lit at that time.
         """
-        if self._most is not None and _tell_the_same(self._most[0], found) and self._most[1] == time:
+        if self._most is not None and _is_same_answer(self._most[0], found) and self._most[1] == time:
             return self._most[2]
-        own = self._now(self.own, time)
+        own = self._current_probability(self.own, time)
         doubtful = ((found.assignment >= 0) & (own < SURE)).nonzero()[0]
         if len(doubtful):
-            before = np.minimum(self._now(self.met, time), lit)
-            own[doubtful] = np.maximum(own[doubtful], by_others(found, doubtful, before))
+            before = np.minimum(self._current_probability(self.met, time), lit)
+            own[doubtful] = np.maximum(own[doubtful], doubtful_probability(found, doubtful, before))
         most = np.where(own < SURE, own, 1.0)
         self._most = found, time, most  # asked for as the frame is weighed, and as it is learned from
         return most
@@ -96,32 +96,34 @@ class ForeignLights:
             Probability that each point is lit, before the frame was seen.
         time : float
         """
-        matched, met = found.assignment >= 0, self._now(self.met, time)
+        matched, met = found.assignment >= 0, self._current_probability(self.met, time)
         met = np.where(self.seen < self.time, np.minimum(met, lit), met)
         given = np.minimum(given, self.most(found, lit, time))
         if found.posterior is not None and len(found.posterior.probabilities) > 1:
-            other = _in_modes(found.posterior)  # what is one of several poses now, may be the only one in a moment
+            other = _match_probability(
+                found.posterior
+            )  # what is one of several poses now, may be the only one in a moment
             possible = ~matched & (other > WRONG_MODEL)
-            given = np.where(possible, np.minimum(other, self._now(self.own, time)), given)
+            given = np.where(possible, np.minimum(other, self._current_probability(self.own, time)), given)
             matched = matched | possible
         self.own, self.met = np.where(matched, given, self.own), np.where(matched, met, self.met)
         self.seen, self.time = np.where(matched, time, self.seen), time
         self._most = None
 
 
-def _tell_the_same(first: Finding, second: Finding) -> bool:
+def _is_same_answer(first: Finding, second: Finding) -> bool:
     """Whether two findings are of one pose and the same matches."""
     same = first.posterior is second.posterior and first.mode == second.mode
     return same and first.assignment is second.assignment
 
 
-def _in_modes(told: Posterior) -> Floats:
+def _match_probability(told: Posterior) -> Floats:
     """Probability (n,) that each point has the match that it has in any of the modes."""
     modes = told.modes.take(slice(len(told.probabilities)))
     return np.asarray(told.probabilities @ (modes.local * (modes.assignments >= 0)))
 
 
-def by_others(found: Finding, doubtful: Integers, lit: Floats) -> Floats:
+def doubtful_probability(found: Finding, doubtful: Integers, lit: Floats) -> Floats:
     """Probability (m,) of the doubtful matches by the image alone: the prediction has them in it.
 
     Summed are all of them, all but one, one beside the sure matches, and these alone. Where only as many match as
@@ -140,14 +142,14 @@ def by_others(found: Finding, doubtful: Integers, lit: Floats) -> Floats:
     assert told is not None
     if count <= DETERMINE:
         return np.zeros(len(doubtful))
-    right, modes, k = _mostly_right(len(doubtful)), told.modes, slice(found.mode, found.mode + 1)
+    right, modes, k = _right_patterns(len(doubtful)), told.modes, slice(found.mode, found.mode + 1)
     if count >= AGREE:
         right = right[count - (~right).sum(axis=1) >= DETERMINE]
     assignments = np.tile(found.assignment, (len(right), 1))
     assignments[:, doubtful] = np.where(right, found.assignment[doubtful], -1)
-    at = model.linearised(modes.rotation[k], modes.position[k])
+    at = model.linearise_about(modes.rotation[k], modes.position[k])
     prior = model.prior.without if isinstance(model.prior, Doubted) else model.prior
-    weight = evidence(model, assignments, at, prior).log_odds
+    weight = weigh_assignments(model, assignments, at, prior).log_odds
     each = [_log_chance(found, right, doubtful, one) for one in (lit, np.full(len(lit), LIT))]
     weight += np.logaddexp(each[0] + math.log1p(-TOGETHER), each[1] + math.log(TOGETHER))
     if not math.isfinite(most := float(weight.max())):
@@ -162,7 +164,7 @@ def _log_chance(found: Finding, right: Bools, points: Integers, lit: Floats) -> 
     return np.asarray(np.where(right, log_chance(lit[points]), dark).sum(axis=1))
 
 
-def _mostly_right(count: int) -> Bools:
+def _right_patterns(count: int) -> Bools:
     """Which of so many matches are right (K, count): all, none, one, or all but one."""
     one = np.eye(count, dtype=np.bool_)
     each = [np.ones((1, count), np.bool_), np.zeros((1, count), np.bool_), *[one][: count - 1], *[~one][: count - 2]]

@@ -14,7 +14,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.body_labels import SAME_SHAPE, BodyLabels, Label, twin_points
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import pose_of_mode
+from rootmatch.explain.image_decision import mode_pose
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.tracking.belief import Belief
@@ -28,7 +28,7 @@ DECIDED = 0.9
 """Share of a followed pose from which it is where the body is. A round value."""
 
 
-def identical_bodies(labels: BodyLabels, points: Floats, normals: Floats | None) -> Groups:
+def find_identical_bodies(labels: BodyLabels, points: Floats, normals: Floats | None) -> Groups:
     """Groups of bodies with the same points, in any order, and the same normals; of all points (n, 3)."""
     groups: list[list[Label]] = []
     of: dict[Label, Integers] = {name: labels.points_of(k) for k, name in enumerate(labels.names)}
@@ -63,18 +63,18 @@ def name_places(
         beliefs = {label: bodies[label].belief for label in group}
         radius = body_radius(beliefs[group[0]].source)
         free = {label: one for label, one in beliefs.items() if not one or one.shares[0] < DECIDED}
-        taken = [_now(one.best) for label, one in beliefs.items() if label not in free]
+        taken = [_current_pose(one.best) for label, one in beliefs.items() if label not in free]
         for place in _places([parts[label] for label in group], radius):
             if not free or any(_is_same_place(place, other, radius) for other in taken):
                 continue
             # the one that the frame has there, so that nobody sees the names change
             there = [label for label in free if (pose := parts[label].pose) and _is_same_place(pose, place, radius)]
             belief = free.pop(there[0] if there else next(iter(free)))
-            known = [one for one in belief.poses if _is_same_place(_now(one.filter), place, radius)]
+            known = [one for one in belief.poses if _is_same_place(_current_pose(one.filter), place, radius)]
             belief.poses = known or [FollowedPose(MotionFilter(belief.source, place, time, belief.motion))]
             taken.append(place)
         for belief in free.values():
-            _leave(belief, taken, radius)
+            _give_up_others(belief, taken, radius)
 
 
 def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
@@ -83,7 +83,7 @@ def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
     for one in found:
         if one.posterior is not None and one.model is not None:
             modes = one.posterior.modes
-            every += [(float(p), pose_of_mode(one.model, modes, k)) for k, p in enumerate(one.posterior.probabilities)]
+            every += [(float(p), mode_pose(one.model, modes, k)) for k, p in enumerate(one.posterior.probabilities)]
         elif one.labellings is not None:
             likely = one.labellings.probabilities >= 1.0 - least
             chances = one.labellings.probabilities[likely].tolist()
@@ -99,14 +99,16 @@ def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
     return (pose for chance, pose in sorted(sums, key=lambda one: -one[0]) if chance >= least)
 
 
-def _leave(belief: Belief, taken: Sequence[Pose], radius: float) -> None:
+def _give_up_others(belief: Belief, taken: Sequence[Pose], radius: float) -> None:
     """Give up what other bodies of the group follow."""
     belief.poses = [
-        one for one in belief.poses if not any(_is_same_place(_now(one.filter), other, radius) for other in taken)
+        one
+        for one in belief.poses
+        if not any(_is_same_place(_current_pose(one.filter), other, radius) for other in taken)
     ]
 
 
-def _now(followed: MotionFilter) -> Pose:
+def _current_pose(followed: MotionFilter) -> Pose:
     """The pose that is followed, at the time of the last frame that showed it."""
     return followed.predicted(followed.time)
 

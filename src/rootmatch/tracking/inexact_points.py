@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.inexact_points import gains_of_errors
+from rootmatch.explain.inexact_points import error_gains
 from rootmatch.model.image_alike import OWN
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.belief import TEMPER
@@ -52,7 +52,7 @@ class InexactPoints:
             return
         if not found.point_error:
             if self.log_odds[-1] > LEAST and found.noise_dof and found.noise_factor is not None:
-                gains = [min(max(TEMPER * gain, -FRAME), FRAME) for gain in gains_of_errors(found).tolist()]
+                gains = [min(max(TEMPER * gain, -FRAME), FRAME) for gain in error_gains(found).tolist()]
                 told = [one + gain for one, gain in zip(self.log_odds, gains, strict=True)]
                 self.log_odds = tuple(min(max(one, LEAST), 0.0) for one in told)
             return

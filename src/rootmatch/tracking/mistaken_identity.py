@@ -27,7 +27,7 @@ STAYS = 1.0
 """Seconds within which something else leaves its place. A round value, that of a body."""
 
 
-def log_other_in_sight(given_up: MotionFilter, pose: Pose, time: float, *, in_space: bool = False) -> float:
+def log_other_presence(given_up: MotionFilter, pose: Pose, time: float, *, in_space: bool = False) -> float:
     """Log-odds that what is found with a pose is what was given up, by where it is seen.
 
     They begin anew with those at which it was given up, whatever they have become: the body may have come there since.
@@ -37,7 +37,7 @@ def log_other_in_sight(given_up: MotionFilter, pose: Pose, time: float, *, in_sp
     return float(np.logaddexp(GIVEN_UP - (time - given_up.time) / STAYS, FLOOR))
 
 
-def after_frame(
+def update_identity(
     log_odds: float, misfit: Misfit, weight: float, of_rig: bool = False, *, as_off: float = 0.0, least: float = FLOOR
 ) -> float:
     """Log-odds, after a frame, that what is followed is something else.
@@ -59,5 +59,5 @@ def after_frame(
     """
     if not misfit.dof and misfit.alike is None:
         return log_odds
-    other = misfit.for_something_else(of_rig) * math.exp(-as_off)
+    other = misfit.odds_of_something_else(of_rig) * math.exp(-as_off)
     return max(log_odds + weight * math.log(other / (1.0 - WRONG_MODEL + WRONG_MODEL * other)), least)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.algebra.rotation import along_arc, one_rotation_matrix, one_rotation_vector
-from rootmatch.arrays import Floats, kept_by_identity
+from rootmatch.algebra.rotation import arc_motion, one_rotation_matrix, one_rotation_vector
+from rootmatch.arrays import Floats, cache_by_identity
 from rootmatch.options import Options, option
-from rootmatch.problems.pose_fit.either_axes import in_either_axes
+from rootmatch.problems.pose_fit.either_axes import covariance_in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import STRAIGHT, about_point, body_radius
-from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose, left_by
+from rootmatch.problems.pose_fit.reference_point import STRAIGHT, body_radius, pose_about_point
+from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose, remaining_prediction_error
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
 State = tuple[Floats, Floats, Floats, Floats]
@@ -123,7 +123,7 @@ class MotionFilter:
         if len(np.asarray(pose.covariance)) == 6 and self._is_among(-pose.R.T @ pose.t - self.middle):
             self.centre = -pose.R.T @ pose.t
         self.options, self.time, self.factor = options, time, 1.0
-        self.R, self.t, covariance = self._centred(pose)
+        self.R, self.t, covariance = self._centred_state(pose)
         self.motion = np.zeros(12)
         size = self.rows = len(covariance)
         self.P = np.zeros((size + 12, size + 12))
@@ -185,7 +185,7 @@ class MotionFilter:
     def predicted(self, time: float) -> Pose:
         """The pose at a later time; a `SharedPose` if its errors are those of earlier frames."""
         R, t, _, P = self._at(time)
-        pose, shared = self._given(R, t, P[: self.rows, : self.rows]), self._shared_at(time)
+        pose, shared = self._to_own_frame(R, t, P[: self.rows, : self.rows]), self._shared_errors_at(time)
         if shared is None:
             return pose
         return SharedPose.of(pose, shared.moved(np.eye(self.rows, len(P))).about(-self.scale * R @ self.centre))
@@ -202,15 +202,17 @@ class MotionFilter:
             and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
         """
         R, t, motion, P = before = self._at(time)
-        size, scale, shared = self.rows, self.scale, self._shared_at(time)
-        self.R, self.t, covariance = self._centred(pose)
+        size, scale, shared = self.rows, self.scale, self._shared_errors_at(time)
+        self.R, self.t, covariance = self._centred_state(pose)
         self.scale = pose.scale
         step = np.array([*one_rotation_vector(self.R @ R.T), *(self.t - t), self.scale - scale])[:size]
         self.motion, self.P, inverse = np.empty(12), np.empty(P.shape), np.empty((size, size))
-        P, within = self._turned(P, step)
+        P, within = self._bend_step(P, step)
         left, squared = take_pose((motion, P), within, covariance, (self.motion, self.P, inverse))
         if isinstance(pose, SharedPose):
-            self._share(shared, pose, weight * P[:, :size] @ inverse, left_by(covariance, P[:size, :size]))
+            self._share(
+                shared, pose, weight * P[:, :size] @ inverse, remaining_prediction_error(covariance, P[:size, :size])
+            )
         self.time, self._ahead = time, None
         # expected square of a step: the part of the prior's covariance that the detections removed
         expected, options = max(size - left, 0.0), self.options
@@ -219,11 +221,11 @@ class MotionFilter:
         self.factor = min(max(factor, options.least_scale), options.most_scale)
         if weight < 1.0:
             self.scale = scale + weight * (self.scale - scale)
-            self._mixed(weight, before, step)
+            self._mix(weight, before, step)
         if size == 6 and self._is_among(self.centre - self.R.T @ self.t - self.middle):
             self._go_with(-self.R.T @ self.t)
 
-    def _turned(self, P: Floats, step: Floats) -> tuple[Floats, Floats]:
+    def _bend_step(self, P: Floats, step: Floats) -> tuple[Floats, Floats]:
         """A predicted covariance as it is where a step takes the body, and the step along its arc.
 
         What its points leave open may stay as it is in the body's frame, or in the camera's: see `in_either_axes`.
@@ -234,8 +236,8 @@ class MotionFilter:
         for k in (0, 3, *range(self.rows, len(P), 3)):
             whole[k : k + 3, k : k + 3] = turn
         along = step.copy()
-        along[3:6] = along_arc(-step[:3], step[3:6])
-        return in_either_axes(P, whole @ P @ whole.T), along
+        along[3:6] = arc_motion(-step[:3], step[3:6])
+        return covariance_in_either_axes(P, whole @ P @ whole.T), along
 
     def _is_among(self, offset: Floats) -> bool:
         """Whether a camera at a point of the body's frame, from its centre, has the body's points around it."""
@@ -256,7 +258,7 @@ class MotionFilter:
         """Position of the body's centre in a state."""
         return np.asarray(t + self.scale * R @ (self.middle - self.centre))
 
-    def _mixed(self, weight: float, before: State, step: Floats) -> None:
+    def _mix(self, weight: float, before: State, step: Floats) -> None:
         """Take the update since ``before`` with a probability: first two moments of both together."""
         R, t, motion, P = before
         change = np.concatenate([step, self.motion - motion])
@@ -280,16 +282,16 @@ class MotionFilter:
     def _at(self, time: float) -> State:
         """Pose and covariance at a time, kept as an update asks for them once more."""
         if self._ahead is None or self._ahead[0] != time:
-            state = self._ahead_by(time - self.time)
-            self._ahead = time, state, self._shared_by(time - self.time, state[0])
+            state = self._advance_by(time - self.time)
+            self._ahead = time, state, self._shared_errors_by(time - self.time, state[0])
         return self._ahead[1]
 
-    def _shared_at(self, time: float) -> SharedErrors | None:
+    def _shared_errors_at(self, time: float) -> SharedErrors | None:
         """Shared errors at a time."""
         self._at(time)
         return None if self._ahead is None else self._ahead[2]
 
-    def _shared_by(self, dt: float, R: Floats) -> SharedErrors | None:
+    def _shared_errors_by(self, dt: float, R: Floats) -> SharedErrors | None:
         """Shared errors after a time, at a rotation: they move as all others do."""
         if self.shared is None:
             return None
@@ -303,7 +305,7 @@ class MotionFilter:
         """Standard deviations of the angular acceleration and of that of the centre, on each axis."""
         return self.options.angular_acceleration, self.options.acceleration * self.radius
 
-    def _ahead_by(self, dt: float) -> State:
+    def _advance_by(self, dt: float) -> State:
         angular, linear = self._accelerations
         of_scale = (self.options.scale_drift * self.scale) ** 2 * dt
         variances = np.array([(self.factor * angular) ** 2] * 3 + [(self.factor * linear) ** 2] * 3 + [of_scale])
@@ -312,18 +314,21 @@ class MotionFilter:
         move_ahead(*transition(dt, self.options.persistence), state, out)
         return out
 
-    def _centred(self, pose: Pose) -> tuple[Floats, Floats, Floats]:
+    def _centred_state(self, pose: Pose) -> tuple[Floats, Floats, Floats]:
         """Rotation, position of the centre, and their covariance."""
         assert pose.covariance is not None
-        return (np.array(pose.R, order="C"), *about_point(pose.R, pose.t, pose.covariance, self.centre, pose.scale))
+        return (
+            np.array(pose.R, order="C"),
+            *pose_about_point(pose.R, pose.t, pose.covariance, self.centre, pose.scale),
+        )
 
-    def _given(self, R: Floats, t: Floats, covariance: Floats) -> Pose:
+    def _to_own_frame(self, R: Floats, t: Floats, covariance: Floats) -> Pose:
         """The pose of the body's own frame."""
-        t, covariance = about_point(R, t, covariance, -self.centre, self.scale)
+        t, covariance = pose_about_point(R, t, covariance, -self.centre, self.scale)
         return Pose.unchecked(R.copy(), t, 0.5 * (covariance + covariance.T), self.scale)
 
 
-@kept_by_identity(64)
+@cache_by_identity(64)
 def _extents(source: Floats) -> tuple[Floats, float, float]:
     """Centre of a body's points (n, 3), how far the farthest is from it, and their radius."""
     middle = source.mean(axis=0)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 
 SMALL = 1e-6
@@ -14,7 +14,7 @@ SMALL = 1e-6
 
 
 @part
-def carried(matrix, F, turn, out):  # type: ignore[no-untyped-def]
+def carry_covariance(matrix, F, turn, out):  # type: ignore[no-untyped-def]
     """Transpose of the transition times a matrix (p + 12, p + 12), into ``out``; twice, that of a covariance."""
     rows = matrix.shape[0]
     first = rows - 12
@@ -46,7 +46,7 @@ def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
     out : tuple
         The first four of these, filled.
     """
-    F, added, state, out = borrowed((transition, added, state, out))
+    F, added, state, out = borrow((transition, added, state, out))
     R, t, motion, P, variances = state
     turned, moved, faster, covariance = out
     turn, half, first = np.empty((3, 3)), np.empty(P.shape), P.shape[0] - 12
@@ -69,8 +69,8 @@ def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
     for i in range(3):
         for j in range(3):
             turned[i, j] = turn[i, 0] * R[0, j] + turn[i, 1] * R[1, j] + turn[i, 2] * R[2, j]
-    carried(P, F, turn, half)
-    carried(half, F, turn, covariance)
+    carry_covariance(P, F, turn, half)
+    carry_covariance(half, F, turn, covariance)
     for p in range(3):
         for q in range(3):
             row, column = (0 if p == 0 else first - 6 + 6 * p), (0 if q == 0 else first - 6 + 6 * q)
@@ -123,7 +123,7 @@ def take_pose(before, step, fitted, out):  # type: ignore[no-untyped-def]
     left, squared : float
         How many of the p variances are left, and the χ² of the step.
     """
-    before, step, fitted, out = borrowed((before, step, fitted, out))
+    before, step, fitted, out = borrow((before, step, fitted, out))
     motion, P = before
     faster, covariance, inverse = out
     size = step.shape[0]

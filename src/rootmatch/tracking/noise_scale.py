@@ -22,7 +22,7 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import MOST_INFLATION
-from rootmatch.model.evidence import deviations
+from rootmatch.model.evidence import normalised_deviations
 from rootmatch.model.priors import NOISE_FREEDOM, WRONG_MODEL
 
 Findings = Mapping[Label | None, Finding]
@@ -64,12 +64,12 @@ class Scale:
     freedom: float = NOISE_FREEDOM
 
     @classmethod
-    def stated(cls) -> Scale:
+    def stated_scale(cls) -> Scale:
         """The scale as σ was stated."""
         return cls(FREEDOM_OF_CHANGES)
 
     @classmethod
-    def vague(cls) -> Scale:
+    def vague_scale(cls) -> Scale:
         """A scale that is hardly known."""
         return cls(FREEDOM_OF_CHANGES, VAGUE, VAGUE)
 
@@ -114,8 +114,8 @@ class Residuals:
             return None
         if found.point_error:  # in units of the noise alone
             model = replace(model, source_covariance=None)
-        at = model.linearised(mode.rotation, mode.position)
-        offset, jacobian = (one[0, matched] for one in deviations(model, mode.assignments, at))
+        at = model.linearise_about(mode.rotation, mode.position)
+        offset, jacobian = (one[0, matched] for one in normalised_deviations(model, mode.assignments, at))
         rows = jacobian.reshape(2 * count, -1)
         step, _, rank, _ = np.linalg.lstsq(rows, offset.ravel(), rcond=None)
         of = np.zeros((len(matched), 2))
@@ -128,13 +128,13 @@ class NoiseScale:
     """The factor on the stated σ that the frames so far suggest; at least 1."""
 
     residuals: Scale = field(default_factory=lambda: Scale(MOST_FREEDOM + NOISE_FREEDOM))
-    changes: Scale = field(default_factory=Scale.stated)
+    changes: Scale = field(default_factory=Scale.stated_scale)
     is_stated: bool = True
     """Whether nothing says that the noise alone is more than it was stated to be."""
     fresh: float = 0.0
     every: float = 0.0
     """Variance of the residuals that changed in the last few frames, and all of it."""
-    new: Scale = field(default_factory=Scale.vague)
+    new: Scale = field(default_factory=Scale.vague_scale)
     """Of the changes since the noise may have become another one."""
     log_new: float = LOG_CHANGED
     """Log-odds that it has (a test of Page, 1954)."""
@@ -193,7 +193,7 @@ class NoiseScale:
         later : bool
             Whether the next frame looks for them: this one was searched, which takes long enough.
         """
-        doubtful = {label for label, part in parts.items() if label in self.waiting or _fits_badly(part, factor)}
+        doubtful = {label for label, part in parts.items() if label in self.waiting or _is_bad_fit(part, factor)}
         each: list[Hashable] = [label for label in doubtful if label in asked]
         louder, before = with_more(MOST_OF_CHANGES) if each and not later else {}, self.changes
         self.waiting = each if later else []
@@ -210,7 +210,7 @@ class NoiseScale:
         quiet = found.status is Status.MATCHED and (found.noise_factor or 0.0) * factor < QUIET
         quiet &= not found.point_error
         if quiet and self.is_stated:  # as usual: nothing to compare
-            self.new, self.log_new, self.last[label] = Scale.vague(), LOG_CHANGED, None
+            self.new, self.log_new, self.last[label] = Scale.vague_scale(), LOG_CHANGED, None
             return
         before, now = self.last.get(label), Residuals.about(found, factor)
         self.last[label] = now
@@ -219,8 +219,8 @@ class NoiseScale:
         both = before.matched & now.matched
         if (count := int(both.sum())) < FEW:
             return
-        each = _of_noise(now.of[both]), _of_noise(before.of[both])
-        changed = _of_noise(now.of[both] - before.of[both]) / 2.0
+        each = _residual_variance(now.of[both]), _residual_variance(before.of[both])
+        changed = _residual_variance(now.of[both] - before.of[both]) / 2.0
         if found.point_error:
             size = max(min(each), 1.0)
             freedom = now.dof * count / max(int(now.matched.sum()), 1)
@@ -237,35 +237,35 @@ class NoiseScale:
         self.new.take(chi2, freedom)
         if self.log_new > 0.0:
             seen = self.new.chi2 - VAGUE, self.new.freedom - VAGUE
-            self.is_stated = Scale.stated().log_density(*seen) > Scale.vague().log_density(*seen)
-            self.changes = Scale.stated() if self.is_stated else self.new
-            self.new, self.log_new = Scale.vague(), LOG_CHANGED
+            self.is_stated = Scale.stated_scale().log_density(*seen) > Scale.vague_scale().log_density(*seen)
+            self.changes = Scale.stated_scale() if self.is_stated else self.new
+            self.new, self.log_new = Scale.vague_scale(), LOG_CHANGED
         elif not self.is_stated:
             self.changes.take(chi2, freedom)
         if self.log_new < LOG_CHANGED:
-            self.new, self.log_new = Scale.vague(), LOG_CHANGED
+            self.new, self.log_new = Scale.vague_scale(), LOG_CHANGED
 
 
-def is_of_a_row(frame: int, every: int) -> bool:
+def is_frame_of_row(frame: int, every: int) -> bool:
     """Whether a frame does what takes long and compares a frame with the one before: the first half of ``every`` do."""
     return 2 * (frame % every) < every
 
 
-def scaled(noise: Any, factor: float) -> Any:
+def scale_noise_by(noise: Any, factor: float) -> Any:
     """A noise that is so many times as large: standard deviations, covariances, or a pair of these for point sets."""
     if isinstance(noise, str):  # it is estimated in each frame
         return noise
     if isinstance(noise, tuple | list) and len(noise) == 2:
-        return tuple(scaled(one, factor) for one in noise)
+        return tuple(scale_noise_by(one, factor) for one in noise)
     return np.asarray(noise) * factor ** (1 if np.ndim(noise) < 3 else 2)
 
 
-def _fits_badly(found: Finding, factor: float) -> bool:
+def _is_bad_fit(found: Finding, factor: float) -> bool:
     """Whether a finding with σ times a factor is not trusted, and its residuals are larger than usual."""
     return found.status is not Status.MATCHED and (found.noise_factor or 0.0) * factor >= QUIET
 
 
-def _of_noise(residuals: Floats) -> float:
+def _residual_variance(residuals: Floats) -> float:
     """Variance of residuals (k, 2), of which some may be those of wrong matches: larger ones count no more."""
     squared = (residuals**2).sum(axis=1)
     usual = float(np.median(squared)) / math.log(2.0)  # twice the variance

@@ -11,9 +11,9 @@ from rootmatch.arrays import Bools
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_bodies import SearchPart, shows_most
+from rootmatch.explain.image_bodies import SearchPart, is_mostly_shown
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.tracking.followed_body import FollowedBody
 
 LONGEST_INTERVAL = 16
@@ -35,21 +35,21 @@ class RepeatedSearch:
     def __init__(self) -> None:
         self.failures = 0
 
-    def reordered(self, options: MatchOptions) -> MatchOptions:
+    def reorder_draws(self, options: MatchOptions) -> MatchOptions:
         """The options of the next search: after one that was cut short it draws others first, not the same again."""
-        return options if not self.failures else copied(options, seed=options.seed + self.failures)
+        return options if not self.failures else copy_with(options, seed=options.seed + self.failures)
 
     def take(self, found: bool, cut: bool) -> None:
         """Count a frame: whether everything was found in it, and whether its search was cut short."""
         self.failures = 0 if found else self.failures + cut
 
 
-def budget_of(evaluations: int, gap: float) -> int:
+def frame_budget(evaluations: int, gap: float) -> int:
     """Evaluations of a search by those at `INTERVAL`; if seconds between frames (``gap``) are more, there is time."""
     return round(evaluations * min(max(gap / INTERVAL, 1.0), LONGEST_INTERVAL))
 
 
-def found_lately(
+def bodies_found_lately(
     bodies: Mapping[Label | None, FollowedBody], predicted: Iterable[Label | None], frame: int, *, doubted: bool
 ) -> list[Label | None]:
     """The predicted bodies to look for with more noise; none in a frame that was searched, which takes long enough.
@@ -61,7 +61,7 @@ def found_lately(
     return [label for label in predicted if doubted or bodies[label].missed < LATELY]
 
 
-def next_part(
+def choose_next_part(
     bodies: Mapping[Label | None, FollowedBody], parts: Mapping[Label | None, Finding], frame: int
 ) -> SearchPart | None:
     """What a frame searches, judged by the findings about predicted poses; None for nothing.
@@ -76,15 +76,15 @@ def next_part(
         if part.status is Status.MATCHED:
             own = part.assignment[part.assignment >= 0]
             explained[own] = True
-            taken[own] = part.posterior is None or shows_most(part.posterior, part.mode)
+            taken[own] = part.posterior is None or is_mostly_shown(part.posterior, part.mode)
     free = int(np.count_nonzero(~taken))
     for body, part in zip(each, parts.values(), strict=True):
-        wants = body.wants_search_of_several if len(each) > 1 else body.wants_search
+        wants = body.needs_joint_search if len(each) > 1 else body.needs_search
         if not body.waiting and wants(part, frame, free):
-            images, matched = images_of(part, explained), part.status is Status.MATCHED
+            images, matched = searchable_images(part, explained), part.status is Status.MATCHED
             if images and matched and body.confirmed and body.beside:  # all of them have been searched before
                 images = [images[body.agreements % len(images)]]
-            body.waiting, body.rest, body.looked = images, body.appeared(part), []
+            body.waiting, body.rest, body.looked = images, body.has_new_detections(part), []
     waiting = [number for number, body in enumerate(each) if body.waiting]
     if not waiting:
         return None
@@ -92,10 +92,10 @@ def next_part(
     body = each[number]
     body.served, image = frame, body.waiting.pop(0)
     body.looked.append(image)
-    return SearchPart(number, image, body.rest, body.share_of_search(list(parts.values())[number]))
+    return SearchPart(number, image, body.rest, body.search_share(list(parts.values())[number]))
 
 
-def ended(
+def ended_searches(
     bodies: Mapping[Label | None, FollowedBody], parts: Mapping[Label | None, Finding], frame: int
 ) -> set[Label | None]:
     """The bodies whose searches end in a frame: with the last image, or if hardly anything as good is left to meet."""
@@ -103,14 +103,14 @@ def ended(
     for label, body in bodies.items():
         if body.served == frame:
             matched = parts[label].status is Status.MATCHED
-            if body.waiting and matched and chance_unmet(parts[label], body.looked) <= TRUST.missed:
+            if body.waiting and matched and unmet_chance(parts[label], body.looked) <= TRUST.missed:
                 body.waiting = []
             if not body.waiting:
                 out.add(label)
     return out
 
 
-def chance_unmet(found: Finding, looked: Sequence[int | None]) -> float:
+def unmet_chance(found: Finding, looked: Sequence[int | None]) -> float:
     """Probability that none of some images shows enough of a pose elsewhere for a search in it to meet that.
 
     It has as many sightings as what was found, of as many that are visible, and any of these with the same chance.
@@ -128,7 +128,7 @@ def chance_unmet(found: Finding, looked: Sequence[int | None]) -> float:
     return unmet
 
 
-def left_by(parts: Mapping[Label | None, Finding]) -> dict[Label | None, int]:
+def remaining_counts(parts: Mapping[Label | None, Finding]) -> dict[Label | None, int]:
     """For each body, the number of detections that no body has for certain and that it has not itself."""
     free, left = np.ones(next(iter(parts.values())).task.shape[1], np.bool_), {}
     for part in parts.values():
@@ -142,7 +142,7 @@ def left_by(parts: Mapping[Label | None, Finding]) -> dict[Label | None, int]:
     return left
 
 
-def images_of(found: Finding, explained: Bools) -> list[int | None]:
+def searchable_images(found: Finding, explained: Bools) -> list[int | None]:
     """The images in which a body can be searched for: cameras of a rig that show enough.
 
     Those with the most detections that are not ``explained`` (n') come first.

@@ -18,27 +18,34 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.match_options import SamplerName
-from rootmatch.explain.predicted_poses import compared
+from rootmatch.explain.predicted_poses import check_contradiction
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
 from rootmatch.explain.validation import noise_of_cameras
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
-from rootmatch.model.near_symmetries import near_symmetries
+from rootmatch.model.near_symmetries import near_symmetric_motions
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.shared_errors import whole
+from rootmatch.problems.pose_fit.shared_errors import with_whole_covariance
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
-from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, know_others, likenesses_of
+from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, family_likenesses, know_others
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
-from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
+from rootmatch.tracking.identical_bodies import Groups, find_identical_bodies, name_places
 from rootmatch.tracking.inexact_points import InexactPoints
-from rootmatch.tracking.noise_scale import NoiseScale, is_of_a_row, scaled
-from rootmatch.tracking.search_schedule import RepeatedSearch, budget_of, ended, found_lately, left_by, next_part
+from rootmatch.tracking.noise_scale import NoiseScale, is_frame_of_row, scale_noise_by
+from rootmatch.tracking.search_schedule import (
+    RepeatedSearch,
+    bodies_found_lately,
+    choose_next_part,
+    ended_searches,
+    frame_budget,
+    remaining_counts,
+)
 from rootmatch.tracking.turns import Turns
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
@@ -123,11 +130,11 @@ max_evaluations
         self._identical: Groups = []
         self._alike: list[Likeness] = []
         if self.labels is not None:
-            self._identical = identical_bodies(self.labels, points, normals)
-            self._alike = likenesses_of(self.labels, points, self._identical)
+            self._identical = find_identical_bodies(self.labels, points, normals)
+            self._alike = family_likenesses(self.labels, points, self._identical)
             each = {label: self.labels.points_of(k) for k, label in enumerate(self.labels.names)}
         for label, own in each.items():
-            turns = near_symmetries(points[own], None if normals is None else normals[own], TURNS)
+            turns = near_symmetric_motions(points[own], None if normals is None else normals[own], TURNS)
             self._bodies[label] = FollowedBody(points[own], tracking, turns)
         self.reset()
 
@@ -169,7 +176,7 @@ max_evaluations
             if when < self.time:
                 raise InputError(f"time: {when:g} s given, before the last frame at {self.time:g} s; give a later time")
             return {
-                label: whole(body.belief.best.predicted(when))
+                label: with_whole_covariance(body.belief.best.predicted(when))
                 for label, body in self._bodies.items()
                 if body.state is not TrackingState.LOST
             }
@@ -236,7 +243,7 @@ max_evaluations
                 raise InputError(f"time: {when:g} s given after {before:g} s; give frames in order, or reset() first")
             self._frame += 1
             try:
-                found = self._found(target, when, given, noise, deadline=deadline, candidates=candidates)
+                found = self._find(target, when, given, noise, deadline=deadline, candidates=candidates)
             except InputError:
                 self._frame -= 1
                 raise
@@ -245,7 +252,7 @@ max_evaluations
                 self._steps.take(when - before)
         return report(found, seconds=perf_counter() - started, stopped_early=deadline.stopped_early)
 
-    def _found(
+    def _find(
         self,
         target: ArrayLike,
         when: float,
@@ -273,14 +280,14 @@ max_evaluations
         stated = noise_of_cameras(self.matcher.problem.rig, self.matcher.noise if noise is None else noise, target)
         gap = 0.0 if self.time is None else when - self.time
         # the first frame is limited only as `rootmatch.match` is
-        budget = None if self.time is None else budget_of(self.tracking.search_budget, gap)
+        budget = None if self.time is None else frame_budget(self.tracking.search_budget, gap)
 
         def explained(searching: bool | Choice, factor: float = factor) -> Finding:
-            noise = stated if factor == 1.0 else scaled(stated, factor)
+            noise = stated if factor == 1.0 else scale_noise_by(stated, factor)
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget,
-                present=present, searching=searching, options=self._search.reordered(self.matcher.options),
+                present=present, searching=searching, options=self._search.reorder_draws(self.matcher.options),
                 rivals=rivals, more_images=True, source_noise=self._inexact.error, log_inexact=self._inexact.log_odds,
             )  # fmt: skip
 
@@ -288,18 +295,20 @@ max_evaluations
         if not of_images or (not poses and self.time is None):
             found = explained(True)
         elif self.labels is not None or self.matcher.problem.rig is not None:
-            found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame))
-            searched = ended(self._bodies, self._parts(found), self._frame)
+            found = explained(lambda found: choose_next_part(self._bodies, self._parts(found), self._frame))
+            searched = ended_searches(self._bodies, self._parts(found), self._frame)
         elif not poses and not self._noise.waiting:
             found = explained(True)
         else:
             searched = set()
 
             def choice(near: Finding) -> SearchPart | None:
-                if self._noise.waiting or not self._bodies[None].wants_search(near, self._frame):
+                if self._noise.waiting or not self._bodies[None].needs_search(near, self._frame):
                     return None
                 searched.add(None)
-                return SearchPart(0, None, self._bodies[None].appeared(near), self._bodies[None].share_of_search(near))
+                return SearchPart(
+                    0, None, self._bodies[None].has_new_detections(near), self._bodies[None].search_share(near)
+                )
 
             found = explained(choice)
         for label, told in given.items():
@@ -312,14 +321,14 @@ max_evaluations
         changed = False
         if of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
-            lost &= is_of_a_row(self._frame, self.tracking.search_every) or self._noise.is_doubted
-            asked = [None] if lost else found_lately(self._bodies, poses, frame, doubted=self._noise.is_doubted)
+            lost &= is_frame_of_row(self._frame, self.tracking.search_every) or self._noise.is_doubted
+            asked = [None] if lost else bodies_found_lately(self._bodies, poses, frame, doubted=self._noise.is_doubted)
             changed = self._noise.compare(
                 self._parts(found), self._noise.waiting or asked, factor,
                 lambda f: self._parts(explained(not poses, f)), later=self.labels is None and bool(searched),
             )  # fmt: skip
         know_others(self._alike, self._bodies)
-        left = left_by(parts)
+        left = remaining_counts(parts)
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
             self._bodies[label].belief.room = when, left[label]
@@ -330,12 +339,12 @@ max_evaluations
         name_places(self._identical, self._bodies, parts, when)
         if not of_images and self._frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)
-        parts = {label: compared(part, given.get(label)) for label, part in parts.items()}
+        parts = {label: check_contradiction(part, given.get(label)) for label, part in parts.items()}
         if factor > 1.0:
-            parts = {label: copied(part, sequence_factor=factor) for label, part in parts.items()}
+            parts = {label: copy_with(part, sequence_factor=factor) for label, part in parts.items()}
         if found.parts is None:
             return parts[None]
-        return copied(found, parts={label: part for label, part in parts.items() if label is not None})
+        return copy_with(found, parts={label: part for label, part in parts.items() if label is not None})
 
     def _parts(self, found: Finding) -> dict[Label | None, Finding]:
         """The finding of each body by its label (None for a single body)."""

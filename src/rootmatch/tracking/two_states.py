@@ -12,7 +12,7 @@ from rootmatch.arrays import Floats
 Chance = TypeVar("Chance", float, Floats)
 
 
-def chance_later(chance: Chance, usual: float, seconds: float, lasts: float) -> Chance:
+def later_chance(chance: Chance, usual: float, seconds: float, lasts: float) -> Chance:
     """A probability some seconds later: it goes back to the ``usual`` one, by e within ``lasts`` seconds."""
     return usual + (chance - usual) * math.exp(-seconds / lasts)
 

@@ -11,13 +11,13 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.rig_triples import search_meets
+from rootmatch.explain.rig_triples import is_met_by_search
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.tracking.followed_places import LOOKED_AT, in_places, log_back, met_beside, odds_alone
-from rootmatch.tracking.followed_pose import FollowedPose, Step, tempered
+from rootmatch.tracking.followed_places import LOOKED_AT, log_return, relative_log_weights, sole_odds, sort_into_places
+from rootmatch.tracking.followed_pose import FollowedPose, Step, temper
 from rootmatch.tracking.two_states import log_chance
 
 LIKELY = 0.5
@@ -31,7 +31,7 @@ class WeighedModes(NamedTuple):
     origin: Integers
     """(K,) the hypothesis that each continues; −1 of a new one."""
     place: Integers
-    """(K,) see `in_places`."""
+    """(K,) see `sort_into_places`."""
     alone: Floats
     more: Floats
     """(K,) both: log-odds of what each explains in its place for itself, and what the frames before add to that."""
@@ -57,7 +57,7 @@ class WeighedModes(NamedTuple):
             if k and (modes.rotation[:k] == modes.rotation[k]).all(axis=(1, 2)).any():
                 continue  # what is left of another mode
             if of < 0:
-                many = search_meets(found.task, model, modes.assignments[k], points=0)
+                many = is_met_by_search(found.task, model, modes.assignments[k], points=0)
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
                 chance = float((many or told_of) and (found.status is not Status.UNTRUSTED or self.is_shown))
             else:
@@ -74,7 +74,7 @@ class WeighedModes(NamedTuple):
         return out
 
 
-def weighed_modes(
+def weigh_modes(
     found: Finding,
     origin: Integers,
     log_shares: Floats,
@@ -106,23 +106,23 @@ def weighed_modes(
     assert model is not None
     modes = told.modes.first(LOOKED_AT)
     shown = modes.detected.copy()
-    place, alone, more = in_places(model, modes, origin, poses, shown)
+    place, alone, more = sort_into_places(model, modes, origin, poses, shown)
     count = int(np.count_nonzero(modes.assignments[0] >= 0))
     places = place.tolist()
     if count > most and len(set(places)) == 1:
-        most, alone[:] = count, max(alone[0], odds_alone(model, modes.take(slice(1)))[0])
+        most, alone[:] = count, max(alone[0], sole_odds(model, modes.take(slice(1)))[0])
     each = log_chance(told.probabilities[: len(origin)])
     followed, others = {one.place for one in poses}, False
-    weight = log_shares[origin] + tempered(each - log_shares[origin] - shown, origin, often) + more
+    weight = log_shares[origin] + temper(each - log_shares[origin] - shown, origin, often) + more
     if not followed.issuperset(places):
         elsewhere = np.array([one not in followed for one in places])
         others = bool((elsewhere & ((alone > 0.0) | (each > math.log(WRONG_MODEL)))).any())
         new = elsewhere & (place != place[first]) & [not found.is_exchanged(k) for k in range(len(origin))]
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         if new.any() and origin[first] >= 0:
-            not_there = log_back(poses[origin[first]], time)
-            weight[new] = weight[first] + not_there + met_beside(model, modes, each, alone, first)[new]
-    is_shown = found.in_view + told.copy >= found.facts.min_probability
+            not_there = log_return(poses[origin[first]], time)
+            weight[new] = weight[first] + not_there + relative_log_weights(model, modes, each, alone, first)[new]
+    is_shown = found.presence_probability + told.copy >= found.facts.min_probability
     weighed = WeighedModes(
         modes, origin, place,
         alone=alone, more=more, shown=shown, chances=each, weights=weight, others=others, is_shown=is_shown,

@@ -10,12 +10,12 @@ import numpy as np
 
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.io.calibrations.values import errors_at, parsed
+from rootmatch.io.calibrations.values import prefix_errors, run_parser
 
 EXPECTED = "give a camera matrix (3, 3) of numbers"
 
 
-def rows_of_matrix(text: str) -> list[list[float]] | None:
+def parse_matrix_rows(text: str) -> list[list[float]] | None:
     """Three rows of three numbers, with spaces or commas between them; None of any other text."""
     rows = [line.split("#")[0].replace(",", " ").split() for line in text.splitlines()]
     rows = [row for row in rows if row]
@@ -27,7 +27,7 @@ def rows_of_matrix(text: str) -> list[list[float]] | None:
 
 def read_matrix(path: Path, rows: Any) -> dict[str, Camera]:
     """The camera of a matrix, by the name of a camera that is alone in its file."""
-    with errors_at(path):
+    with prefix_errors(path):
         return {"camera": Camera.from_matrix(rows)}
 
 
@@ -43,4 +43,4 @@ def read_npy(path: Path, data: bytes) -> dict[str, Camera]:
             raise InputError(f"{path}: an array of shape {shape} and type {dtype.name[:40]}; {EXPECTED}")
         return np.load(io.BytesIO(data), allow_pickle=False)
 
-    return read_matrix(path, parsed(path, "an array of NumPy", load))
+    return read_matrix(path, run_parser(path, "an array of NumPy", load))

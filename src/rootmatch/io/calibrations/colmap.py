@@ -12,8 +12,8 @@ from rootmatch.cameras.colmap import Colmap, colmap_parameters
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.values import errors_at
+from rootmatch.errors import InputError, quote_value
+from rootmatch.io.calibrations.values import prefix_errors
 
 NAMES = (
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
@@ -39,7 +39,7 @@ def read_colmap_text(path: Path, text: str) -> dict[str, Camera]:
             continue
         where, cells = f"{path}, row {row}", line.split()
         if len(cells) < 5 or not cells[0].isdigit():
-            raise InputError(f"{where}: {quoted(line)} given; give {LINE}")
+            raise InputError(f"{where}: {quote_value(line)} given; give {LINE}")
         try:
             values = [float(cell) for cell in cells[4:]]
         except ValueError:
@@ -74,7 +74,7 @@ def read_colmap_binary(path: Path, data: bytes) -> dict[str, Camera]:
 
 def colmap_camera(where: str, model: str, values: list[float], size: Any) -> Camera:
     """The camera of a model with COLMAP's parameters in COLMAP's order, and an image of a width and height."""
-    with errors_at(where):
+    with prefix_errors(where):
         if model in COUNTS and len(values) != COUNTS[model]:
             raise InputError(f"camera: {len(values)} parameters given, and {model} has {COUNTS[model]}; give that many")
         if not all(math.isfinite(value) for value in values):

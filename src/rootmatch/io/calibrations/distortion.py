@@ -12,8 +12,8 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.values import numbers
+from rootmatch.errors import InputError, quote_value
+from rootmatch.io.calibrations.values import read_numbers
 
 COEFFICIENTS = frozenset(
     {"d", "dist", "distortion"} | {
@@ -64,7 +64,7 @@ REMEDY = (
 )
 
 
-def spelled(name: object) -> str:
+def normalise_name(name: object) -> str:
     """A name without capitals, underscores, hyphens and spaces: ``dist_coeffs`` is ``distCoeffs``."""
     return re.sub(r"[\s_-]", "", str(name)).lower()
 
@@ -81,8 +81,8 @@ def coefficients(path: Path, content: Mapping[str, Any], index: str = "") -> tup
         The camera's number, which follows the name: ``distCoeffs1``.
     """
     names = {name + index for name in COEFFICIENTS}
-    given = [name for name, value in content.items() if value is not None and spelled(name) in names]
-    values = {name: numbers(path, quoted(name)[1:-1], content[name]) for name in given}
+    given = [name for name, value in content.items() if value is not None and normalise_name(name) in names]
+    values = {name: read_numbers(path, quote_value(name)[1:-1], content[name]) for name in given}
     for name in given[1:]:
         if values[name] != values[given[0]]:
             raise InputError(f"{path}: {given[0]} and {name} differ; a camera has one lens, leave one of them out")
@@ -91,13 +91,13 @@ def coefficients(path: Path, content: Mapping[str, Any], index: str = "") -> tup
 
 def is_fisheye(path: Path, content: Mapping[str, Any]) -> bool:
     """Whether the entries say that the coefficients are those of a fisheye."""
-    said = {spelled(name): spelled(value) for name, value in content.items() if isinstance(value, str)}
+    said = {normalise_name(name): normalise_name(value) for name, value in content.items() if isinstance(value, str)}
     if any(said.get(name) in FISHEYES for name in MODEL_HINTS):
         return True
     for name, value in content.items():
-        if spelled(name) in MODEL_NAMES and isinstance(value, str) and spelled(value) not in BROWNS:
+        if normalise_name(name) in MODEL_NAMES and isinstance(value, str) and normalise_name(value) not in BROWNS:
             raise InputError(
-                f"{path}: {quoted(name)[1:-1]} is {quoted(value)}; give coefficients of plumb_bob or equidistant"
+                f"{path}: {quote_value(name)[1:-1]} is {quote_value(value)}; give coefficients of plumb_bob or equidistant"
             )
     return False
 
@@ -105,27 +105,27 @@ def is_fisheye(path: Path, content: Mapping[str, Any]) -> bool:
 def refuse_unread(where: object, content: Mapping[str, Any], known: Collection[str] = COEFFICIENTS) -> None:
     """Refuse an entry that may be a lens and is not all zeros; ``known``: names of others, written or `spelled`."""
     for name, value in content.items():
-        if name in known or spelled(name) in known:
+        if name in known or normalise_name(name) in known:
             continue
-        if spelled(name) in ONE_BY_ONE and _scalar(value):
+        if normalise_name(name) in ONE_BY_ONE and _parse_scalar(value):
             raise InputError(f'{where}: {name} alone; give all coefficients as a list, "dist": [k1, k2, p1, p2, k3]')
-        if _may_be_a_lens(str(name), value):
-            raise InputError(f"{where}: {quoted(name)} is {quoted(value)}; {REMEDY}")
+        if _is_suspected_lens(str(name), value):
+            raise InputError(f"{where}: {quote_value(name)} is {quote_value(value)}; {REMEDY}")
 
 
-def _may_be_a_lens(name: str, value: Any) -> bool:
+def _is_suspected_lens(name: str, value: Any) -> bool:
     words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)}
-    if LENS_WORDS.search(spelled(name)):
+    if LENS_WORDS.search(normalise_name(name)):
         if isinstance(value, list | dict):
-            return not words & ABOUT and any(_numbers_within(value))
-        return bool(_scalar(value)) and not words & (METADATA | SCALARS)
+            return not words & ABOUT and any(_iterate_numbers(value))
+        return bool(_parse_scalar(value)) and not words & (METADATA | SCALARS)
     return not words & METADATA and _is_long_list(value, matrices=bool(words) and words <= MATRICES)
 
 
 def _is_long_list(value: Any, *, matrices: bool) -> bool:
     """Whether it is a row or a column of enough numbers, not all of them zero, and no matrix if those are likely."""
     if isinstance(value, dict) and "data" in value:
-        if all((_scalar(value.get(side)) or 1.0) > 1.0 for side in ("rows", "cols")):
+        if all((_parse_scalar(value.get(side)) or 1.0) > 1.0 for side in ("rows", "cols")):
             return False
         value = value["data"]
     if not isinstance(value, list) or not value:
@@ -134,30 +134,30 @@ def _is_long_list(value: Any, *, matrices: bool) -> bool:
         if len(value) > 1 and max(map(len, value)) > 1:
             return False
         value = [entry for row in value for entry in row]
-    found = [_scalar(entry) for entry in value]
+    found = [_parse_scalar(entry) for entry in value]
     if matrices and len(found) in SIZES:
         return False
     return len(found) >= LEAST and None not in found and any(found)
 
 
-def _numbers_within(value: Any) -> Iterator[float]:
+def _iterate_numbers(value: Any) -> Iterator[float]:
     """All numbers that lists and mappings hold, at any depth."""
     left = [value]
     while left:
         entry = left.pop()
         if isinstance(entry, list | dict):
-            left += entry.values() if isinstance(entry, dict) and "data" not in entry else _listed(entry)
-        elif (number := _scalar(entry)) is not None:
+            left += entry.values() if isinstance(entry, dict) and "data" not in entry else _flatten_entry(entry)
+        elif (number := _parse_scalar(entry)) is not None:
             yield number
 
 
-def _listed(entry: Any) -> list[Any]:
+def _flatten_entry(entry: Any) -> list[Any]:
     """What a list, or a matrix as OpenCV writes it, holds."""
     data = entry["data"] if isinstance(entry, dict) else entry
     return data if isinstance(data, list) else [data]
 
 
-def _scalar(value: Any) -> float | None:
+def _parse_scalar(value: Any) -> float | None:
     """A number, or text that is one, which YAML makes of 1e5; None for all else."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None

@@ -10,9 +10,9 @@ from rootmatch.cameras.colmap import Colmap
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 from rootmatch.io.calibrations.distortion import refuse_unread
-from rootmatch.io.calibrations.values import errors_at, numbers
+from rootmatch.io.calibrations.values import prefix_errors, read_numbers
 
 COUNTS = {"radtan": 4, "equidistant": 4, "fov": 1, "none": 0}
 """Coefficients of each distortion model."""
@@ -29,20 +29,20 @@ def read_kalibr(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
     for name, entry in content.items():
         if not isinstance(entry, dict) or "camera_model" not in entry:
             continue
-        where = f"{path}: {quoted(name)}"
+        where = f"{path}: {quote_value(name)}"
         if entry["camera_model"] != "pinhole":
-            raise InputError(f"{where}: camera_model is {quoted(entry['camera_model'])}; only pinhole is known")
+            raise InputError(f"{where}: camera_model is {quote_value(entry['camera_model'])}; only pinhole is known")
         model = entry.get("distortion_model", "none")
         if not isinstance(model, str) or model not in COUNTS:
-            raise InputError(f"{where}: distortion_model is {quoted(model)}; give one of {', '.join(COUNTS)}")
-        intrinsics = numbers(path, f"{name}: intrinsics", entry.get("intrinsics"))
-        values = numbers(path, f"{name}: distortion_coeffs", entry.get("distortion_coeffs", []))
+            raise InputError(f"{where}: distortion_model is {quote_value(model)}; give one of {', '.join(COUNTS)}")
+        intrinsics = read_numbers(path, f"{name}: intrinsics", entry.get("intrinsics"))
+        values = read_numbers(path, f"{name}: distortion_coeffs", entry.get("distortion_coeffs", []))
         refuse_unread(where, entry, ("distortioncoeffs",))
         if len(intrinsics) != 4:
             raise InputError(f"{where}: {len(intrinsics)} intrinsics given; give fx, fy, cx and cy")
         if len(values) != COUNTS[model]:
             raise InputError(f"{where}: {len(values)} distortion_coeffs given, and {model} has {COUNTS[model]}")
-        with errors_at(where):
+        with prefix_errors(where):
             fx, fy, cx, cy = intrinsics
             lens = _lens(str(model), tuple(values))
             found[str(name)] = Camera(fx, fy, cx, cy, lens, size=entry.get("resolution"))

@@ -17,9 +17,9 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
-from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.distortion import COEFFICIENTS, coefficients, is_fisheye, refuse_unread, spelled
-from rootmatch.io.calibrations.values import errors_at, matrix, numbers, sized
+from rootmatch.errors import InputError, quote_value
+from rootmatch.io.calibrations.distortion import COEFFICIENTS, coefficients, is_fisheye, normalise_name, refuse_unread
+from rootmatch.io.calibrations.values import prefix_errors, read_3x3, read_numbers, with_image_size
 from rootmatch.problems.derived.measurements import Bearings
 
 NUMBERS = ("fx", "fy", "cx", "cy")
@@ -30,20 +30,20 @@ LOOSE = ("K", *NUMBERS, *SIZE)
 EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
 
 
-def cameras_of(path: Path, content: dict[str, Any]) -> dict[str, CameraModel]:
+def parse_cameras(path: Path, content: dict[str, Any]) -> dict[str, CameraModel]:
     """Cameras of our JSON: those of ``cameras`` by name, or ``camera`` and ``camera2``."""
     if "cameras" in content:
         named = content["cameras"]
         if not isinstance(named, dict) or not named:
-            raise InputError(f"{path}: cameras is {quoted(named)}; give an object of cameras by name")
-        return {str(name): camera_of(path, entry, ()) for name, entry in named.items()}
-    found = {"camera": camera_of(path, content, ("camera2", *DIRECTIONS))}
+            raise InputError(f"{path}: cameras is {quote_value(named)}; give an object of cameras by name")
+        return {str(name): camera_from_entry(path, entry, ()) for name, entry in named.items()}
+    found = {"camera": camera_from_entry(path, content, ("camera2", *DIRECTIONS))}
     if content.get("camera2") is not None:
-        found["camera2"] = camera_of(path, content["camera2"], ())
+        found["camera2"] = camera_from_entry(path, content["camera2"], ())
     return found
 
 
-def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
+def camera_from_entry(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
     """The camera of a JSON object; ``more`` lists its other known keys."""
     if not isinstance(content, dict):
         raise InputError(f"{path}: not a JSON object; give {EXAMPLE}")
@@ -54,40 +54,42 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
     known = (*NUMBERS, *SIZE, "K", "fisheye", "colmap", "bearings", "rig", "dist", *more)
     for key in content:
         near = difflib.get_close_matches(key[:40], [name for name in known if name not in LOOSE], n=1, cutoff=0.7)
-        if near and key.lower() not in known and key not in known and spelled(key) not in COEFFICIENTS:
-            raise InputError(f"{path}: {quoted(key)} is unknown; did you mean {near[0]!r}? Rename it, or leave it out")
+        if near and key.lower() not in known and key not in known and normalise_name(key) not in COEFFICIENTS:
+            raise InputError(
+                f"{path}: {quote_value(key)} is unknown; did you mean {near[0]!r}? Rename it, or leave it out"
+            )
     refuse_unread(path, content, {*COEFFICIENTS, *known})
-    with errors_at(path):
+    with prefix_errors(path):
         if "K" in content:
-            pinhole = Camera.from_matrix(_square(path, content["K"]))
+            pinhole = Camera.from_matrix(_square_matrix(path, content["K"]))
         else:
             missing = [name for name in NUMBERS if name not in content]
             if missing:
                 raise InputError(f"{missing[0]} is missing; give fx, fy, cx and cy in pixels, or the matrix K")
             pinhole = Camera(*(content[name] for name in NUMBERS))
-        return sized(_with_lens(path, pinhole, content), content, SIZE)
+        return with_image_size(_attach_lens(path, pinhole, content), content, SIZE)
 
 
 def _rig(path: Path, views: Any) -> Rig:
     """The rig of a JSON list of cameras, each with R and t, and perhaps with the width and height of its image."""
     if not isinstance(views, list) or not all(isinstance(view, dict) for view in views):
-        raise InputError(f"{path}: rig is {quoted(views)}; give a list of cameras with R and t")
+        raise InputError(f"{path}: rig is {quote_value(views)}; give a list of cameras with R and t")
     cameras = []
     for k, view in enumerate(views):
         for key, count in (("R", 9), ("t", 3)):
-            if key not in view or len(numbers(path, f"{key} of camera {k}", view[key])) != count:
+            if key not in view or len(read_numbers(path, f"{key} of camera {k}", view[key])) != count:
                 raise InputError(f"{path}: rig: {key} of camera {k} is missing, or has not {count} numbers")
         if "rig" in view:
             raise InputError(f"{path}: rig: camera {k} is a rig itself; give cameras")
         rest = {key: value for key, value in view.items() if key not in ("R", "t", *SIZE)}
-        place = matrix(path, "R", view["R"]), numbers(path, "t", view["t"])
-        cameras.append((camera_of(path, rest, ()), *place))
+        place = read_3x3(path, "R", view["R"]), read_numbers(path, "t", view["t"])
+        cameras.append((camera_from_entry(path, rest, ()), *place))
     sizes = [[view[key] for key in SIZE if key in view] for view in views]
-    with errors_at(path):
+    with prefix_errors(path):
         return Rig(cameras, sizes if any(sizes) else None)
 
 
-def _square(path: Path, value: Any) -> list[list[float]]:
+def _square_matrix(path: Path, value: Any) -> list[list[float]]:
     """A matrix (3, 3) from nested lists."""
     try:
         array = np.array(value, dtype=float)
@@ -95,10 +97,10 @@ def _square(path: Path, value: Any) -> list[list[float]]:
         raise InputError("K is not a matrix of numbers; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]") from None
     if array.shape != (3, 3):
         raise InputError(f"camera matrix: shape {array.shape} given, (3, 3) expected")
-    return matrix(path, "K", value)
+    return read_3x3(path, "K", value)
 
 
-def _with_lens(path: Path, pinhole: Camera, content: dict[str, Any]) -> Camera:
+def _attach_lens(path: Path, pinhole: Camera, content: dict[str, Any]) -> Camera:
     """The camera with the lens that a JSON object describes."""
     name, values = coefficients(path, content)
     if content.get("colmap") is not None:
@@ -106,7 +108,7 @@ def _with_lens(path: Path, pinhole: Camera, content: dict[str, Any]) -> Camera:
     if content.get("fisheye") is not None:
         if values:
             raise InputError(f"fisheye and {name} given; a camera has one lens, leave one of them out")
-        return replace(pinhole, lens=KannalaBrandt(tuple(numbers(path, "fisheye", content["fisheye"]))))
+        return replace(pinhole, lens=KannalaBrandt(tuple(read_numbers(path, "fisheye", content["fisheye"]))))
     if len(values) == 0:
         return pinhole
     if is_fisheye(path, content):

@@ -9,13 +9,13 @@ from typing import Any
 
 from rootmatch.cameras.base import CameraModel
 from rootmatch.errors import InputError
-from rootmatch.io.calibrations.camera_matrix import read_matrix, read_npy, rows_of_matrix
+from rootmatch.io.calibrations.camera_matrix import parse_matrix_rows, read_matrix, read_npy
 from rootmatch.io.calibrations.colmap import read_colmap_binary, read_colmap_text
 from rootmatch.io.calibrations.kalibr import is_kalibr, read_kalibr
-from rootmatch.io.calibrations.native import EXAMPLE, cameras_of
-from rootmatch.io.calibrations.opencv import is_opencv, read_opencv, xml_content
+from rootmatch.io.calibrations.native import EXAMPLE, parse_cameras
+from rootmatch.io.calibrations.opencv import is_opencv, parse_xml, read_opencv
 from rootmatch.io.calibrations.ros import is_ros, read_ros
-from rootmatch.io.calibrations.values import LARGEST, load_yaml, parsed
+from rootmatch.io.calibrations.values import LARGEST, load_yaml, run_parser
 from rootmatch.io.csv_tables import read_text
 from rootmatch.io.inputs import read_bytes
 
@@ -56,12 +56,12 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
     if suffix == ".npy":
         return dict(read_npy(file, read_bytes(file, LARGEST, REMEDY)))
     text = read_small_text(file)
-    if (rows := rows_of_matrix(text)) is not None:
+    if (rows := parse_matrix_rows(text)) is not None:
         return dict(read_matrix(file, rows))
     if suffix == ".txt":
         return dict(read_colmap_text(file, text))
     if suffix == ".xml" or text.lstrip().startswith("<"):
-        return dict(read_opencv(file, xml_content(file, text)))
+        return dict(read_opencv(file, parse_xml(file, text)))
     content = load_json(file, text) if suffix == ".json" else load_yaml(file, text)
     if not isinstance(content, dict):
         kind = "a JSON object" if suffix == ".json" else "a mapping of names to values"
@@ -72,7 +72,7 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
         return dict(read_ros(file, content))
     if is_opencv(content) or suffix != ".json":
         return dict(read_opencv(file, content))
-    return cameras_of(file, content)
+    return parse_cameras(file, content)
 
 
 def load_json(path: Path, text: str, expected: str = f"give {EXAMPLE}") -> Any:
@@ -84,7 +84,7 @@ def load_json(path: Path, text: str, expected: str = f"give {EXAMPLE}") -> Any:
         except json.JSONDecodeError as error:
             raise InputError(f"{path}, row {error.lineno}: not JSON ({error.msg}); {expected}") from None
 
-    return parsed(path, "JSON", load)
+    return run_parser(path, "JSON", load)
 
 
 def read_small_text(path: Path) -> str:

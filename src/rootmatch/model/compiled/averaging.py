@@ -9,20 +9,20 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.evidence import scratch_for, weigh_one
-from rootmatch.model.compiled.known_terms import components_about, room_for_terms
+from rootmatch.model.compiled.evidence import weigh_one, weighing_scratch
+from rootmatch.model.compiled.known_terms import fill_components, term_buffers
 from rootmatch.model.compiled.projection import linearise_one
-from rootmatch.model.compiled.steps import SMALL, step_of_one
-from rootmatch.model.compiled.visibility import see_one
+from rootmatch.model.compiled.steps import SMALL, take_one_step
+from rootmatch.model.compiled.visibility import fill_visibility_of_pose
 
 
 @part
-def leave_out(duals, covariance, step, work):  # type: ignore[no-untyped-def]
+def project_out(duals, covariance, step, work):  # type: ignore[no-untyped-def]
     """A step (6,) to the best pose that has no part along lines, in place.
 
-    ``duals`` (6, w): see `dual_to`; ``covariance`` (6, 6): of the fit; ``work`` (6, 6), (6, 6) and (6,): scratch.
+    ``duals`` (6, w): see `dual_directions`; ``covariance`` (6, 6): of the fit; ``work`` (6, 6), (6, 6) and (6,): scratch.
     """
     push, square, along = work
     w = duals.shape[1]
@@ -53,7 +53,7 @@ def leave_out(duals, covariance, step, work):  # type: ignore[no-untyped-def]
 
 
 @part
-def dual_to(lines, squared, arm, out):  # type: ignore[no-untyped-def]
+def dual_directions(lines, squared, arm, out):  # type: ignore[no-untyped-def]
     """Directions (6, w) whose product with a motion is how far it is along each of some lines, but for a factor.
 
     ``squared``: of the distance, by which turns and moves are compared; ``arm`` (3,): from the place of the centre that
@@ -69,7 +69,7 @@ def dual_to(lines, squared, arm, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def bend(step):  # type: ignore[no-untyped-def]
+def integrate_motion(step):  # type: ignore[no-untyped-def]
     """The last three numbers of a step where a motion at constant rates leads, in place; the first are its turn."""
     x, y, z = step[0], step[1], step[2]
     angle2 = x * x + y * y + z * z
@@ -85,7 +85,7 @@ def bend(step):  # type: ignore[no-untyped-def]
 
 
 @part
-def refer_rows(rows, x, y, z, out):  # type: ignore[no-untyped-def]
+def shift_reference(rows, x, y, z, out):  # type: ignore[no-untyped-def]
     """Motions (6, w) of a point as those of one at (x, y, z) from it, into ``out``, which may be the same."""
     for b in range(rows.shape[1]):
         u, v, w = rows[0, b], rows[1, b], rows[2, b]
@@ -96,7 +96,7 @@ def refer_rows(rows, x, y, z, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def known_at(off, about, arm, terms):  # type: ignore[no-untyped-def]
+def expand_prior_terms(off, about, arm, terms):  # type: ignore[no-untyped-def]
     """The first row of a prior's terms, of a pose that is ``off`` (6,), by an expansion about another.
 
     ``about``: slope (6,) and precision (6, 6) there; ``arm``: from the centre's new place (3,) to that one.
@@ -126,7 +126,7 @@ def known_at(off, about, arm, terms):  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def average(assignments, lines, places, scene, known, least, out):  # type: ignore[no-untyped-def]
+def average_along_lines(assignments, lines, places, scene, known, least, out):  # type: ignore[no-untyped-def]
     """Mean and covariance of a pose by the posterior at places on lines, one line after another.
 
     Parameters
@@ -143,7 +143,7 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     out : tuple
         Rotation (1, 3, 3), position (1, 3) and covariance (6, 6), of the fit at first and of the average in the end.
     """
-    assignments, lines, places, scene, known, out = borrowed((assignments, lines, places, scene, known, out))
+    assignments, lines, places, scene, known, out = borrow((assignments, lines, places, scene, known, out))
     body, views, image, clutter, rates = scene
     target, sigma, view_cosine = image[0], image[1], image[3]
     rotation, position, covariance = out
@@ -155,9 +155,9 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     images = pixels, jacobian, by_position, seen, cosine, expected
     whole = pixels, jacobian, seen, expected, cosine, np.empty((0, 0), np.int64), np.empty((0, 0))
     white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
-    room = room_for_terms(known)
+    room = term_buffers(known)
     terms = room[0]
-    scratch = scratch_for(n, image[4].shape[0], target.shape[0], rates[0].shape[0])
+    scratch = weighing_scratch(n, image[4].shape[0], target.shape[0], rates[0].shape[0])
     step = np.empty((1, 6))
     one = np.empty(1)  # of what is not read
     weighed = one, step, np.empty((1, 6, 6)), one, one, np.empty((1, n)), one, one
@@ -165,7 +165,7 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
     squared = position[0, 0] ** 2 + position[0, 1] ** 2 + position[0, 2] ** 2
     values, off, mean, visible = np.empty(count), np.empty((count, 6)), np.zeros(6), np.empty(n)
     # what is known beside the detections, as it is about the fit
-    components_about(0, (rotation, position), known, room)
+    fill_components(0, (rotation, position), known, room)
     best = 0
     for c in range(1, terms[3].shape[0]):
         if terms[3][c] - 0.5 * terms[2][c] > terms[3][best] - 0.5 * terms[2][best]:
@@ -176,18 +176,18 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
         for k in range(count):
             for p in range(6):
                 off[k, p] = step[0, p] = mean[p] + places[k] * lines[p, line]
-            bend(step[0])
+            integrate_motion(step[0])
             arm = (-step[0, 3], -step[0, 4], -step[0, 5])
-            step_of_one(0, step, rotation, position, math.inf, poses[0], poses[1])
+            take_one_step(0, step, rotation, position, math.inf, poses[0], poses[1])
             linearise_one(0, body, poses, views, images)
-            known_at(off[k], about, arm, terms)
+            expand_prior_terms(off[k], about, arm, terms)
             weigh_one(0, 0, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
             # to the valley, but along none of its weak directions
-            dual_to(lines, squared, arm, duals)
-            leave_out(duals, weighed[2][0], step[0], work)
-            step_of_one(0, step, poses[0], poses[1], math.inf, poses[0], poses[1])
+            dual_directions(lines, squared, arm, duals)
+            project_out(duals, weighed[2][0], step[0], work)
+            take_one_step(0, step, poses[0], poses[1], math.inf, poses[0], poses[1])
             linearise_one(0, body, poses, views, images)
-            refer_rows(step.T, arm[0], arm[1], arm[2], step.T)
+            shift_reference(step.T, arm[0], arm[1], arm[2], step.T)
             value = 0.0
             for p in range(6):
                 off[k, p] += step[0, p]
@@ -196,7 +196,7 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
                 for q in range(6):
                     push -= 0.5 * about[1][p, q] * off[k, q]
                 value += push * off[k, p]
-            see_one(0, expected[0], cosine, view_cosine, 0.0, visible)
+            fill_visibility_of_pose(0, expected[0], cosine, view_cosine, 0.0, visible)
             for i in range(n):
                 j = assignments[0, i]
                 if j >= 0:
@@ -222,7 +222,7 @@ def average(assignments, lines, places, scene, known, least, out):  # type: igno
                 covariance[p, q] += spread
     for p in range(6):
         step[0, p] = mean[p]
-    bend(step[0])
-    refer_rows(covariance, step[0, 3], step[0, 4], step[0, 5], covariance)
-    refer_rows(covariance.T, step[0, 3], step[0, 4], step[0, 5], covariance.T)
-    step_of_one(0, step, rotation, position, math.inf, rotation, position)
+    integrate_motion(step[0])
+    shift_reference(covariance, step[0, 3], step[0, 4], step[0, 5], covariance)
+    shift_reference(covariance.T, step[0, 3], step[0, 4], step[0, 5], covariance.T)
+    take_one_step(0, step, rotation, position, math.inf, rotation, position)

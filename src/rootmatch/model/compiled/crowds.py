@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 
 TINY = 1e-12
@@ -16,14 +16,14 @@ NEGLIGIBLE = 30.0
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def shares_of_crowds(densities, prior, steps, shares):  # type: ignore[no-untyped-def]
-    """As `most_probable_shares`."""
-    densities, prior, shares = borrowed((densities, prior, shares))
-    most_probable_shares(densities, prior, steps, shares)
+def fit_crowd_shares(densities, prior, steps, shares):  # type: ignore[no-untyped-def]
+    """As `maximise_shares`."""
+    densities, prior, shares = borrow((densities, prior, shares))
+    maximise_shares(densities, prior, steps, shares)
 
 
 @part
-def most_probable_shares(densities, prior, steps, shares):  # type: ignore[no-untyped-def]
+def maximise_shares(densities, prior, steps, shares):  # type: ignore[no-untyped-def]
     """Most probable shares (S,) of components with densities (S, n'), by expectation and maximisation, in place.
 
     ``prior`` (S,): pseudo-counts; ``steps``: how many; ``shares``: those to start from.
@@ -47,7 +47,7 @@ def most_probable_shares(densities, prior, steps, shares):  # type: ignore[no-un
 
 
 @part
-def densities_of_crowds(target, sigma, centres, label, widths, about, whole, first, last):  # type: ignore[no-untyped-def]
+def fill_crowd_densities(target, sigma, centres, label, widths, about, whole, first, last):  # type: ignore[no-untyped-def]
     """Densities of members of crowds of several widths.
 
     Parameters
@@ -90,7 +90,7 @@ def densities_of_crowds(target, sigma, centres, label, widths, about, whole, fir
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def crowds_of(detections, centres, extents, limits, rows, out):  # type: ignore[no-untyped-def]
+def fit_crowds(detections, centres, extents, limits, rows, out):  # type: ignore[no-untyped-def]
     """The crowds of an image.
 
     Parameters
@@ -102,7 +102,7 @@ def crowds_of(detections, centres, extents, limits, rows, out):  # type: ignore[
     extents : (k,) array
         What clutter fills.
     limits : tuple
-        Pseudo-counts of what lies anywhere and of each width, and steps of `most_probable_shares`.
+        Pseudo-counts of what lies anywhere and of each width, and steps of `maximise_shares`.
     rows : tuple
         Detections of this call, from and to: it takes several calls in order, the last of which ends it.
     out : tuple
@@ -110,7 +110,7 @@ def crowds_of(detections, centres, extents, limits, rows, out):  # type: ignore[
         of what lies anywhere and of crowds by width, densities (S, n', c) of each width about each centre, and those
         (1 + S, n') of what lies anywhere and of the mean crowd; filled.
     """
-    detections, centres, extents, out = borrowed((detections, centres, extents, out))
+    detections, centres, extents, out = borrow((detections, centres, extents, out))
     target, sigma, uniform, label = detections
     about, widths, shares, kernels, densities = out
     first, last = rows
@@ -125,7 +125,7 @@ def crowds_of(detections, centres, extents, limits, rows, out):  # type: ignore[
             widths[k, axis] = min(0.25 * math.exp(log_mean) * 0.5**k, 0.25 * extents[axis])
     for j in range(first, last):
         densities[0, j] = uniform[j]
-    densities_of_crowds(target, sigma, centres, label, widths, kernels, densities[1:], first, last)
+    fill_crowd_densities(target, sigma, centres, label, widths, kernels, densities[1:], first, last)
     if last < count:
         return
     prior = np.empty(scales + 1)
@@ -133,7 +133,7 @@ def crowds_of(detections, centres, extents, limits, rows, out):  # type: ignore[
         prior[k] = crowd if k > 0 else anywhere
     for k in range(scales + 1):
         shares[k] = prior[k] / (anywhere + scales * crowd)
-    most_probable_shares(densities, prior, steps, shares)
+    maximise_shares(densities, prior, steps, shares)
     for j in range(count):
         for c in range(centres.shape[0]):
             about[j, c] = 0.0
@@ -142,8 +142,8 @@ def crowds_of(detections, centres, extents, limits, rows, out):  # type: ignore[
 
 
 @part
-def bordered(taken, more, descents, own, root, factor):  # type: ignore[no-untyped-def]
-    """See `log_of_taken`: the Cholesky factor of the matrix of what is taken or near a place, and how large it is.
+def factor_bordered(taken, more, descents, own, root, factor):  # type: ignore[no-untyped-def]
+    """See `fill_log_of_taken`: the Cholesky factor of the matrix of what is taken or near a place, and how large it is.
 
     ``own``, ``root`` (c,): which centres these are, and the roots of what they have; filled.
     """
@@ -164,8 +164,8 @@ def bordered(taken, more, descents, own, root, factor):  # type: ignore[no-untyp
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def log_of_taken(taken, more, descents, log_density, out):  # type: ignore[no-untyped-def]
-    """Logarithm of the density of centres that are taken, see `rootmatch.model.clutter.Clutter.log_taken`.
+def fill_log_of_taken(taken, more, descents, log_density, out):  # type: ignore[no-untyped-def]
+    """Logarithm of the density of centres that are taken, see `rootmatch.model.clutter.Clutter.log_density_of_taken`.
 
     Parameters
     ----------
@@ -175,11 +175,11 @@ def log_of_taken(taken, more, descents, log_density, out):  # type: ignore[no-un
     out : (K,) array
         Filled.
     """
-    taken, more, descents, log_density, out = borrowed((taken, more, descents, log_density, out))
+    taken, more, descents, log_density, out = borrow((taken, more, descents, log_density, out))
     count = descents.shape[0]
     own, root, factor = np.empty(count, np.int64), np.empty(count), np.empty((count, count))
     for k in range(taken.shape[0]):
-        size = bordered(taken[k], more[k], descents, own, root, factor)
+        size = factor_bordered(taken[k], more[k], descents, own, root, factor)
         total = 0.0
         for a in range(size):
             total -= 2.0 * math.log(factor[a, a])
@@ -189,15 +189,15 @@ def log_of_taken(taken, more, descents, log_density, out):  # type: ignore[no-un
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def densities_given(taken, more, descents, out):  # type: ignore[no-untyped-def]
+def fill_given_densities(taken, more, descents, out):  # type: ignore[no-untyped-def]
     """Density (c,) of each centre in parts of its own, see `rootmatch.model.clutter.Clutter.log_each`.
 
     ``taken``, ``more`` (c,) and ``descents`` (c, c): as there; ``out`` (c,): filled.
     """
-    taken, more, descents, out = borrowed((taken, more, descents, out))
+    taken, more, descents, out = borrow((taken, more, descents, out))
     count = descents.shape[0]
     own, root, factor = np.empty(count, np.int64), np.empty(count), np.empty((count, count))
-    size = bordered(taken, more, descents, own, root, factor)
+    size = factor_bordered(taken, more, descents, own, root, factor)
     solved = np.empty(size)
     for j in range(count):
         squared = 0.0
@@ -211,7 +211,7 @@ def densities_given(taken, more, descents, out):  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def densities_about_places(target, sigma, places, variance, chance, widths, shares, density):  # type: ignore[no-untyped-def]
+def fill_place_densities(target, sigma, places, variance, chance, widths, shares, density):  # type: ignore[no-untyped-def]
     """Densities of crowds about places, added to those given.
 
     Parameters
@@ -229,7 +229,7 @@ def densities_about_places(target, sigma, places, variance, chance, widths, shar
     density : (K, n') array
         Filled.
     """
-    target, sigma, places, variance, chance, widths, shares, density = borrowed(
+    target, sigma, places, variance, chance, widths, shares, density = borrow(
         (target, sigma, places, variance, chance, widths, shares, density)
     )
     for k in range(places.shape[0]):

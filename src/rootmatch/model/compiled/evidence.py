@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.occluder import (
     DIRECTIONS,
@@ -14,14 +14,20 @@ from rootmatch.model.compiled.occluder import (
     LEAST_HIDDEN,
     LOG_FREE,
     WINDOW,
-    hide,
-    log_of_limits,
-    nearest_of,
-    sizes_of,
-    smaller_than,
+    fill_sizes,
+    find_occluders,
+    largest_size,
+    log_with_range_limit,
+    order_smaller,
 )
-from rootmatch.model.compiled.rates import log_of_rates
-from rootmatch.model.compiled.visibility import edges_of, facing_terms, see_one, shown_by_normal, shown_of_blobs
+from rootmatch.model.compiled.rates import log_over_rates
+from rootmatch.model.compiled.visibility import (
+    count_view_angles,
+    facing_terms,
+    fill_visibility_of_pose,
+    merge_blob_visibility,
+    visibility_by_normal,
+)
 
 LOG_2PI = math.log(2.0 * math.pi)
 RIDGE = 1e-13
@@ -29,7 +35,7 @@ RIDGE = 1e-13
 
 
 @part
-def log_of_squared(squared, freedom, given):  # type: ignore[no-untyped-def]
+def log_student_density(squared, freedom, given):  # type: ignore[no-untyped-def]
     """Logarithm of the density at a squared deviation with a factor on all variances, over that of N(0, 1) at zero.
 
     ``freedom``: of the deviation; ``given``: of the factor's distribution.
@@ -42,7 +48,7 @@ def log_of_squared(squared, freedom, given):  # type: ignore[no-untyped-def]
 
 
 @part
-def inverted(matrix, factor, scale, out):  # type: ignore[no-untyped-def]
+def invert_scaled(matrix, factor, scale, out):  # type: ignore[no-untyped-def]
     """Inverse of a positive definite matrix (6, 6), into ``out``; the logarithm of its determinant.
 
     It is scaled to a unit diagonal first, as its units differ. ``factor`` (6, 6) and ``scale`` (6,): scratch.
@@ -82,7 +88,7 @@ def inverted(matrix, factor, scale, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
+def log_crowd_correction(assignment, taken, clutter):  # type: ignore[no-untyped-def]
     """Correction of the log-densities of `rootmatch.model.clutter.Clutter` for detections that are taken away together.
 
     If a whole crowd is taken, its first member was not predicted by the others: it is predicted by the remaining
@@ -114,7 +120,7 @@ def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
 
 
 @part
-def scratch_for(n, images, n_target, nodes):  # type: ignore[no-untyped-def]
+def weighing_scratch(n, images, n_target, nodes):  # type: ignore[no-untyped-def]
     """What `weigh_one` writes into, for so many points, images, detections and nodes of the rate."""
     square, hidden = (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), (np.empty(2), np.empty(DIRECTIONS))
     points, of_rates = (np.empty((11, n)), np.empty(n, np.int64)), np.empty((2, nodes))
@@ -134,7 +140,7 @@ def best_step(measured, slope, precision, prior_slope, whole, factor, scale, cov
     for a in range(6):
         for b in range(6):
             whole[a, b] = measured[a, b] + precision[a, b]
-    log_precision = inverted(whole, factor, scale, covariance)
+    log_precision = invert_scaled(whole, factor, scale, covariance)
     decrement, known = 0.0, 0.0
     for a in range(6):
         total = 0.0
@@ -217,23 +223,23 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
         )
         squared = max(of_image + squares[one] - decrement, 0.0)
         freedom = max(2.0 * matches - known, 0.0)
-        value = log_of_squared(squared, freedom, noise_freedom) - 0.5 * log_precision + log_densities[one]
+        value = log_student_density(squared, freedom, noise_freedom) - 0.5 * log_precision + log_densities[one]
         if value > best:
             best, which = value, one
     total += 3.0 * LOG_2PI + best
     tilt = min(math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])), 1.0)
-    highest, weights, edges = -math.inf, 0.0, edges_of(cosine, view_cosine)
+    highest, weights, edges = -math.inf, 0.0, count_view_angles(cosine, view_cosine)
     visible[k] = 0.0
     for i in range(n):
         away[i], growth[i], barely[i] = facing_terms(cosine, view_cosine, tilt, pose, i)
-    least = sizes_of(assignments[k], jacobian[pose], sizes)
-    farther = order[: smaller_than(least, sizes, order)]
+    least = fill_sizes(assignments[k], jacobian[pose], sizes)
+    farther = order[: order_smaller(least, sizes, order)]
     for edge in range(edges):
         for i in range(n):
-            shown[i] = expected[pose, i] * shown_by_normal(away[i], barely[i])
+            shown[i] = expected[pose, i] * visibility_by_normal(away[i], barely[i])
             away[i] *= growth[i]
         if blob.shape[0] > 0:
-            shown_of_blobs(blob[pose], shown, missing)
+            merge_blob_visibility(blob[pose], shown, missing)
         owned, lost = 0.0, 0.0
         for i in range(n):
             missing[i] = 0.0
@@ -242,21 +248,21 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
             else:
                 missing[i] = shown[i]
                 lost += shown[i]
-        near = nearest_of(assignments[k], shown, sizes)
+        near = largest_size(assignments[k], shown, sizes)
         if edge == 0:
             odds[:] = -math.inf
             if lost > LEAST_HIDDEN:
-                hide(assignments[k], pixels[pose], missing, images, reaches, in_sight, odds)
-        far = log_of_rates(missing, matches, nodes, log_nodes, products)
-        value = log_of_limits(
+                find_occluders(assignments[k], pixels[pose], missing, images, reaches, in_sight, odds)
+        far = log_over_rates(missing, matches, nodes, log_nodes, products)
+        value = log_with_range_limit(
             missing, far, matches, sizes, farther, near, least, nodes, log_nodes, limits, products
         )  # fmt: skip
         for kind in (EDGE, WINDOW):
             if odds[kind] > -math.inf:
                 for i in range(n):
                     left[i] = missing[i] * in_sight[kind, i]
-                far = log_of_rates(left, matches, nodes, log_nodes, products)
-                hidden = odds[kind] + log_of_limits(
+                far = log_over_rates(left, matches, nodes, log_nodes, products)
+                hidden = odds[kind] + log_with_range_limit(
                     left, far, matches, sizes, farther, near, least, nodes, log_nodes, limits, products
                 )  # fmt: skip
                 value = max(value, hidden) + math.log1p(math.exp(-abs(value - hidden)))
@@ -275,7 +281,7 @@ def weigh_one(k, pose, assignments, at, white, terms, image, clutter, rates, scr
     total += detected[k]
     for one in range(images):
         total += log_counts[one, counts[one]]
-    total += log_of_first(assignments[k], taken, clutter)
+    total += log_crowd_correction(assignments[k], taken, clutter)
     log_odds[k] = total if possible and total < math.inf else -math.inf
     squared_out[k], freedom_out[k], decrements[k] = squared, freedom, decrement
 
@@ -306,17 +312,17 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
     out : tuple
         Of `rootmatch.model.evidence.Evidence`; filled.
     """
-    assignments, at, white, terms = borrowed((assignments, at, white, terms))
-    image, clutter, rates, out = borrowed((image, clutter, rates, out))
+    assignments, at, white, terms = borrow((assignments, at, white, terms))
+    image, clutter, rates, out = borrow((image, clutter, rates, out))
     precisions, slopes, squares, log_densities = terms
-    scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0], rates[0].shape[0])
+    scratch = weighing_scratch(assignments.shape[1], image[4].shape[0], image[0].shape[0], rates[0].shape[0])
     for k in range(assignments.shape[0]):
         own = precisions[k], slopes[k], squares[k], log_densities[k]
         weigh_one(k, k, assignments, at, white, own, image, clutter, rates, scratch, out)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def see(at, view_cosine, tilts, out):  # type: ignore[no-untyped-def]
+def fill_visibility(at, view_cosine, tilts, out):  # type: ignore[no-untyped-def]
     """Visibility (K, n) of points, into ``out``.
 
     Parameters
@@ -328,10 +334,10 @@ def see(at, view_cosine, tilts, out):  # type: ignore[no-untyped-def]
         Standard deviations of the poses' directions, rad.
     out : (K, n) array
     """
-    at, view_cosine, tilts, out = borrowed((at, view_cosine, tilts, out))
+    at, view_cosine, tilts, out = borrow((at, view_cosine, tilts, out))
     expected, cosine, blob = at
     hidden = np.empty(out.shape[1])
     for k in range(out.shape[0]):
-        see_one(k, expected[k], cosine, view_cosine, tilts[k], out[k])
+        fill_visibility_of_pose(k, expected[k], cosine, view_cosine, tilts[k], out[k])
         if blob.shape[0] > 0:
-            shown_of_blobs(blob[k], out[k], hidden)
+            merge_blob_visibility(blob[k], out[k], hidden)

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver
-from rootmatch.model.compiled.triple_poses import start_of_triple, wide_triple
+from rootmatch.model.compiled.triple_poses import find_wide_triple, solve_triple
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def poses_of_minimal_sets(points, image, assignments, views, few, out):  # type: ignore[no-untyped-def]
+def fill_minimal_poses(points, image, assignments, views, few, out):  # type: ignore[no-untyped-def]
     """Poses of two wide triples of the matches of each assignment in each camera.
 
     Parameters
@@ -35,7 +35,7 @@ def poses_of_minimal_sets(points, image, assignments, views, few, out):  # type:
     int
         How many poses there are.
     """
-    points, image, assignments, views, out = borrowed((points, image, assignments, views, out))
+    points, image, assignments, views, out = borrow((points, image, assignments, views, out))
     target, rays = image
     turns, shifts = views
     of, members, rotations, positions = out
@@ -56,9 +56,9 @@ def poses_of_minimal_sets(points, image, assignments, views, few, out):  # type:
             outermost = -1
             # the second triple without the outermost point, should that be a wrong one; of four points it is the first
             for _ in range(2 if count > 4 else 1):
-                wide_triple(own, target, outermost, triple)
+                find_wide_triple(own, target, outermost, triple)
                 outermost = triple[0]
-                start_of_triple(points, rays, own, triple, turned, moved, places, corners, frames)
+                solve_triple(points, rays, own, triple, turned, moved, places, corners, frames)
                 for root in range(4):
                     x, y, z = moved[root, 0], moved[root, 1], moved[root, 2]
                     if not abs(x + y + z) < math.inf:

@@ -6,16 +6,16 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.evidence import LOG_2PI, inverted
-from rootmatch.model.compiled.gating import deviation, spread_by_pose
+from rootmatch.model.compiled.evidence import LOG_2PI, invert_scaled
+from rootmatch.model.compiled.gating import project_pose_covariance, squared_mahalanobis
 from rootmatch.model.compiled.projection import linearise_one
-from rootmatch.model.compiled.visibility import see_one
+from rootmatch.model.compiled.visibility import fill_visibility_of_pose
 
 
 @part
-def room_for(n_target):  # type: ignore[no-untyped-def]
+def gathering_scratch(n_target):  # type: ignore[no-untyped-def]
     """What `gather_one` writes into, for so many detections."""
     return (np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))), np.empty(6), np.zeros(n_target, np.bool_)
 
@@ -45,7 +45,7 @@ def gather_one(k, row, points, sources, image, limits, scratch, out):  # type: i
                 first = jacobian[row, i, 0, p] * jacobian[row, i, 0, q]
                 normal[p, q] += weight * (first + jacobian[row, i, 1, p] * jacobian[row, i, 1, q])
     gains[k] = -math.inf
-    if not seen or not abs(inverted(normal, factor, scale, covariance)) < math.inf:
+    if not seen or not abs(invert_scaled(normal, factor, scale, covariance)) < math.inf:
         return
     total = 0.0
     for camera in range(cameras):
@@ -60,14 +60,14 @@ def gather_one(k, row, points, sources, image, limits, scratch, out):  # type: i
                 hits += 1
                 gain += shown
                 continue
-            a, b, c = spread_by_pose(jacobian[row], covariance, i)
+            a, b, c = project_pose_covariance(jacobian[row], covariance, i)
             a, c = max(a, 0.0), max(c, 0.0)
             best, found = 0.0, -1
             for j in range(target.shape[0]):
                 if used[j] or camera_of[j] != camera:
                     continue
                 x, y = target[j, 0] - pixels[row, i, 0], target[j, 1] - pixels[row, i, 1]
-                squared, determinant = deviation(a, b, c, sigma[j] * sigma[j], x, y)
+                squared, determinant = squared_mahalanobis(a, b, c, sigma[j] * sigma[j], x, y)
                 if squared > squared_gate:
                     continue
                 value = shown - 0.5 * (squared + math.log(determinant)) - LOG_2PI - log_clutter[j]
@@ -102,14 +102,14 @@ def gather(points, sources, image, limits, out):  # type: ignore[no-untyped-def]
     out : tuple
         Assignments (K, C n) and log-odds (K,) against clutter; filled. −∞ for a pose that its three do not determine.
     """
-    points, sources, image, out = borrowed((points, sources, image, out))
-    scratch = room_for(image[0].shape[0])
+    points, sources, image, out = borrow((points, sources, image, out))
+    scratch = gathering_scratch(image[0].shape[0])
     for k in range(sources.shape[0]):
         gather_one(k, k, points, sources, image, limits, scratch, out)
 
 
 @part
-def room_of(n, with_normals):  # type: ignore[no-untyped-def]
+def image_buffers(n, with_normals):  # type: ignore[no-untyped-def]
     """What `linearise_one` writes into, for n points in one pose."""
     cosine = np.empty((1 if with_normals else 0, n))
     pixels, jacobian, by_position = np.empty((1, n, 2)), np.empty((1, n, 2, 6)), np.empty((1, n, 2, 3))
@@ -122,15 +122,15 @@ def gather_about(poses, sources, scene, limits, out):  # type: ignore[no-untyped
 
     ``poses``: rotations (K, 3, 3) and positions (K, 3); ``scene``: as for `rootmatch.model.compiled.settling.settle`.
     """
-    poses, sources, scene, out = borrowed((poses, sources, scene, out))
+    poses, sources, scene, out = borrow((poses, sources, scene, out))
     body, views, (target, sigma, log_weights, view_cosine, _, image_of), clutter, _ = scene
     points, normals = body
     kinds, numbers, turns, shifts, offsets, sizes, rims = views
     hidden, n = limits[3], sources.shape[1]
     image = target, sigma, clutter[0], log_weights, image_of
-    scratch, images = room_for(target.shape[0]), room_of(n, normals.shape[0] > 0)
+    scratch, images = gathering_scratch(target.shape[0]), image_buffers(n, normals.shape[0] > 0)
     visible, pose = np.empty((1, n)), (np.empty((1, 3, 3)), np.empty((1, 3)))
-    own_images, own_visible = room_of(3, normals.shape[0] > 0), np.empty((1, 3))
+    own_images, own_visible = image_buffers(3, normals.shape[0] > 0), np.empty((1, 3))
     own = np.empty((3, 3)), np.empty((3 if normals.shape[0] > 0 else 0, 3))
     own_cosine = np.empty(3 if view_cosine.shape[0] > 0 else 0)
     for k in range(sources.shape[0]):
@@ -156,9 +156,9 @@ def gather_about(poses, sources, scene, limits, out):  # type: ignore[no-untyped
             rims[camera : camera + 1],
         )  # fmt: skip
         linearise_one(0, own, pose, view, own_images)
-        see_one(0, own_images[5][0], own_images[4], own_cosine, 0.0, own_visible[0])
+        fill_visibility_of_pose(0, own_images[5][0], own_images[4], own_cosine, 0.0, own_visible[0])
         out[1][k] = -math.inf
         if own_visible[0, 0] > hidden and own_visible[0, 1] > hidden and own_visible[0, 2] > hidden:
             linearise_one(0, body, pose, views, images)
-            see_one(0, images[5][0], images[4], view_cosine, 0.0, visible[0])
+            fill_visibility_of_pose(0, images[5][0], images[4], view_cosine, 0.0, visible[0])
             gather_one(k, 0, (images[0], images[1], visible), sources, image, limits, scratch, out)

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import LOG_2PI
 
 
 @part
-def spread_by_pose(jacobian, covariance, i):  # type: ignore[no-untyped-def]
+def project_pose_covariance(jacobian, covariance, i):  # type: ignore[no-untyped-def]
     """Covariance (a, b; b, c) of the pixel of point i by that of the pose (6, 6)."""
     a, b, c = 0.0, 0.0, 0.0
     for p in range(6):
@@ -27,7 +27,7 @@ def spread_by_pose(jacobian, covariance, i):  # type: ignore[no-untyped-def]
 
 
 @part
-def deviation(a, b, c, variance, x, y):  # type: ignore[no-untyped-def]
+def squared_mahalanobis(a, b, c, variance, x, y):  # type: ignore[no-untyped-def]
     """χ² and determinant of a detection (x, y) off a prediction of the covariance (a, b; b, c).
 
     All terms are nonnegative: the determinant of a spread of rank one, far wider than the noise, is pure rounding error
@@ -39,7 +39,7 @@ def deviation(a, b, c, variance, x, y):  # type: ignore[no-untyped-def]
 
 
 @part
-def widened(a, b, c, known, k):  # type: ignore[no-untyped-def]
+def add_covariance(a, b, c, known, k):  # type: ignore[no-untyped-def]
     """The covariance (a, b; b, c) of a pixel with the k-th of some others (m, 2, 2), if there are any."""
     if known.shape[0] > 0:
         return a + known[k, 0, 0], b + known[k, 0, 1], c + known[k, 1, 1]
@@ -47,7 +47,7 @@ def widened(a, b, c, known, k):  # type: ignore[no-untyped-def]
 
 
 @part
-def gate_about(points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
+def fill_gates(points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
     """As `gate`."""
     pixels, jacobian, of_points, visible = points
     target, sigma, blur, log_clutter, log_weights = image
@@ -57,16 +57,16 @@ def gate_about(points, covariance, image, limits, out):  # type: ignore[no-untyp
     owner = np.full(target.shape[0], -1, np.int64)
     for i in range(pixels.shape[0]):
         assignment[i] = -1
-        a, b, c = spread_by_pose(jacobian, covariance, i)
-        a, b, c = widened(a, b, c, of_points, i)
+        a, b, c = project_pose_covariance(jacobian, covariance, i)
+        a, b, c = add_covariance(a, b, c, of_points, i)
         a, c = max(a, 0.0), max(c, 0.0)
         chance = min(rate * visible[i], 0.999)
         shown = math.log(chance) - math.log1p(-chance)
         seen = visible[i] > hidden
         for j in range(target.shape[0]):
             x, y = target[j, 0] - pixels[i, 0], target[j, 1] - pixels[i, 1]
-            spread = widened(a, b, c, blur, j)
-            squared, determinant = deviation(*spread, sigma[j] * sigma[j], x, y)
+            spread = add_covariance(a, b, c, blur, j)
+            squared, determinant = squared_mahalanobis(*spread, sigma[j] * sigma[j], x, y)
             gain = shown - 0.5 * (squared + math.log(determinant)) - LOG_2PI - log_clutter[j]
             near = seen and squared <= squared_gate
             if log_weights.shape[0] > 0:
@@ -106,5 +106,5 @@ def gate(points, covariance, image, limits, out):  # type: ignore[no-untyped-def
     bool
         Whether each point and detection has at most one such candidate: then the assignment is the best.
     """
-    points, image, out, covariance = borrowed((points, image, out, covariance))
-    return gate_about(points, covariance, image, limits, out)
+    points, image, out, covariance = borrow((points, image, out, covariance))
+    return fill_gates(points, covariance, image, limits, out)

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.prior_terms import broad_about, terms_about, vector_of
+from rootmatch.model.compiled.prior_terms import fill_broad_terms, fill_largest_terms, rotation_vector_between
 
 
 @part
@@ -88,7 +88,7 @@ def add_place(place, weight, centre, R, position, scratch, terms, row):  # type:
 
 
 @part
-def room_for_terms(known):  # type: ignore[no-untyped-def]
+def term_buffers(known):  # type: ignore[no-untyped-def]
     """Rows for the terms of each component of a prior, which prediction the first of them is, and scratch."""
     rows = 1 + known[2][3].shape[0]
     terms = np.empty((rows, 6, 6)), np.empty((rows, 6)), np.empty(rows), np.empty(rows)
@@ -96,7 +96,7 @@ def room_for_terms(known):  # type: ignore[no-untyped-def]
 
 
 @part
-def components_about(k, poses, known, room):  # type: ignore[no-untyped-def]
+def fill_components(k, poses, known, room):  # type: ignore[no-untyped-def]
     """Terms of each component of a prior about the k-th of some poses, into ``room``.
 
     The first row is of the largest of the predictions and the broad prior, each other one of a piece of knowledge.
@@ -105,12 +105,12 @@ def components_about(k, poses, known, room):  # type: ignore[no-untyped-def]
     sources, cameras, concentrations = directions
     terms, which, scratch = room
     rotations, positions = poses
-    terms_about(k, 0, poses, predictions, broad, scratch, terms, which)
+    fill_largest_terms(k, 0, poses, predictions, broad, scratch, terms, which)
     step = scratch[1][0]
     for m in range(peaks.shape[0]):
-        broad_about(k, 1 + m, positions, broad, peaks[m], terms)
+        fill_broad_terms(k, 1 + m, positions, broad, peaks[m], terms)
         if turn_weights[m, 0, 0] > 0.0:
-            vector_of(means[m], rotations[k], scratch[0], step)
+            rotation_vector_between(means[m], rotations[k], scratch[0], step)
             add_turn(turn_weights[m], step, terms, 1 + m)
         elif concentrations[m] > 0.0:
             add_direction(sources[m], cameras[m], concentrations[m], rotations[k], terms, 1 + m)
@@ -119,7 +119,7 @@ def components_about(k, poses, known, room):  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def prior_terms(poses, known, out, which):  # type: ignore[no-untyped-def]
+def fill_prior_terms(poses, known, out, which):  # type: ignore[no-untyped-def]
     """Terms of each component of a prior about each of K poses.
 
     Parameters
@@ -134,11 +134,11 @@ def prior_terms(poses, known, out, which):  # type: ignore[no-untyped-def]
     which : (K,) int64 array
         The largest prediction, their number for the broad prior; filled.
     """
-    poses, known, out, which = borrowed((poses, known, out, which))
-    room = room_for_terms(known)
+    poses, known, out, which = borrow((poses, known, out, which))
+    room = term_buffers(known)
     terms, first, _ = room
     for k in range(which.shape[0]):
-        components_about(k, poses, known, room)
+        fill_components(k, poses, known, room)
         which[k] = first[0]
         for row in range(terms[2].shape[0]):
             out[2][k, row], out[3][k, row] = terms[2][row], terms[3][row]

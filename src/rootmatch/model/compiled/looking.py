@@ -9,21 +9,21 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.evidence import scratch_for, weigh_one
-from rootmatch.model.compiled.gating import gate_about
-from rootmatch.model.compiled.known_terms import components_about, room_for_terms
+from rootmatch.model.compiled.evidence import weigh_one, weighing_scratch
+from rootmatch.model.compiled.gating import fill_gates
+from rootmatch.model.compiled.known_terms import fill_components, term_buffers
 from rootmatch.model.compiled.projection import linearise_one
-from rootmatch.model.compiled.steps import step_of_one
-from rootmatch.model.compiled.visibility import see_one
+from rootmatch.model.compiled.steps import take_one_step
+from rootmatch.model.compiled.visibility import fill_visibility_of_pose
 
 ENDED, TORN, BEYOND = range(3)
 """Why it came to an end: nothing changes any more, several detections are possible, or nothing or too much is near."""
 
 
 @part
-def is_same(first, second):  # type: ignore[no-untyped-def]
+def is_equal_row(first, second):  # type: ignore[no-untyped-def]
     """Whether two assignments (n,) are the same."""
     same = True
     for i in range(first.shape[0]):
@@ -32,7 +32,7 @@ def is_same(first, second):  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-untyped-def]
+def follow_unique_gates(covariance, scene, known, limits, at, out, near):  # type: ignore[no-untyped-def]
     """Assignment and step in turn, from a predicted pose, until the assignment stays.
 
     Parameters
@@ -58,7 +58,7 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
     int, int
         How many assignments were made, and why it ended. Where it is torn, the next pose is looked about.
     """
-    covariance, scene, known, at, out, near = borrowed((covariance, scene, known, at, out, near))
+    covariance, scene, known, at, out, near = borrow((covariance, scene, known, at, out, near))
     pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
     body, views, image, clutter, rates = scene
     assignments, weighed = out
@@ -71,15 +71,15 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
     white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
     isotropic = np.empty((0, 2, 2))
     exact, visible = np.empty((0, 2, 2)), np.empty(n)
-    room = room_for_terms(known)
+    room = term_buffers(known)
     terms = room[0]
-    scratch = scratch_for(n, image[4].shape[0], target.shape[0], rates[0].shape[0])
+    scratch = weighing_scratch(n, image[4].shape[0], target.shape[0], rates[0].shape[0])
     for turn in range(assignments.shape[0]):
         linearise_one(turn, body, poses, views, images)
         tilt = 0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
         tilt = min(math.sqrt(max(tilt, 0.0)), 1.0)
-        see_one(turn, expected[turn], cosine, view_cosine, tilt, visible)
-        unique = gate_about(
+        fill_visibility_of_pose(turn, expected[turn], cosine, view_cosine, tilt, visible)
+        unique = fill_gates(
             (pixels[turn], jacobian[turn], exact, visible),
             covariance,
             (target, sigma, isotropic, clutter[0], log_weights),
@@ -104,15 +104,15 @@ def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-un
         if matched == 0:
             return turn, ENDED
         for before in range(turn):
-            if is_same(assignments[before], row):
+            if is_equal_row(assignments[before], row):
                 return turn, ENDED
-        components_about(turn, poses, known, room)
+        fill_components(turn, poses, known, room)
         weigh_one(turn, turn, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
         total = 0.0
         for i in range(n):
             total += weighed[5][turn, i]
         # from this pose into the place of the next one
-        step_of_one(turn, weighed[1], rotation, position, longest, rotation[1:], position[1:])
+        take_one_step(turn, weighed[1], rotation, position, longest, rotation[1:], position[1:])
         if matched >= total:  # nothing is left to assign
             return turn + 1, ENDED
         if turn + 1 < assignments.shape[0]:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.hypergraph.change_listing import listed_changes
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.hypergraph.change_listing import enumerate_changes
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.single_changes import gains_of_matches
+from rootmatch.model.compiled.single_changes import fill_match_gains
 
 IMPOSSIBLE = -1e9
 """Log-odds used in place of −∞, so that differences stay finite."""
@@ -30,7 +30,7 @@ def _is_free(changed, change):  # type: ignore[no-untyped-def]
 
 
 @part
-def _all_at_once(columns, order, positive, changed):  # type: ignore[no-untyped-def]
+def _apply_compatible(columns, order, positive, changed):  # type: ignore[no-untyped-def]
     """Make the first changes of an order, as long as they gain, where two are not of one point or detection.
 
     ``changed`` (n,): the assignment, which they change. How many there are.
@@ -50,7 +50,7 @@ def _all_at_once(columns, order, positive, changed):  # type: ignore[no-untyped-
     return count
 
 
-def changes_of(
+def likely_mode_changes(
     assignment: Integers, points: tuple[Any, ...], covariance: Floats, image: tuple[Any, ...], limits: tuple[Any, ...]
 ) -> tuple[Integers, Floats, Integers, Integers]:
     """The changes of a mode that are not negligible to first order in its pose, and the best ones made.
@@ -58,7 +58,7 @@ def changes_of(
     Parameters
     ----------
     assignment, points, covariance
-        As `gains_of_matches` takes them.
+        As `fill_match_gains` takes them.
     image : tuple
         As for `rootmatch.model.compiled.gating.gate`, and what
         `rootmatch.model.detection_model.DetectionModel.log_counts` adds up: logarithms (C, n' + 1) of the odds of
@@ -90,8 +90,8 @@ def changes_of(
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def list_changes(assignment, points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
-    """What `changes_of` tells, filled as far as there is room; how many changes, of those made, and rows there are."""
-    assignment, points, covariance, image, out = borrowed((assignment, points, covariance, image, out))
+    """What `likely_mode_changes` tells, filled as far as there is room; how many changes, of those made, and rows there are."""
+    assignment, points, covariance, image, out = borrow((assignment, points, covariance, image, out))
     kept, gain, order, changed = out
     target, sigma, blur, log_clutter, log_weights, log_counts, image_of = image
     rate, least_gain, may_lose, most, least = limits
@@ -110,16 +110,16 @@ def list_changes(assignment, points, covariance, image, limits, out):  # type: i
         log_count[j] = log_counts[image_of[j], count] - log_counts[image_of[j], count - 1]
     every = np.empty((n, target.shape[0]))
     detections = target, sigma, blur, log_clutter, log_weights, log_count
-    gains_of_matches(assignment, points, covariance, detections, rate, every)
+    fill_match_gains(assignment, points, covariance, detections, rate, every)
     for i in range(n):
         if assignment[i] >= 0 and not abs(every[i, assignment[i]]) < math.inf:
             every[i, assignment[i]] = IMPOSSIBLE
     room = 4 * n + 16
     columns, gains = np.empty((4, room), np.int64), np.empty(room)
-    listed = listed_changes(assignment, every, least_gain, columns, gains)
+    listed = enumerate_changes(assignment, every, least_gain, columns, gains)
     if listed > room:
         columns, gains = np.empty((4, listed), np.int64), np.empty(listed)
-        listed_changes(assignment, every, least_gain, columns, gains)
+        enumerate_changes(assignment, every, least_gain, columns, gains)
     count = 0
     for k in range(listed):
         count += 1 if may_lose or columns[1, k] >= 0 or columns[2, k] >= 0 else 0
@@ -142,7 +142,7 @@ def list_changes(assignment, points, covariance, image, limits, out):  # type: i
         order[place], chosen[best] = best, True
         positive += 1 if gain[best] > 0.0 else 0
     together, left = assignment.copy(), 0
-    several = _all_at_once(kept, order, positive, together)
+    several = _apply_compatible(kept, order, positive, together)
     for i in range(n):
         left += 1 if together[i] >= 0 else 0
     rows = size + 1 if several > 1 and left >= least else size
@@ -158,20 +158,20 @@ def list_changes(assignment, points, covariance, image, limits, out):  # type: i
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def sum_over(assignment, columns, gains, independent, local, unmatched):  # type: ignore[no-untyped-def]
+def sum_over_changes(assignment, columns, gains, independent, local, unmatched):  # type: ignore[no-untyped-def]
     """Logarithm of the sum over the changes of a mode, over its own evidence, and what it makes of each point.
 
     Parameters
     ----------
     assignment : (n,) int64 array
     columns, gains : (4, R) and (C,) arrays
-        Of `changes_of`, R no less than C.
+        Of `likely_mode_changes`, R no less than C.
     independent : int
         Matches from which changes of different points are independent.
     local, unmatched : (n,) arrays
         As `rootmatch.model.modes.Modes`; filled.
     """
-    assignment, columns, gains, local, unmatched = borrowed((assignment, columns, gains, local, unmatched))
+    assignment, columns, gains, local, unmatched = borrow((assignment, columns, gains, local, unmatched))
     n = assignment.shape[0]
     own, left_out, matched = np.zeros(n), np.zeros(n), 0
     for i in range(n):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver
-from rootmatch.model.compiled.gating import spread_by_pose
+from rootmatch.model.compiled.gating import project_pose_covariance
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def near_misses(points, mode, image, errors, limits, out):  # type: ignore[no-untyped-def]
+def fill_near_misses(points, mode, image, errors, limits, out):  # type: ignore[no-untyped-def]
     """About the most that points without a match gain by one that is near, if all points are off by some errors.
 
     Parameters
@@ -35,7 +35,7 @@ def near_misses(points, mode, image, errors, limits, out):  # type: ignore[no-un
     missed, free : int
         How many points have no match, and how many detections no point; 0 points if nothing is near any.
     """
-    points, mode, image, errors, out = borrowed((points, mode, image, errors, out))
+    points, mode, image, errors, out = borrow((points, mode, image, errors, out))
     pixels, jacobian, by_position = points
     assignment, visible, covariance = mode
     target, sigma, log_clutter, left = image
@@ -51,7 +51,7 @@ def near_misses(points, mode, image, errors, limits, out):  # type: ignore[no-un
             continue
         for w in range(errors.shape[0]):
             out[w, missed] = 0.0
-        a, _, c = spread_by_pose(jacobian, covariance, i)
+        a, _, c = project_pose_covariance(jacobian, covariance, i)
         moved = 0.0
         for row in range(2):
             for axis in range(3):

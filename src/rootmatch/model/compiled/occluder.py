@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from rootmatch.jit.decorators import part
-from rootmatch.model.compiled.rates import products_of
+from rootmatch.model.compiled.rates import fill_miss_products
 from rootmatch.model.priors import DEPTHS
 from rootmatch.model.visibility import BARELY, FULLY
 
@@ -43,7 +43,7 @@ ACROSS, DOWN = np.array([math.cos(turn) for turn in TURNS]), np.array([math.sin(
 
 
 @part
-def _size(jacobian):  # type: ignore[no-untyped-def]
+def _squared_size(jacobian):  # type: ignore[no-untyped-def]
     """Square of the angle that a length at a point appears in, by its Jacobian (2, 6), in units of the focal length.
 
     A pinhole stretches what is θ aside by 1 / cos θ across and 1 / cos² θ along, so that is left out.
@@ -59,18 +59,18 @@ def _size(jacobian):  # type: ignore[no-untyped-def]
 
 
 @part
-def sizes_of(assignment, jacobian, sizes):  # type: ignore[no-untyped-def]
+def fill_sizes(assignment, jacobian, sizes):  # type: ignore[no-untyped-def]
     """Squares of the sizes at which points appear, into ``sizes`` (n,); that of the farthest match, or ∞."""
     farthest = math.inf
     for i in range(assignment.shape[0]):
-        sizes[i] = _size(jacobian[i])
+        sizes[i] = _squared_size(jacobian[i])
         if assignment[i] >= 0:
             farthest = min(farthest, sizes[i])
     return farthest
 
 
 @part
-def nearest_of(assignment, shown, sizes):  # type: ignore[no-untyped-def]
+def largest_size(assignment, shown, sizes):  # type: ignore[no-untyped-def]
     """The largest of the ``sizes`` (n,) of points in view, 0 if there is none."""
     nearest = 0.0
     for i in range(assignment.shape[0]):
@@ -80,7 +80,7 @@ def nearest_of(assignment, shown, sizes):  # type: ignore[no-untyped-def]
 
 
 @part
-def smaller_than(size, sizes, order):  # type: ignore[no-untyped-def]
+def order_smaller(size, sizes, order):  # type: ignore[no-untyped-def]
     """Numbers of the points that appear smaller than a size, the largest first, into ``order`` (n,); how many."""
     count = 0
     for i in range(sizes.shape[0]):
@@ -105,7 +105,7 @@ def smaller_than(size, sizes, order):  # type: ignore[no-untyped-def]
 
 
 @part
-def _reached(nearest, size):  # type: ignore[no-untyped-def]
+def _chance_within_range(nearest, size):  # type: ignore[no-untyped-def]
     """Probability S that the limit of distance lies beyond what appears at a size, given what the nearest point has.
 
     The logarithms of the nearest distance and of the limit are uniform in `OCTAVES`, the former below the latter, so
@@ -116,27 +116,27 @@ def _reached(nearest, size):  # type: ignore[no-untyped-def]
 
 
 @part
-def log_of_limits(missing, far, matches, sizes, order, nearest, smallest, rates, log_weights, steps, products):  # type: ignore[no-untyped-def]
-    """What `log_of_rates` is with a limit of distance, integrated over where that lies; ``owned`` apart.
+def log_with_range_limit(missing, far, matches, sizes, order, nearest, smallest, rates, log_weights, steps, products):  # type: ignore[no-untyped-def]
+    """What `log_over_rates` is with a limit of distance, integrated over where that lies; ``owned`` apart.
 
     Between two successive points it hides the farther one and all beyond, with the probability S there less S here, see
-    `_reached`; no match is hidden. ``far``: `log_of_rates` if none is. ``sizes``: as of `sizes_of`; ``nearest`` and
-    ``smallest``: those of the nearest point in view and of the farthest match; ``order``: of `smaller_than` that.
+    `_reached`; no match is hidden. ``far``: `log_over_rates` if none is. ``sizes``: as of `fill_sizes`; ``nearest`` and
+    ``smallest``: those of the nearest point in view and of the farthest match; ``order``: of `order_smaller` that.
     ``steps`` (2, n) and ``products`` (2, Q): scratch.
     """
     end = order.shape[0]
     while end > 0 and missing[order[end - 1]] <= BARELY:
         end -= 1
     last = sizes[order[end - 1]] if end > 0 else smallest
-    out = far + math.log(_reached(nearest, last))
+    out = far + math.log(_chance_within_range(nearest, last))
     if end == 0:
         return out
-    count, missed, at, here = 0, 0.0, 0, _reached(nearest, smallest)
+    count, missed, at, here = 0, 0.0, 0, _chance_within_range(nearest, smallest)
     while missed < MOST_MISSED and at < end:
         while missing[order[at]] <= BARELY:
             at += 1
         lower = sizes[order[at]]
-        there = _reached(nearest, lower)
+        there = _chance_within_range(nearest, lower)
         weight = here - there
         while at < end and sizes[order[at]] == lower:
             point = order[at]
@@ -145,7 +145,7 @@ def log_of_limits(missing, far, matches, sizes, order, nearest, smallest, rates,
                 count, weight, missed = count + 1, 0.0, missed + missing[point]
             at += 1
         here = there
-    products_of(missing, sizes, smallest, rates, products)
+    fill_miss_products(missing, sizes, smallest, rates, products)
     for q in range(rates.shape[0]):
         rate, product, total = rates[q], 1.0, 0.0
         for step in range(count):
@@ -159,7 +159,7 @@ def log_of_limits(missing, far, matches, sizes, order, nearest, smallest, rates,
 
 
 @part
-def hide(assignment, pixels, missing, images, reaches, in_sight, odds):  # type: ignore[no-untyped-def]
+def find_occluders(assignment, pixels, missing, images, reaches, in_sight, odds):  # type: ignore[no-untyped-def]
     """The edges and the windows, one in each image, that leave all matches in sight and hide most of what is missing.
 
     ``assignment`` (n,), ``pixels`` (n, 2) and ``missing`` (n,), the visibility of the points without a detection, of so

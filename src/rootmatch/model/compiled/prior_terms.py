@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 from rootmatch.jit.decorators import part
-from rootmatch.model.compiled.evidence import inverted
+from rootmatch.model.compiled.evidence import invert_scaled
 
 NO_TURN = 1e-9
 """Sine of the angle of a rotation below which it is none, or a half turn."""
 
 
 @part
-def vector_of(mean, R, turn, out):  # type: ignore[no-untyped-def]
+def rotation_vector_between(mean, R, turn, out):  # type: ignore[no-untyped-def]
     """Rotation vector of mean Rᵀ, into the first three numbers of ``out``; ``turn`` (3, 3): scratch."""
     for i in range(3):
         for j in range(3):
@@ -40,7 +40,7 @@ def vector_of(mean, R, turn, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def broad_about(k, row, positions, broad, log_share, out):  # type: ignore[no-untyped-def]
+def fill_broad_terms(k, row, positions, broad, log_share, out):  # type: ignore[no-untyped-def]
     """Terms of the broad prior about the k-th of some positions, into a row of ``out``.
 
     ``log_share``: logarithm of its density of rotations, with its share.
@@ -64,7 +64,7 @@ def broad_about(k, row, positions, broad, log_share, out):  # type: ignore[no-un
 
 
 @part
-def error_about(place, positions, k, step):  # type: ignore[no-untyped-def]
+def position_error(place, positions, k, step):  # type: ignore[no-untyped-def]
     """The last three numbers of the step from the k-th pose to a predicted one, whose rotation vector is the first."""
     x, y, z = step[0], step[1], step[2]
     u, v, w = place[0] - positions[k, 0], place[1] - positions[k, 1], place[2] - positions[k, 2]
@@ -80,7 +80,7 @@ def error_about(place, positions, k, step):  # type: ignore[no-untyped-def]
 
 
 @part
-def turned_back(covariance, turn, out):  # type: ignore[no-untyped-def]
+def rotate_covariance(covariance, turn, out):  # type: ignore[no-untyped-def]
     """Covariance (6, 6) of a prediction in axes that ``turn`` (3, 3) takes to those it was in, into ``out``."""
     for a in range(6):
         for p in range(0, 6, 3):
@@ -95,7 +95,7 @@ def turned_back(covariance, turn, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def in_either_axes(covariance, turned, factor, scale, out):  # type: ignore[no-untyped-def]
+def combine_axes(covariance, turned, factor, scale, out):  # type: ignore[no-untyped-def]
     """See `rootmatch.problems.pose_fit.either_axes`: of the covariance (6, 6) in both, into ``out``.
 
     ``turned`` is overwritten; ``factor`` (6, 6) and ``scale`` (6,): scratch.
@@ -127,7 +127,7 @@ def in_either_axes(covariance, turned, factor, scale, out):  # type: ignore[no-u
 
 
 @part
-def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type: ignore[no-untyped-def]
+def fill_largest_terms(k, row, poses, predictions, broad, scratch, out, which):  # type: ignore[no-untyped-def]
     """Terms of the largest of predicted poses and a broad prior about the k-th of some poses, into a row of ``out``.
 
     ``which``: the prediction, or their number for the broad one; ``scratch``: (3, 3), (4, 6) and (4, 6, 6).
@@ -148,14 +148,14 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
         best -= math.log(field * depth) + 1.5 * math.log(reach2)
     which[row], squared[row], log_density[row] = count, 0.0, best
     for g in range(count):
-        vector_of(means[g], rotations[k], turn, step)
-        error_about(places[g], positions, k, step)
+        rotation_vector_between(means[g], rotations[k], turn, step)
+        position_error(places[g], positions, k, step)
         for a in range(3):  # from the predicted axes to those about the pose; a rotation has its own axis in both
             moved[a] = step[a]
             moved[3 + a] = turn[0, a] * step[3] + turn[1, a] * step[4] + turn[2, a] * step[5]
-        turned_back(covariances[g], turn, turned)
-        in_either_axes(covariances[g], turned, factor, scale, covariance)
-        log_volume = 0.5 * inverted(covariance, factor, scale, whole)
+        rotate_covariance(covariances[g], turn, turned)
+        combine_axes(covariances[g], turned, factor, scale, covariance)
+        log_volume = 0.5 * invert_scaled(covariance, factor, scale, whole)
         total = 0.0
         for a in range(6):
             push[a] = 0.0
@@ -177,4 +177,4 @@ def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type
                 for b in range(6):
                     precision[row, a, b] = weight * whole[a, b]
     if which[row] == count:
-        broad_about(k, row, positions, broad, log_turn, out)
+        fill_broad_terms(k, row, positions, broad, log_turn, out)

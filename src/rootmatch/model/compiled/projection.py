@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 
 PINHOLE, KANNALA_BRANDT, BROWN, STEREOGRAPHIC = range(4)
@@ -18,7 +18,7 @@ NEAR_AXIS = 1e-150
 
 
 @part
-def fisheye(numbers, x, y, z):  # type: ignore[no-untyped-def]
+def project_fisheye(numbers, x, y, z):  # type: ignore[no-untyped-def]
     """Image of a direction by Kannala and Brandt, in focal lengths: whether it is seen, u, v, and their derivatives."""
     across = math.sqrt(x * x + y * y)
     angle = math.atan2(across, z)
@@ -37,7 +37,7 @@ def fisheye(numbers, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @part
-def distorted(numbers, x, y, z):  # type: ignore[no-untyped-def]
+def project_brown(numbers, x, y, z):  # type: ignore[no-untyped-def]
     """Image of a direction by Brown's lens without a tilt, as `fisheye`."""
     k1, k2, p1, p2 = numbers[4], numbers[5], numbers[6], numbers[7]
     k3, k4, k5, k6 = numbers[8], numbers[9], numbers[10], numbers[11]
@@ -66,7 +66,7 @@ def distorted(numbers, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @part
-def stereographic(numbers, x, y, z):  # type: ignore[no-untyped-def]
+def project_stereographic(numbers, x, y, z):  # type: ignore[no-untyped-def]
     """Image of a direction in the stereographic chart, as `fisheye`; the chart's basis follows fx … cy."""
     a = numbers[4] * x + numbers[5] * y + numbers[6] * z
     b = numbers[7] * x + numbers[8] * y + numbers[9] * z
@@ -89,14 +89,14 @@ def stereographic(numbers, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @part
-def image_of(kind, numbers, x, y, z):  # type: ignore[no-untyped-def]
+def project_direction(kind, numbers, x, y, z):  # type: ignore[no-untyped-def]
     """Image of a direction by a camera of some kind, as `fisheye`."""
     if kind == KANNALA_BRANDT:
-        return fisheye(numbers, x, y, z)
+        return project_fisheye(numbers, x, y, z)
     if kind == BROWN:
-        return distorted(numbers, x, y, z)
+        return project_brown(numbers, x, y, z)
     if kind == STEREOGRAPHIC:
-        return stereographic(numbers, x, y, z)
+        return project_stereographic(numbers, x, y, z)
     inverse = 1.0 / z
     u, v = x * inverse, y * inverse
     return z > 0.0, u, v, inverse, 0.0, -u * inverse, 0.0, inverse, -v * inverse
@@ -124,7 +124,7 @@ def linearise_one(k, body, poses, views, out):  # type: ignore[no-untyped-def]
         y = Q[1, 0] * p0 + Q[1, 1] * p1 + Q[1, 2] * p2 + s[1]
         z = Q[2, 0] * p0 + Q[2, 1] * p1 + Q[2, 2] * p2 + s[2]
         own = numbers[view]
-        seen, u, v, u1, u2, u3, v1, v2, v3 = image_of(kinds[view], own, x, y, z)
+        seen, u, v, u1, u2, u3, v1, v2, v3 = project_direction(kinds[view], own, x, y, z)
         u1, u2, u3, v1, v2, v3 = own[0] * u1, own[0] * u2, own[0] * u3, own[1] * v1, own[1] * v2, own[1] * v3
         u, v = own[0] * u + own[2], own[1] * v + own[3]
         total = u + v + u1 + u2 + u3 + v1 + v2 + v3
@@ -182,6 +182,6 @@ def linearise(body, poses, views, out):  # type: ignore[no-untyped-def]
     out : tuple
         As `rootmatch.model.linearised.Linearised`: pixels, jacobian, by_position, seen, cosine, expected.
     """
-    body, poses, views, out = borrowed((body, poses, views, out))
+    body, poses, views, out = borrow((body, poses, views, out))
     for k in range(poses[0].shape[0]):
         linearise_one(k, body, poses, views, out)

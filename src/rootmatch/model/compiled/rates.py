@@ -12,7 +12,7 @@ SMALL, APART = 1e-150, 8
 
 
 @part
-def products_of(missing, sizes, smallest, rates, products):  # type: ignore[no-untyped-def]
+def fill_miss_products(missing, sizes, smallest, rates, products):  # type: ignore[no-untyped-def]
     """Chances that none of the points of at least some size is detected, at each rate, into ``products`` (2, Q).
 
     Each is the first row times the exponential of the second. ``missing`` and ``sizes``: (n,).
@@ -33,13 +33,13 @@ def products_of(missing, sizes, smallest, rates, products):  # type: ignore[no-u
 
 
 @part
-def log_of_rates(missing, matches, rates, log_weights, products):  # type: ignore[no-untyped-def]
+def log_over_rates(missing, matches, rates, log_weights, products):  # type: ignore[no-untyped-def]
     """Log-probability that some points are detected and the others are not, the rate integrated out.
 
     The visibility of the former apart. ``missing`` (n,): that of the latter, zero for the former; ``products`` (2, Q):
     scratch.
     """
-    products_of(missing, missing, 0.0, rates, products)  # of points of any size
+    fill_miss_products(missing, missing, 0.0, rates, products)  # of points of any size
     highest, total = -math.inf, 0.0
     for q in range(rates.shape[0]):
         each = log_weights[q] + matches * math.log(rates[q]) + products[1, q] + math.log(products[0, q])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver
 from rootmatch.model.compiled.projection import linearise_one
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def residuals_of_one(assignment, pose, body, views, image):  # type: ignore[no-untyped-def]
+def residual_sums(assignment, pose, body, views, image):  # type: ignore[no-untyped-def]
     """Squared deviation of detections from their images, and how far these move with the points.
 
     Parameters
@@ -27,7 +27,7 @@ def residuals_of_one(assignment, pose, body, views, image):  # type: ignore[no-u
         In units of the noise: the sum of the squares, and the mean square by which a detection moves on an axis with a
         coordinate of its point.
     """
-    assignment, pose, body, views, image = borrowed((assignment, pose, body, views, image))
+    assignment, pose, body, views, image = borrow((assignment, pose, body, views, image))
     n = assignment.shape[0]
     pixels, jacobian, by_position = np.empty((1, n, 2)), np.empty((1, n, 2, 6)), np.empty((1, n, 2, 3))
     rest = np.empty((1, n), np.bool_), np.empty((1, n)), np.empty((1, n))

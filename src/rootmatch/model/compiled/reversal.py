@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 
 SWEEPS = 8
@@ -49,7 +49,7 @@ def least_axis(matrix, axes, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def plane_of(points, assignment, scratch, centre, normal):  # type: ignore[no-untyped-def]
+def fit_plane(points, assignment, scratch, centre, normal):  # type: ignore[no-untyped-def]
     """Centre (3,) and normal (3,) of the plane nearest to the matched points: `starts.planes`, compiled."""
     scatter, axes = scratch
     count = 0
@@ -89,7 +89,7 @@ def reverse_depth(assignments, points, poses, views, out):  # type: ignore[no-un
     out : tuple
         Such poses, filled.
     """
-    assignments, points, poses, views, out = borrowed((assignments, points, poses, views, out))
+    assignments, points, poses, views, out = borrow((assignments, points, poses, views, out))
     rotations, positions = poses
     turns, shifts = views
     turned, moved = out
@@ -97,7 +97,7 @@ def reverse_depth(assignments, points, poses, views, out):  # type: ignore[no-un
     half, sight, eye = np.empty((3, 3)), np.empty(3), np.empty(3)
     centre, normal, scratch = np.empty(3), np.empty(3), (np.empty((3, 3)), np.empty((3, 3)))
     for k in range(rotations.shape[0]):
-        plane_of(points, assignments[k], scratch, centre, normal)
+        fit_plane(points, assignments[k], scratch, centre, normal)
         most, camera = -1, 0
         for view in range(turns.shape[0]):
             matches = 0

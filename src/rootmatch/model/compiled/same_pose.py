@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 
 TINY = 1e-12
@@ -28,7 +28,7 @@ def is_same_pose(first, second, moved, limit):  # type: ignore[no-untyped-def]
     limit : float
         In standard deviations of both poses together.
     """
-    first, second, moved = borrowed((first, second, moved))
+    first, second, moved = borrow((first, second, moved))
     return is_near(first, second, moved, limit)
 
 

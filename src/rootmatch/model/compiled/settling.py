@@ -10,14 +10,14 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.evidence import scratch_for, weigh_one
-from rootmatch.model.compiled.known_terms import components_about, room_for_terms
+from rootmatch.model.compiled.evidence import weigh_one, weighing_scratch
+from rootmatch.model.compiled.known_terms import fill_components, term_buffers
 from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.same_pose import is_near
-from rootmatch.model.compiled.steps import step_of_one
-from rootmatch.model.compiled.whitening import scratch_for_whitening, whiten_one
+from rootmatch.model.compiled.steps import take_one_step
+from rootmatch.model.compiled.whitening import whiten_one, whitening_scratch
 
 POSES, IMAGES, EVIDENCE = range(3)
 """What is given of hypotheses: their poses alone, with the images about these, or with the evidence too."""
@@ -60,7 +60,7 @@ def drop_repeated(assignments, poses, covariances, log_odds, kept):  # type: ign
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def settle(assignments, at, scene, spread, known, limits, out, after):  # type: ignore[no-untyped-def]
+def settle_hypotheses(assignments, at, scene, spread, known, limits, out, after):  # type: ignore[no-untyped-def]
     """Evidence of K assignments about poses, and after steps towards the best ones.
 
     Parameters
@@ -85,7 +85,7 @@ def settle(assignments, at, scene, spread, known, limits, out, after):  # type: 
         Rotations (K, 3, 3) and positions (K, 3) after the last steps, filled; of no rows where they are not asked for.
         If they are, what is not fitted and what repeats another one has log-odds of −∞ in the end.
     """
-    assignments, at, scene, spread, known, out, after = borrowed((assignments, at, scene, spread, known, out, after))
+    assignments, at, scene, spread, known, out, after = borrow((assignments, at, scene, spread, known, out, after))
     pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
     body, views, image, clutter, rates = scene
     given, most, first, small, far, behind, longest, hopeless = limits
@@ -96,10 +96,10 @@ def settle(assignments, at, scene, spread, known, limits, out, after):  # type: 
     whole = pixels, jacobian, seen, expected, cosine, np.empty((0, 0), np.int64), np.empty((0, 0))
     n, each = assignments.shape[1], count if spread[0].shape[0] + spread[1].shape[0] > 0 else 0
     white = np.empty((each, n, 2, 6)), np.empty((each, n, 2)), np.empty((each, n))
-    room_of_white = scratch_for_whitening(image[4].shape[0])
-    room = room_for_terms(known)
+    room_of_white = whitening_scratch(image[4].shape[0])
+    room = term_buffers(known)
     terms = room[0]
-    scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0], rates[0].shape[0])
+    scratch = weighing_scratch(assignments.shape[1], image[4].shape[0], image[0].shape[0], rates[0].shape[0])
     going, kept = np.ones(count, np.bool_), np.ones(count, np.bool_)
     for turn in range(0 if given == EVIDENCE else -1, most):  # −1: nothing is weighed, so no step is known
         if turn >= 0:
@@ -120,11 +120,11 @@ def settle(assignments, at, scene, spread, known, limits, out, after):  # type: 
                 continue
             pose = min(k, rotation.shape[0] - 1)
             if turn >= 0:
-                step_of_one(k, steps, rotation, position, longest, rotation, position)
+                take_one_step(k, steps, rotation, position, longest, rotation, position)
             if turn >= 0 or given == POSES:
                 linearise_one(pose, body, poses, views, images)
             if k == pose:
-                components_about(pose, poses, known, room)
+                fill_components(pose, poses, known, room)
             if each > 0:
                 own = pixels, jacobian, by_position, rotation
                 whiten_one(k, pose, assignments, own, image, spread, room_of_white, white)
@@ -132,7 +132,7 @@ def settle(assignments, at, scene, spread, known, limits, out, after):  # type: 
     if after[1].shape[0] == 0:
         return
     for k in range(count):
-        step_of_one(k, steps, rotation, position, longest, after[0], after[1])
+        take_one_step(k, steps, rotation, position, longest, after[0], after[1])
     drop_repeated(assignments, after, out[2], log_odds, kept)
     for k in range(count):
         if not kept[k]:

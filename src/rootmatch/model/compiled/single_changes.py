@@ -6,14 +6,14 @@ import math
 
 from rootmatch.jit.decorators import part
 from rootmatch.model.compiled.evidence import LOG_2PI
-from rootmatch.model.compiled.gating import spread_by_pose, widened
+from rootmatch.model.compiled.gating import add_covariance, project_pose_covariance
 
 NOT_SINGULAR = 1e-9
 """Added to the diagonal of I − H, so that a match which alone determines its prediction has an inverse."""
 
 
 @part
-def gains_of_matches(assignment, points, covariance, image, rate, gains):  # type: ignore[no-untyped-def]
+def fill_match_gains(assignment, points, covariance, image, rate, gains):  # type: ignore[no-untyped-def]
     """Log-odds (n, n') of each match against none, the pose following it, into ``gains``.
 
     A point's own match must not predict itself. Without it the prediction moves away and is less certain: with H = S
@@ -37,13 +37,13 @@ def gains_of_matches(assignment, points, covariance, image, rate, gains):  # typ
     pixels, jacobian, of_points, visible, seen = points
     target, sigma, blur, log_clutter, log_weights, log_count = image
     for i in range(pixels.shape[0]):
-        a, b, c = spread_by_pose(jacobian, covariance, i)
+        a, b, c = project_pose_covariance(jacobian, covariance, i)
         u, v = pixels[i, 0], pixels[i, 1]
-        d, e, f = widened(0.0, 0.0, 0.0, of_points, i)
+        d, e, f = add_covariance(0.0, 0.0, 0.0, of_points, i)
         j = assignment[i]
         if j >= 0:
             variance = sigma[j] * sigma[j]
-            k, m, n = widened(d, e, f, blur, j)
+            k, m, n = add_covariance(d, e, f, blur, j)
             k, n = k + variance, n + variance
             size = k * n - m * m
             # H by rows, then (I − H)⁻¹
@@ -63,7 +63,7 @@ def gains_of_matches(assignment, points, covariance, image, rate, gains):  # typ
                 gains[i, j] = -math.inf
                 continue
             variance = sigma[j] * sigma[j]
-            p, o, q = widened(a, b, c, blur, j)
+            p, o, q = add_covariance(a, b, c, blur, j)
             p, q = p + variance, q + variance
             determinant = max(p * q - o * o, variance * variance)  # it is, but for rounding
             x, y = target[j, 0] - u, target[j, 1] - v

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 
 SMALL = 1e-6
@@ -12,7 +12,7 @@ SMALL = 1e-6
 
 
 @part
-def step_of_one(k, steps, rotations, positions, longest, turned, moved):  # type: ignore[no-untyped-def]
+def take_one_step(k, steps, rotations, positions, longest, turned, moved):  # type: ignore[no-untyped-def]
     """As `take_steps` for the k-th pose, into ``turned`` and ``moved``, which may be the poses themselves."""
     x, y, z = steps[k, 0], steps[k, 1], steps[k, 2]
     a, b, c = steps[k, 3], steps[k, 4], steps[k, 5]
@@ -48,6 +48,6 @@ def take_steps(steps, rotations, positions, longest, out):  # type: ignore[no-un
     out : tuple
         Rotations (K, 3, 3) and positions (K, 3), filled.
     """
-    steps, rotations, positions, out = borrowed((steps, rotations, positions, out))
+    steps, rotations, positions, out = borrow((steps, rotations, positions, out))
     for k in range(steps.shape[0]):
-        step_of_one(k, steps, rotations, positions, longest, out[0], out[1])
+        take_one_step(k, steps, rotations, positions, longest, out[0], out[1])

@@ -11,7 +11,7 @@ from rootmatch.problems.p3p.roots import ratio_pairs
 
 
 @part
-def wide_triple(image, target, left_out, out):  # type: ignore[no-untyped-def]
+def find_wide_triple(image, target, left_out, out):  # type: ignore[no-untyped-def]
     """A wide triple of the matched points but one, into ``out``; see `starts.triples`."""
     count, u, v = 0, 0.0, 0.0
     for i in range(image.shape[0]):
@@ -39,7 +39,7 @@ def wide_triple(image, target, left_out, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def frame(corners, out):  # type: ignore[no-untyped-def]
+def fill_triangle_frame(corners, out):  # type: ignore[no-untyped-def]
     """Orthonormal frame of a triangle (3, 3), one corner a row, in the columns of ``out``."""
     ax, ay, az = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
     bx, by, bz = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1], corners[2, 2] - corners[0, 2]
@@ -54,7 +54,7 @@ def frame(corners, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def start_of_triple(points, rays, image, triple, rotations, translations, places, corners, frames):  # type: ignore[no-untyped-def]
+def solve_triple(points, rays, image, triple, rotations, translations, places, corners, frames):  # type: ignore[no-untyped-def]
     """Four poses that put a triple on its rays; the translation is NaN where there are fewer."""
     side = frames[0, 0]
     versine = frames[0, 1]
@@ -67,7 +67,7 @@ def start_of_triple(points, rays, image, triple, rotations, translations, places
             versine[p] += 0.5 * (rays[image[j], axis] - rays[image[i], axis]) ** 2
     A, B, C, h = side[0], side[1], side[2], versine[0]
     pairs = ratio_pairs(A, B, C, versine[0], versine[1], versine[2])
-    frame(corners, frames[1])
+    fill_triangle_frame(corners, frames[1])
     for root in range(4):
         x, y = pairs[0], pairs[1]
         if root == 1:
@@ -81,7 +81,7 @@ def start_of_triple(points, rays, image, triple, rotations, translations, places
             scale = depth if p == 0 else depth * x if p == 1 else depth * y
             for axis in range(3):
                 places[p, axis] = scale * rays[image[triple[p]], axis]
-        frame(places, frames[0])
+        fill_triangle_frame(places, frames[0])
         good = x > 0.0 and y > 0.0
         for p in range(3):
             middle = 0.0

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rootmatch.cameras.lens import STEPS
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.projection import KANNALA_BRANDT
 
@@ -16,7 +16,7 @@ ROUNDED = 4e-16
 
 
 @part
-def radius_at(numbers, angle):  # type: ignore[no-untyped-def]
+def fisheye_radius(numbers, angle):  # type: ignore[no-untyped-def]
     """Radius of the image of directions at an angle to the axis of a fisheye lens, and its derivative."""
     s = angle * angle
     k1, k2, k3, k4 = numbers[4], numbers[5], numbers[6], numbers[7]
@@ -25,12 +25,12 @@ def radius_at(numbers, angle):  # type: ignore[no-untyped-def]
 
 
 @part
-def angle_at(numbers, wanted):  # type: ignore[no-untyped-def]
+def solve_fisheye_angle(numbers, wanted):  # type: ignore[no-untyped-def]
     """Angle at which a fisheye lens has that radius: Newton's method in brackets, as `cameras.lens.increasing_root`."""
     low, high = 0.0, numbers[8]
     angle = min(wanted, 0.999 * high)
     for _ in range(STEPS):
-        radius, slope = radius_at(numbers, angle)
+        radius, slope = fisheye_radius(numbers, angle)
         if radius <= wanted:
             low = angle
         else:
@@ -58,7 +58,7 @@ def unproject(target, camera_of, views, rays):  # type: ignore[no-untyped-def]
         `rootmatch.model.compiled.projection.linearise`.
     rays : (n', 3) array
     """
-    target, camera_of, views, rays = borrowed((target, camera_of, views, rays))
+    target, camera_of, views, rays = borrow((target, camera_of, views, rays))
     kinds, numbers, offsets = views
     for j in range(target.shape[0]):
         k = camera_of[j]
@@ -67,7 +67,7 @@ def unproject(target, camera_of, views, rays):  # type: ignore[no-untyped-def]
         y = (target[j, 1] - offsets[k, 1] - own[3]) / own[1]
         across = math.sqrt(x * x + y * y)
         if kinds[k] == KANNALA_BRANDT:
-            angle = angle_at(own, across) if across < radius_at(own, own[8])[0] else np.nan
+            angle = solve_fisheye_angle(own, across) if across < fisheye_radius(own, own[8])[0] else np.nan
             z, scale = math.cos(angle), math.sin(angle) / across if across > 0.0 else 1.0
         else:
             z = scale = 1.0 / math.sqrt(across * across + 1.0)

@@ -6,29 +6,29 @@ import math
 
 import numpy as np
 
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.evidence import LOG_2PI
-from rootmatch.model.compiled.gating import deviation, spread_by_pose, widened
+from rootmatch.model.compiled.gating import add_covariance, project_pose_covariance, squared_mahalanobis
 
 HIGHEST = 700.0
 """Logarithm of the largest ratio of densities: that of what is far beyond any doubt, and still a number."""
 
 
 @part
-def seen_by(jacobian, of_points, about, i):  # type: ignore[no-untyped-def]
+def predict_pixel(jacobian, of_points, about, i):  # type: ignore[no-untyped-def]
     """Shift of the pixel of point i by a step, and its covariance (a, b; b, c) by that of the pose and the point's."""
     step, covariance = about
     u, v = 0.0, 0.0
     for p in range(6):
         u += jacobian[i, 0, p] * step[p]
         v += jacobian[i, 1, p] * step[p]
-    a, b, c = widened(*spread_by_pose(jacobian, covariance, i), of_points, i)
+    a, b, c = add_covariance(*project_pose_covariance(jacobian, covariance, i), of_points, i)
     return u, v, a, b, c
 
 
 @part
-def explained(points, about, image, shown, gains):  # type: ignore[no-untyped-def]
+def explained_log_odds(points, about, image, shown, gains):  # type: ignore[no-untyped-def]
     """Log-odds of the points that are ``shown``, each with its likeliest detection: see `update_with_each`.
 
     ``gains`` (n',) become the most that a point gains by each detection.
@@ -41,7 +41,7 @@ def explained(points, about, image, shown, gains):  # type: ignore[no-untyped-de
     for i in range(pixels.shape[0]):
         if not shown[i]:
             continue
-        u, v, a, b, c = seen_by(jacobian, of_points, about, i)
+        u, v, a, b, c = predict_pixel(jacobian, of_points, about, i)
         a, c = max(a, 0.0), max(c, 0.0)
         odds = math.log(max(chance[i], 1e-300)) - math.log(1.0 - chance[i])
         best, log_determinant, last = -math.inf, 0.0, -1.0
@@ -50,7 +50,7 @@ def explained(points, about, image, shown, gains):  # type: ignore[no-untyped-de
                 continue
             variance = sigma[j] * sigma[j]
             x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
-            squared, determinant = deviation(*widened(a, b, c, image[2], j), variance, x, y)
+            squared, determinant = squared_mahalanobis(*add_covariance(a, b, c, image[2], j), variance, x, y)
             # most images have one σ, and a logarithm takes longer than all the rest
             if variance != last or blur.shape[0] > 0:
                 log_determinant, last = math.log(determinant), variance
@@ -85,7 +85,7 @@ def choose_pairs(points, about, image, candidates, limits, out):  # type: ignore
     int
         How many pairs there are.
     """
-    points, about, image, candidates, out = borrowed((points, about, image, candidates, out))
+    points, about, image, candidates, out = borrow((points, about, image, candidates, out))
     pixels, jacobian, of_points, _ = points
     target, sigma, _, _, _ = image
     squared_gate, tried = limits
@@ -93,14 +93,14 @@ def choose_pairs(points, about, image, candidates, limits, out):  # type: ignore
     near, cost, counts = np.empty(candidates.shape, np.bool_), np.empty(n), np.zeros(n, np.int64)
     vaguest = 0.0
     for i in range(n):
-        u, v, a, b, c = seen_by(jacobian, of_points, about, i)
+        u, v, a, b, c = predict_pixel(jacobian, of_points, about, i)
         cost[i] = a + c
         vaguest = max(vaguest, a + c)
         a, c = max(a, 0.0), max(c, 0.0)
         for j in range(target.shape[0]):
             x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
-            spread = widened(a, b, c, image[2], j)
-            near[i, j] = candidates[i, j] and deviation(*spread, sigma[j] * sigma[j], x, y)[0] <= squared_gate
+            spread = add_covariance(a, b, c, image[2], j)
+            near[i, j] = candidates[i, j] and squared_mahalanobis(*spread, sigma[j] * sigma[j], x, y)[0] <= squared_gate
             counts[i] += 1 if near[i, j] else 0
     for i in range(n):
         # points that are still vague tell most; few candidates cost least
@@ -135,7 +135,7 @@ def update_with_each(points, about, image, candidates, pairs, out):  # type: ign
     out : tuple
         Steps (P, 6), covariances (P, 6, 6) and scores (P,), filled.
     """
-    points, about, image, candidates, pairs, out = borrowed((points, about, image, candidates, pairs, out))
+    points, about, image, candidates, pairs, out = borrow((points, about, image, candidates, pairs, out))
     pixels, jacobian, of_points, _ = points
     step, covariance = about
     target, sigma, _, _, _ = image
@@ -147,8 +147,8 @@ def update_with_each(points, about, image, candidates, pairs, out):  # type: ign
             shown[i] = shown[i] or candidates[i, j]
     for k in range(pairs.shape[0]):
         i, j = pairs[k, 0], pairs[k, 1]
-        u, v, a, b, c = seen_by(jacobian, of_points, about, i)
-        a, b, c = widened(a, b, c, image[2], j)
+        u, v, a, b, c = predict_pixel(jacobian, of_points, about, i)
+        a, b, c = add_covariance(a, b, c, image[2], j)
         x, y = target[j, 0] - pixels[i, 0] - u, target[j, 1] - pixels[i, 1] - v
         variance = sigma[j] * sigma[j]
         determinant = max(a * c - b * b, 0.0) + variance * (a + c + variance)
@@ -165,11 +165,11 @@ def update_with_each(points, about, image, candidates, pairs, out):  # type: ign
             e, f = (c * e - b * f) / determinant, (a * f - b * e) / determinant
             for q in range(6):
                 covariances[k, p, q] = covariance[p, q] - e * gain[q, 0] - f * gain[q, 1]
-        scores[k] = explained(points, (steps[k], covariances[k]), image, shown, gains)
+        scores[k] = explained_log_odds(points, (steps[k], covariances[k]), image, shown, gains)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def explained_by_each(points, about, image, scores):  # type: ignore[no-untyped-def]
+def fill_explained(points, about, image, scores):  # type: ignore[no-untyped-def]
     """How much each of some predictions explains, to first order.
 
     Whichever is less, of the points or of the detections: of a body far away all points may have one detection.
@@ -185,13 +185,13 @@ def explained_by_each(points, about, image, scores):  # type: ignore[no-untyped-
     scores : (K,) array
         Filled: log-odds.
     """
-    points, about, image, scores = borrowed((points, about, image, scores))
+    points, about, image, scores = borrow((points, about, image, scores))
     pixels, jacobian, of_points, chance = points
     steps, covariances = about
     shown, gains = np.ones(pixels.shape[1], np.bool_), np.empty(image[0].shape[0])
     for k in range(scores.shape[0]):
         own = pixels[k], jacobian[k], of_points[min(k, of_points.shape[0] - 1)], chance[k]
-        scores[k] = explained(own, (steps[k], covariances[k]), image, shown, gains)
+        scores[k] = explained_log_odds(own, (steps[k], covariances[k]), image, shown, gains)
         by_detections = 0.0
         for i in range(chance.shape[1]):
             by_detections += math.log(1.0 - chance[k, i])

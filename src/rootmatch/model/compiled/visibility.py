@@ -31,7 +31,12 @@ def facing_terms(cosine, view_cosine, tilt, pose, point):  # type: ignore[no-unt
     """
     if cosine.shape[0] == 0 or math.isnan(cosine[pose, point]):
         return 0.0, 1.0, BARELY
-    c, edge, limit, between = cosine[pose, point], edge_of(0), -SLACK, edge_of(1) - edge_of(0)
+    c, edge, limit, between = (
+        cosine[pose, point],
+        view_angle_cosine(0),
+        -SLACK,
+        view_angle_cosine(1) - view_angle_cosine(0),
+    )
     if view_cosine.shape[0] > 0:
         edge, limit, between = view_cosine[point], view_cosine[point] - SLACK, 0.0
     spread = math.sqrt(1.0 - min(c * c, 1.0)) * tilt
@@ -41,41 +46,41 @@ def facing_terms(cosine, view_cosine, tilt, pose, point):  # type: ignore[no-unt
 
 
 @part
-def shown_by_normal(away, barely):  # type: ignore[no-untyped-def]
+def visibility_by_normal(away, barely):  # type: ignore[no-untyped-def]
     """Visibility of a point by its normal, see `facing_terms`."""
     return max(barely + (1.0 - BARELY) / (1.0 + away), UNSEEN)
 
 
 @part
-def edges_of(cosine, view_cosine):  # type: ignore[no-untyped-def]
+def count_view_angles(cosine, view_cosine):  # type: ignore[no-untyped-def]
     """Number of view angles over which a mean is taken: one where it is given, or no normals are."""
     return 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
 
 
 @part
-def edge_of(k):  # type: ignore[no-untyped-def]
+def view_angle_cosine(k):  # type: ignore[no-untyped-def]
     """The cosine of one of the `EDGES` equally probable view angles."""
     return FULLY * (k + 0.5) / EDGES
 
 
 @part
-def see_one(k, expected, cosine, view_cosine, tilt, visible):  # type: ignore[no-untyped-def]
+def fill_visibility_of_pose(k, expected, cosine, view_cosine, tilt, visible):  # type: ignore[no-untyped-def]
     """Visibility (n,) of the points in the k-th pose, into ``visible``: the mean over view angles if none is given.
 
     ``expected`` (n,); otherwise as `facing_terms`.
     """
-    edges = edges_of(cosine, view_cosine)
+    edges = count_view_angles(cosine, view_cosine)
     for i in range(visible.shape[0]):
         away, factor, barely = facing_terms(cosine, view_cosine, tilt, k, i)
         total = 0.0
         for _ in range(edges):
-            total += shown_by_normal(away, barely)
+            total += visibility_by_normal(away, barely)
             away *= factor
         visible[i] = expected[i] * total / edges
 
 
 @part
-def shown_of_blobs(blob, shown, hidden):  # type: ignore[no-untyped-def]
+def merge_blob_visibility(blob, shown, hidden):  # type: ignore[no-untyped-def]
     """The chance that any point of a blob shows at its first point, next to none at the others, in place.
 
     ``hidden`` (n,): scratch.

@@ -10,7 +10,7 @@ from rootmatch.jit.decorators import part
 
 
 @part
-def scratch_for_whitening(images):  # type: ignore[no-untyped-def]
+def whitening_scratch(images):  # type: ignore[no-untyped-def]
     """What `whiten_one` writes into, for so many images."""
     size = 2 * images
     return np.empty((size, size)), np.empty((size, 3)), np.empty((size, 3)), np.empty(images, np.int64)
@@ -34,7 +34,7 @@ def whiten_one(k, pose, assignments, at, image, spread, scratch, white):  # type
         Covariances of the points (n, 3, 3) in the body's frame and of the detections (n', 2, 2), px², in the place of
         their σ; each without rows if there are none.
     scratch : tuple
-        Of `scratch_for_whitening`.
+        Of `whitening_scratch`.
     white : tuple
         Jacobians (K, C n, 2, 6), residuals (K, C n, 2) and ½ log |S| (K, C n), by which `weigh_one` goes; those of the
         matches are filled.

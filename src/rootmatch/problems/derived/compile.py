@@ -10,7 +10,7 @@ from typing import Any
 from rootmatch.algebra import any_degree
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.derived.residuals_text import Residuals
-from rootmatch.problems.derived.tables import known, register_derived
+from rootmatch.problems.derived.tables import is_registered, register_derived
 from rootmatch.problems.limits import UNINFORMATIVE
 from rootmatch.problems.pairs import pair_orders
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
@@ -26,7 +26,7 @@ NAMED_KINDS = {"qr": QR, "both": QRBoth, "svd": SVD, "normalised": Normalised, "
 
 
 @scalar
-def ordinary(size):  # type: ignore[no-untyped-def]
+def scaling_power(size):  # type: ignore[no-untyped-def]
     """The power of two that brings a size to between ½ and 1: exact, and products of many factors stay numbers."""
     return math.ldexp(1.0, -math.frexp(size)[1])
 
@@ -55,11 +55,11 @@ def compile_residuals(
     namespace: dict[str, Any] = {
         **decorators,
         **{name: wrap(function) for name, function in formulas.items() if not name.startswith("leaf_")},
-        "find_roots": any_degree.roots_of(degree),
-        "compare_qr": any_degree.last_entry_of(degree),
-        "compare_both": any_degree.lesser_last_entry_of(degree),
-        "ordinary": ordinary,
-        "compare_svd": any_degree.singular_value_of(degree),
+        "find_roots": any_degree.make_root_kernel(degree),
+        "compare_qr": any_degree.make_last_entry_kernel(degree),
+        "compare_both": any_degree.make_lesser_entry_kernel(degree),
+        "ordinary": scaling_power,
+        "compare_svd": any_degree.make_singular_value_kernel(degree),
         "ORDERS": pair_orders(residuals.m),
         "BIG": UNINFORMATIVE * UNINFORMATIVE,
         "ONE": Normalised(1),
@@ -83,7 +83,7 @@ def tag_name(residuals: Residuals, generated: str, version: str) -> str:
 
 def register_residuals(residuals: Residuals, formulas: dict[str, Callable[..., Any]], name: str) -> None:
     """Register the kernels under a tag, once in a process."""
-    if known(name):
+    if is_registered(name):
         return
     for kind, (edge, slab) in compile_residuals(residuals, formulas).items():
         register_derived(name, kind, edge, slab)

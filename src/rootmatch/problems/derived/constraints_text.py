@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rootmatch.problems.derived.rows_text import Rows, Swept, base_dimensions, passive
+from rootmatch.problems.derived.rows_text import Rows, Swept, base_dimensions, passive_places
 from rootmatch.problems.derived.text import (
     Dimension,
     Shape,
@@ -48,8 +48,8 @@ class Constraints:
         self.sweeping = [order for order in orders if self.m in order]
         self.moved = [f"x_{label(d)}" for d in shape.dimensions(range(self.m))]
         shared = bool(shape.plan["shared"])
-        self.merged_near = passive(shape, [self.swept], False)
-        self.merged = passive(shape, orders, shared)
+        self.merged_near = passive_places(shape, [self.swept], False)
+        self.merged = passive_places(shape, orders, shared)
         self.base = base_dimensions(shape, self.merged)
         self.near = Swept(shape, self.swept, base_dimensions(shape, self.merged_near))
         self.each = {o: Swept(shape, o, self.base, f"c{c}_") for c, o in enumerate(orders) if o in self.sweeping}

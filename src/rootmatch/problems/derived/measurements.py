@@ -234,12 +234,12 @@ class Uncalibrated(Measurement):
         return pixels
 
 
-def nested(matrix: Floats) -> tuple[tuple[float, ...], ...]:
+def as_nested_tuples(matrix: Floats) -> tuple[tuple[float, ...], ...]:
     """A matrix as nested tuples, which frozen options can hold."""
     return tuple(tuple(row) for row in matrix.tolist())
 
 
-def measurement(given: Any, name: str) -> Measurement:
+def check_measurement(given: Any, name: str) -> Measurement:
     """Check an argument that must be a measurement."""
     if not isinstance(given, Measurement):
         raise InputError(f"{name}: {given!r} given; give Points(3), Bearings(camera) or Uncalibrated(centre)")

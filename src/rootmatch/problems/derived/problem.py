@@ -19,9 +19,9 @@ from rootmatch.problems.derived.evaluator import Evaluator
 from rootmatch.problems.derived.measurements import Bearings, Measurement, Points
 from rootmatch.problems.derived.residuals_text import Residuals
 from rootmatch.problems.derived.store import Generated
-from rootmatch.problems.derived.tables import DerivedTables, tag_of
+from rootmatch.problems.derived.tables import DerivedTables, make_tag
 from rootmatch.problems.derived.text import Shape
-from rootmatch.problems.noise import thousandth
+from rootmatch.problems.noise import pixel_equivalent
 from rootmatch.problems.points import PointSets
 
 
@@ -67,7 +67,7 @@ class DerivedProblem(Problem):
             target_dimension=self.target.dimension,
             noisy_source=self.source.noise_dimensions > 0,
         )
-        residuals, tag = _composed(self.generated, self.source.noise_dimensions, self.target.noise_dimensions)
+        residuals, tag = _compose_residuals(self.generated, self.source.noise_dimensions, self.target.noise_dimensions)
         self.__dict__.update(residuals=residuals, tag=tag)
 
     @property
@@ -78,8 +78,8 @@ class DerivedProblem(Problem):
     def noise_pixels(self, source: Floats, target: Floats) -> tuple[float, float]:
         """See `Problem.noise_pixels`: coordinates given as they are have the caller's unit."""
         return (
-            thousandth(source) if isinstance(self.source, Points) else 1.0,
-            thousandth(target) if isinstance(self.target, Points) else 1.0,
+            pixel_equivalent(source) if isinstance(self.source, Points) else 1.0,
+            pixel_equivalent(target) if isinstance(self.target, Points) else 1.0,
         )
 
     def __repr__(self) -> str:
@@ -133,7 +133,7 @@ class DerivedProblem(Problem):
             source_pair_noise=evaluator.noise_table("ss", x, dx),
             target_noise=evaluator.noise_table("t", u, du),
             target_pair_noise=evaluator.noise_table("tt", u, du),
-            tag=tag_of(self.__dict__["tag"]),
+            tag=make_tag(self.__dict__["tag"]),
         )
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> Floats:
@@ -143,18 +143,18 @@ class DerivedProblem(Problem):
 
     def __reduce__(self) -> Any:
         """Pickled as text, which is vetted again when it is read."""
-        return _rebuilt, (self.title, self.generated.text, self.source, self.target)
+        return _rebuild_problem, (self.title, self.generated.text, self.source, self.target)
 
 
 @lru_cache(maxsize=64)
-def _composed(generated: Generated, source_noise: int, target_noise: int) -> tuple[Residuals, str]:
+def _compose_residuals(generated: Generated, source_noise: int, target_noise: int) -> tuple[Residuals, str]:
     """Text of the kernels and their tag: the same however the problem is seen, and slower to compose than a match."""
     plan = generated.plan
     residuals = Residuals(Shape(plan, source_noise, target_noise), tuple(plan["orders"]), plan["interval"])
     return residuals, tag_name(residuals, generated.text, __version__)
 
 
-def _rebuilt(title: str, text: str, source: Measurement, target: Measurement) -> DerivedProblem:
-    from rootmatch.problems.derived.store import vetted
+def _rebuild_problem(title: str, text: str, source: Measurement, target: Measurement) -> DerivedProblem:
+    from rootmatch.problems.derived.store import compile_vetted
 
-    return DerivedProblem(title, vetted(text, title), source, target)
+    return DerivedProblem(title, compile_vetted(text, title), source, target)

@@ -6,7 +6,7 @@ from functools import cached_property
 
 from rootmatch.problems.derived.constraints_text import Constraints
 from rootmatch.problems.derived.rows_text import Rows, merge_lines
-from rootmatch.problems.derived.templates import ALONE, JOINT, NORMALISED, RESULTANT, resolve
+from rootmatch.problems.derived.templates import ALONE, JOINT, NORMALISED, RESULTANT, fill_template
 from rootmatch.problems.derived.text import (
     bases,
     coefficient_names,
@@ -57,12 +57,12 @@ class Residuals(Constraints):
             *merge_lines(self.shape, self.merged_near),
         ]
         hoist = self.near.lines
-        (hoist if self._stem_in_row() else core).insert(
-            0 if self._stem_in_row() else len(core), f"({stem},) = stem_near(t, {base}, d, x, {responses})"
+        (hoist if self._is_stem_in_row() else core).insert(
+            0 if self._is_stem_in_row() else len(core), f"({stem},) = stem_near(t, {base}, d, x, {responses})"
         )
         if entries:
             hoist.append(f"({', '.join(forms)},) = form({hoisted})")
-        return resolve(
+        return fill_template(
             NORMALISED,
             {
                 "BASES": base,
@@ -73,19 +73,19 @@ class Residuals(Constraints):
                 "HOIST": hoist,
                 "KIND": "normalised",
                 "SQUARE": f"near({near})",
-                "UNPACK": self._unpack(),
-                "PERMUTED": self._permuted(),
+                "UNPACK": self._unpacking_lines(),
+                "PERMUTED": self._permuted_arguments(),
             },
         )
 
-    def _stem_in_row(self) -> bool:
+    def _is_stem_in_row(self) -> bool:
         """Whether the stem needs the last source point, because it is no polynomial in its quantities."""
         return any(self.m - 1 in slots for _, _, slots in self.shape.plan["stem"])
 
-    def _unpack(self) -> list[str]:
+    def _unpacking_lines(self) -> list[str]:
         return [f"{letter}{k} = {letter}[{k}]" for letter in "ij" for k in range(self.m)]
 
-    def _permuted(self) -> str:
+    def _permuted_arguments(self) -> str:
         return ", ".join([*(f"i[o[{k}]]" for k in range(self.m)), *(f"j[o[{k}]]" for k in range(self.m))]) + (
             f", i[o[{self.m}]], j[o[{self.m}]]"
         )
@@ -137,12 +137,12 @@ class Residuals(Constraints):
             swept = self.each[order]
             stem = ", ".join(swept.stem_names)
             line = f"({stem},) = stem{suffix(order)}(t, {base}, d, {x_of[at]}, {responses})"
-            (hoist if self._stem_in_row() else core).append(line)
+            (hoist if self._is_stem_in_row() else core).append(line)
             hoist += swept.lines
             arguments += swept.names
         views = self.together_rows.lines
         together = ", ".join([*arguments, *(f"r{k}[k]" for k in range(len(views)))])
-        return resolve(
+        return fill_template(
             JOINT,
             {
                 "BASES": base,
@@ -153,7 +153,7 @@ class Residuals(Constraints):
                 "CORE": core,
                 "HOIST": hoist,
                 "SQUARE": f"together({together})",
-                "UNPACK": self._unpack(),
+                "UNPACK": self._unpacking_lines(),
                 "LAST": str(self.m),
             },
         )
@@ -175,7 +175,7 @@ class Residuals(Constraints):
             product = monomial_text(plan["monomials"][m], [at[v] for v in variables])
             sums[power].append(name if product == "1.0" else f"{name} * {product}")
         powers = [f"q{power} = {' + '.join(terms) or '0.0'}" for power, terms in sums.items()]
-        return resolve(
+        return fill_template(
             RESULTANT,
             {
                 "KIND": kind,
@@ -192,8 +192,8 @@ class Residuals(Constraints):
                 "UNITS": [f"p{k} *= one" for k in range(degree + 1)],
                 "UNITS_OF_BOTH": [f"q{k} *= one" for k in range(degree + 1)],
                 "UNITS_OF_ROW": [f"{name} *= one" for name in hoisted],
-                "UNPACK": self._unpack(),
-                "PERMUTED": self._permuted(),
+                "UNPACK": self._unpacking_lines(),
+                "PERMUTED": self._permuted_arguments(),
                 "LAST": str(self.m),
             },
         )

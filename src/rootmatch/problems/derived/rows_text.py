@@ -24,7 +24,7 @@ from rootmatch.problems.derived.text import (
 )
 
 
-def passive(shape: Shape, orders: Any, shared: bool) -> tuple[int, ...]:
+def passive_places(shape: Shape, orders: Any, shared: bool) -> tuple[int, ...]:
     """Places of the minimal set whose noise reaches the constraints through the root alone, so that one number does."""
     if shared:
         return ()

@@ -52,7 +52,7 @@ class Generated:
         return f"Generated({len(self.functions)} functions)"
 
 
-def vetted(text: str, where: str = "generated") -> Generated:
+def compile_vetted(text: str, where: str = "generated") -> Generated:
     """Compile a generated module after its syntax tree has been checked against what is allowed.
 
     Raises `RootmatchError` if anything else occurs; nothing has been executed then.
@@ -67,7 +67,7 @@ def vetted(text: str, where: str = "generated") -> Generated:
     for number, node in enumerate(tree.body):
         if number == 0 and _is_text(node):
             continue
-        if isinstance(node, ast.Assign) and plan is None and _target(node) == "plan":
+        if isinstance(node, ast.Assign) and plan is None and _target_name(node) == "plan":
             try:
                 plan = ast.literal_eval(node.value)
             except ValueError:
@@ -99,7 +99,7 @@ def _is_text(node: ast.AST) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
-def _target(node: ast.Assign) -> str | None:
+def _target_name(node: ast.Assign) -> str | None:
     if len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
         return node.targets[0].id
     return None
@@ -125,7 +125,7 @@ def _check_function(node: ast.FunctionDef, where: str) -> None:
         if number == 0 and _is_text(statement):
             continue
         if isinstance(statement, ast.Assign):
-            target = _target(statement)
+            target = _target_name(statement)
             _check_arithmetic(statement.value, known, where)
             if target is None or not _NAME.match(target) or target in FUNCTIONS:
                 raise _refusal(where, statement)
@@ -165,9 +165,9 @@ def shipped_file(problem: str) -> Path:
 
 
 @cache
-def shipped(problem: str) -> Generated:
+def shipped_formulas(problem: str) -> Generated:
     """The formulas of such a file, vetted like any generated text."""
-    return vetted(shipped_file(problem).read_text(encoding="utf-8"), problem)
+    return compile_vetted(shipped_file(problem).read_text(encoding="utf-8"), problem)
 
 
 def folder() -> Path:
@@ -184,7 +184,7 @@ def save(text: str, stem: str) -> Path | None:
     place = folder()
     try:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _private(place):
+        if not _is_private(place):
             return None
         handle, draft = tempfile.mkstemp(dir=place, prefix=".draft-", suffix=".py")  # readable by the owner alone
         try:
@@ -205,15 +205,15 @@ def load(stem: str) -> Generated | None:
     place = folder()
     path = place / f"{stem}.py"
     try:
-        if not (path.is_file() and _private(place) and _private(path)):
+        if not (path.is_file() and _is_private(place) and _is_private(path)):
             return None
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return None
-    return vetted(text, str(path))
+    return compile_vetted(text, str(path))
 
 
-def _private(path: Path) -> bool:
+def _is_private(path: Path) -> bool:
     """Whether only this user can write there (where the system tells)."""
     if not hasattr(os, "getuid"):
         return True

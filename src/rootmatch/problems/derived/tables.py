@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats
 from rootmatch.jit.decorators import kernel
-from rootmatch.jit.dispatch import chooses, class_of
+from rootmatch.jit.dispatch import choose_by_types, tuple_class
 from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 
@@ -50,7 +50,7 @@ class DerivedTables(NamedTuple):
         return KERNELS
 
 
-def tag_of(name: str) -> NDArray[Any]:
+def make_tag(name: str) -> NDArray[Any]:
     """The tag of generated code of that name."""
     return np.zeros(1, dtype=np.dtype([(name, np.float64)]))
 
@@ -59,7 +59,7 @@ _EDGE: dict[tuple[str, type], Callable[..., Any]] = {}
 _SLAB: dict[tuple[str, type], Callable[..., Any]] = {}
 
 
-def known(name: str) -> bool:
+def is_registered(name: str) -> bool:
     """Whether the kernels of that tag are registered in this process."""
     return (name, QR) in _EDGE
 
@@ -85,9 +85,9 @@ def _name(tables: Any) -> str:
     return str(next(iter(tag.dtype.fields)))
 
 
-@chooses(derived_edge)
+@choose_by_types(derived_edge)
 def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]:
-    function = _EDGE[_name(tables), class_of(kind)]
+    function = _EDGE[_name(tables), tuple_class(kind)]
 
     def implementation(tables: Any, kind: Any, i: Any, j: Any) -> Any:
         return function(tables, kind, i, j)
@@ -95,9 +95,9 @@ def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]
     return implementation
 
 
-@chooses(derived_slab)
+@choose_by_types(derived_slab)
 def _slab_overload(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: Any, out: Any) -> Callable[..., Any]:
-    function = _SLAB[_name(tables), class_of(kind)]
+    function = _SLAB[_name(tables), tuple_class(kind)]
 
     def implementation(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: Any, out: Any) -> Any:
         function(tables, kind, i, j, first, scratch, out)

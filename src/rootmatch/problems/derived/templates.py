@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-def resolve(template: str, parts: dict[str, str | list[str]]) -> str:
+def fill_template(template: str, parts: dict[str, str | list[str]]) -> str:
     """Put parts into a template: ``<NAME>`` alone on a line takes lines at its indentation, elsewhere a text."""
     out = []
     for line in template.splitlines():

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from rootmatch.algebra.rotation import cross as cross_products
-from rootmatch.algebra.vector import column, column4, cross, scaled
+from rootmatch.algebra.vector import column, column4, cross, scale_vector
 from rootmatch.jit.decorators import part, scalar
 from rootmatch.problems.limits import VAGUE2
 from rootmatch.problems.p3p.prediction import (
     camera_frame,
     camera_triangle,
     facing_away,
+    is_triple_visible,
     prediction,
-    stored,
-    triple_of,
-    triple_visible,
+    store_prediction,
+    triple_from_tables,
 )
 from rootmatch.problems.p3p.roots import ratio_pairs, solve_all
 
@@ -62,7 +62,7 @@ def solve(t, i, j, scratch):  # type: ignore[no-untyped-def]
 def frame_of(ab2, hab, x, y, rays):  # type: ignore[no-untyped-def]
     """The triple in the camera at one root: point a, the vectors to b and to c, and their product; if it is a root."""
     depths, e, f = camera_triangle(ab2, hab, x, y, rays)
-    return (x > 0.0) & (y > 0.0), scaled(depths[0], rays[0]) + e + f + cross(e, f)
+    return (x > 0.0) & (y > 0.0), scale_vector(depths[0], rays[0]) + e + f + cross(e, f)
 
 
 @scalar
@@ -115,7 +115,7 @@ def gathered_frame(t, i, block, k, scratch, root):  # type: ignore[no-untyped-de
 def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     """Where every source point is predicted, its covariance, and whether it can be visible."""
     s, h = t.distance2, t.versine
-    ab2, hab, source, normals, rays, variances = triple_of(t, i, j)
+    ab2, hab, source, normals, rays, variances = triple_from_tables(t, i, j)
     ratios = ratio_pairs(ab2, s[i[1], i[2]], s[i[0], i[2]], hab, h[j[1], j[2]], h[j[0], j[2]])
     x, y = ratios[0], ratios[1]
     for r in range(1, 4):
@@ -124,10 +124,10 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     if not (x > 0.0 and y > 0.0):
         return False
     frame = camera_frame(ab2, hab, x, y, rays)
-    if not triple_visible(source, frame, normals, rays):
+    if not is_triple_visible(source, frame, normals, rays):
         return False
     for d in range(out.shape[1]):
-        stored(prediction(source, frame, rays, variances, column(t.points, d)), out, d)
+        store_prediction(prediction(source, frame, rays, variances, column(t.points, d)), out, d)
         hidden = facing_away(source, frame, column4(t.normals, d), column(out, d)) > 0.0
         out[12, d] = 1.0 if out[9, d] + out[11, d] < VAGUE2 and not hidden else 0.0
     return True

@@ -20,12 +20,12 @@ from rootmatch.problems.limits import UNINFORMATIVE
 from rootmatch.problems.p3p.prediction import (
     camera_frame,
     facing_away,
-    loaded,
+    is_triple_visible,
+    load_prediction,
     prediction,
     squared_deviation,
-    stored,
-    triple_of,
-    triple_visible,
+    store_prediction,
+    triple_from_tables,
 )
 from rootmatch.problems.p3p.roots import ratio_pairs, solve_all
 
@@ -33,7 +33,7 @@ from rootmatch.problems.p3p.roots import ratio_pairs, solve_all
 @kernel
 def slab(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-def]
     """Slab kernel of `Joint`: squares."""
-    ab2, hab, source, normals, rays, variances = triple_of(t, i, j)
+    ab2, hab, source, normals, rays, variances = triple_from_tables(t, i, j)
     px, py, pz = t.points[0, first:], t.points[1, first:], t.points[2, first:]
     rx, ry, rz, v = t.rays[0], t.rays[1], t.rays[2], t.variance
     rows, columns = out.shape
@@ -45,15 +45,15 @@ def slab(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-
         if not (x > 0.0 and y > 0.0):
             continue
         frame = camera_frame(ab2, hab, x, y, rays)
-        if not triple_visible(source, frame, normals, rays):
+        if not is_triple_visible(source, frame, normals, rays):
             continue
         for r in range(rows):
             predicted = prediction(source, frame, rays, variances, (px[r], py[r], pz[r]))
-            stored(predicted, scratch, r)
+            store_prediction(predicted, scratch, r)
             if facing_away(source, frame, column4(t.normals, first + r), predicted[0]) > 0.0:
                 scratch[9, r] = inf  # a prediction without meaning
         for r in range(rows):
-            predicted = loaded(scratch, r)
+            predicted = load_prediction(scratch, r)
             line = out[r]
             for m in range(columns):
                 line[m] = min(line[m], squared_deviation(predicted, (rx[m], ry[m], rz[m]), v[m]))
@@ -63,7 +63,7 @@ def slab(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-
 def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
     """Edge kernel of `Joint`; whichever triple predicts, the constraints are the same to first order."""
     s, h = t.distance2, t.versine
-    ab2, hab, source, normals, rays, variances = triple_of(t, i, j)
+    ab2, hab, source, normals, rays, variances = triple_from_tables(t, i, j)
     ratios = ratio_pairs(ab2, s[i[1], i[2]], s[i[0], i[2]], hab, h[j[1], j[2]], h[j[0], j[2]])
     d, k = i[3], j[3]
     least = UNINFORMATIVE * UNINFORMATIVE
@@ -71,7 +71,7 @@ def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
         x, y = ratios[2 * root], ratios[2 * root + 1]
         if x > 0.0 and y > 0.0:
             frame = camera_frame(ab2, hab, x, y, rays)
-            if not triple_visible(source, frame, normals, rays):
+            if not is_triple_visible(source, frame, normals, rays):
                 continue
             predicted = prediction(source, frame, rays, variances, column(t.points, d))
             if facing_away(source, frame, column4(t.normals, d), predicted[0]) > 0.0:

@@ -14,10 +14,10 @@ from rootmatch.problems.limits import UNINFORMATIVE
 from rootmatch.problems.p3p.prediction import (
     camera_frame,
     facing_away,
+    is_triple_visible,
     prediction,
     source_frame,
     squared_deviation,
-    triple_visible,
 )
 from rootmatch.problems.p3p.roots import ratio_pairs
 
@@ -28,13 +28,13 @@ DISTANCES, ANGLES, POINTS, NORMALS, RAYS, VARIANCES, LEAST = np.array([8, 11, 14
 
 
 @scalar
-def three(block, row, k):  # type: ignore[no-untyped-def]
+def three_rows(block, row, k):  # type: ignore[no-untyped-def]
     """Entries of a column in three rows that follow each other."""
     return block[row, k], block[row + 1, k], block[row + 2, k]
 
 
 @scalar
-def four(block, row, k):  # type: ignore[no-untyped-def]
+def four_rows(block, row, k):  # type: ignore[no-untyped-def]
     """Entries of a column in four rows that follow each other."""
     return block[row, k], block[row + 1, k], block[row + 2, k], block[row + 3, k]
 
@@ -60,16 +60,18 @@ def gather(t, source, target, first, last, block):  # type: ignore[no-untyped-de
 
 
 @scalar
-def squared_at(x, y, block, k):  # type: ignore[no-untyped-def]
+def squared_residual_at(x, y, block, k):  # type: ignore[no-untyped-def]
     """Square of a column's residual at one root; UNINFORMATIVE² without a solution or where a point faces away."""
-    rays = three(block, RAYS, k), three(block, RAYS + 3, k), three(block, RAYS + 6, k)
-    normals = four(block, NORMALS, k), four(block, NORMALS + 4, k), four(block, NORMALS + 8, k)
-    source = source_frame(three(block, POINTS, k), three(block, POINTS + 3, k), three(block, POINTS + 6, k))
+    rays = three_rows(block, RAYS, k), three_rows(block, RAYS + 3, k), three_rows(block, RAYS + 6, k)
+    normals = four_rows(block, NORMALS, k), four_rows(block, NORMALS + 4, k), four_rows(block, NORMALS + 8, k)
+    source = source_frame(
+        three_rows(block, POINTS, k), three_rows(block, POINTS + 3, k), three_rows(block, POINTS + 6, k)
+    )
     frame = camera_frame(block[DISTANCES, k], block[ANGLES, k], x, y, rays)
-    predicted = prediction(source, frame, rays, three(block, VARIANCES, k), three(block, POINTS + 9, k))
-    chi2 = squared_deviation(predicted, three(block, RAYS + 9, k), block[VARIANCES + 3, k])
-    away = facing_away(source, frame, four(block, NORMALS + 12, k), predicted[0])
-    visible = triple_visible(source, frame, normals, rays) & (away <= 0.0)
+    predicted = prediction(source, frame, rays, three_rows(block, VARIANCES, k), three_rows(block, POINTS + 9, k))
+    chi2 = squared_deviation(predicted, three_rows(block, RAYS + 9, k), block[VARIANCES + 3, k])
+    away = facing_away(source, frame, four_rows(block, NORMALS + 12, k), predicted[0])
+    visible = is_triple_visible(source, frame, normals, rays) & (away <= 0.0)
     return chi2 if (x > 0.0) & (y > 0.0) & visible else UNINFORMATIVE * UNINFORMATIVE
 
 
@@ -78,15 +80,15 @@ def fill_block(t, kind, source, target, first, last, block):  # type: ignore[no-
     """Squares of the residuals of many hyper-edges at once, into the last part of the block."""
     gather(t, source, target, first, last, block)
     for k in range(block.shape[1]):
-        A, B, C = three(block, DISTANCES, k)
-        hab, hbc, hca = three(block, ANGLES, k)
+        A, B, C = three_rows(block, DISTANCES, k)
+        hab, hbc, hca = three_rows(block, ANGLES, k)
         (
             block[0, k], block[1, k], block[2, k], block[3, k], block[4, k], block[5, k], block[6, k], block[7, k],
         ) = ratio_pairs(A, B, C, hab, hbc, hca)  # fmt: skip
         block[LEAST, k] = UNINFORMATIVE * UNINFORMATIVE
     for root in range(4):
         for k in range(block.shape[1]):
-            chi2 = squared_at(block[2 * root, k], block[2 * root + 1, k], block, k)
+            chi2 = squared_residual_at(block[2 * root, k], block[2 * root + 1, k], block, k)
             block[LEAST, k] = min(block[LEAST, k], chi2)
 
 

@@ -13,9 +13,9 @@ from math import nan
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE
 from rootmatch.problems.p3p.quartic import STEP, quadratics
-from rootmatch.problems.p3p.resultant_residual import COINCIDENT, distinct
+from rootmatch.problems.p3p.resultant_residual import COINCIDENT, are_bearings_distinct
 from rootmatch.problems.p3p.roots import ratio_pairs, solve_all
-from rootmatch.problems.pairs import edge_of_pairs, root_of, slab_of_edges
+from rootmatch.problems.pairs import edge_kernel_of_pairs, root_kernel, slab_kernel_of_edges
 
 
 @scalar
@@ -80,7 +80,7 @@ def normalised2(p, dp, p_ab, p_bc, p_ca, A, B2, C2, hab, hbc, hca, hbd, hda, hcd
     variance += vd * variance_of_two(hda, hbd, hab, g_da, g_bd)
     ratio = f * f / variance
     # collinear triples cancel to a variance below 0: no information
-    known = (0.0 <= ratio < UNINFORMATIVE * UNINFORMATIVE) and distinct(hab, hbc, hca, hbd, hda)
+    known = (0.0 <= ratio < UNINFORMATIVE * UNINFORMATIVE) and are_bearings_distinct(hab, hbc, hca, hbd, hda)
     return ratio if known else UNINFORMATIVE * UNINFORMATIVE
 
 
@@ -181,7 +181,7 @@ def slab_of_pair(t, i, j, first, panel, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def squared_of_pair(t, i, j, order):  # type: ignore[no-untyped-def]
+def squared_pair_residual(t, i, j, order):  # type: ignore[no-untyped-def]
     """Square of the normalised resultant of a hyper-edge taken in an order; the triples share the first two."""
     s = t.distance2
     h = t.versine
@@ -205,9 +205,9 @@ def squared_of_pair(t, i, j, order):  # type: ignore[no-untyped-def]
     return least
 
 
-squared = edge_of_pairs(squared_of_pair, 3)
-several = slab_of_edges(squared)
-edge = root_of(squared)
+squared = edge_kernel_of_pairs(squared_pair_residual, 3)
+several = slab_kernel_of_edges(squared)
+edge = root_kernel(squared)
 
 
 @kernel

@@ -10,7 +10,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.vector import added, column, column4, combination, cross, difference, dot, scaled, tangent_basis
+from rootmatch.algebra.vector import (
+    add_vectors,
+    column,
+    column4,
+    combination,
+    cross,
+    difference,
+    dot,
+    scale_vector,
+    tangent_basis,
+)
 from rootmatch.jit.decorators import scalar
 from rootmatch.problems.limits import UNINFORMATIVE, VAGUE2
 
@@ -21,7 +31,7 @@ def source_frame(a, b, c):  # type: ignore[no-untyped-def]
     e, f = difference(b, a), difference(c, a)
     normal = cross(e, f)
     inverse = 1.0 / dot(normal, normal)
-    return a, e, f, scaled(inverse, normal), dot(e, e) * inverse, dot(f, f) * inverse, dot(e, f) * inverse
+    return a, e, f, scale_vector(inverse, normal), dot(e, e) * inverse, dot(f, f) * inverse, dot(e, f) * inverse
 
 
 @scalar
@@ -33,10 +43,10 @@ def source_coordinates(source, vector):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def carried(coordinates, e, f):  # type: ignore[no-untyped-def]
+def point_in_camera(coordinates, e, f):  # type: ignore[no-untyped-def]
     """The vector α e + β f + γ e × f."""
     alpha, beta, gamma = coordinates
-    return added(combination(alpha, e, beta, f), scaled(gamma, cross(e, f)))
+    return add_vectors(combination(alpha, e, beta, f), scale_vector(gamma, cross(e, f)))
 
 
 @scalar
@@ -47,8 +57,8 @@ def camera_triangle(ab2, hab, x, y, rays):  # type: ignore[no-untyped-def]
     """
     a, b, c = rays
     depth = np.sqrt(ab2 / ((x - 1.0) * (x - 1.0) + 2.0 * hab * x))
-    origin = scaled(depth, a)
-    e, f = difference(scaled(depth * x, b), origin), difference(scaled(depth * y, c), origin)
+    origin = scale_vector(depth, a)
+    e, f = difference(scale_vector(depth * x, b), origin), difference(scale_vector(depth * y, c), origin)
     return (depth, depth * x, depth * y), e, f
 
 
@@ -85,12 +95,12 @@ def partials(p, coordinates, frame, rays):  # type: ignore[no-untyped-def]
     w = difference(difference(p, u), v)
     # depths follow the bearings so that the three distances stay: multipliers μ = M⁻ᵀ (u_k · partial_k)
     qa, qb, qc = dot(w, a), dot(u, b), dot(v, c)
-    m0, m1, m2 = added(combination(qa, row0, qb, row1), scaled(qc, row2))
+    m0, m1, m2 = add_vectors(combination(qa, row0, qb, row1), scale_vector(qc, row2))
     g = difference(f, e)
     return (
-        scaled(depths[0], added(w, combination(m0, e, m1, f))),
-        scaled(depths[1], added(u, combination(-m0, e, m2, g))),
-        scaled(depths[2], difference(v, combination(m1, f, m2, g))),
+        scale_vector(depths[0], add_vectors(w, combination(m0, e, m1, f))),
+        scale_vector(depths[1], add_vectors(u, combination(-m0, e, m2, g))),
+        scale_vector(depths[2], difference(v, combination(m1, f, m2, g))),
     )
 
 
@@ -102,12 +112,12 @@ def prediction(source, frame, rays, variances, point):  # type: ignore[no-untype
     """
     va, vb, vc = variances
     coordinates = source_coordinates(source, difference(point, source[0]))
-    bearing = added(scaled(frame[0][0], rays[0]), carried(coordinates, frame[1], frame[2]))
+    bearing = add_vectors(scale_vector(frame[0][0], rays[0]), point_in_camera(coordinates, frame[1], frame[2]))
     inverse = 1.0 / np.sqrt(dot(bearing, bearing))
-    bearing = scaled(inverse, bearing)
+    bearing = scale_vector(inverse, bearing)
     p, q = tangent_basis(bearing[0], bearing[1], bearing[2])
-    u, v, w = partials(scaled(inverse, p), coordinates, frame, rays)
-    k, l, m = partials(scaled(inverse, q), coordinates, frame, rays)  # noqa: E741
+    u, v, w = partials(scale_vector(inverse, p), coordinates, frame, rays)
+    k, l, m = partials(scale_vector(inverse, q), coordinates, frame, rays)  # noqa: E741
     s11 = va * dot(u, u) + vb * dot(v, v) + vc * dot(w, w)
     s12 = va * dot(u, k) + vb * dot(v, l) + vc * dot(w, m)
     s22 = va * dot(k, k) + vb * dot(l, l) + vc * dot(m, m)
@@ -129,11 +139,11 @@ def squared_deviation(predicted, ray, v):  # type: ignore[no-untyped-def]
 @scalar
 def facing_away(source, frame, normal, ray):  # type: ignore[no-untyped-def]
     """Positive where a source point's normal, rotated as the triple is, is beyond its view angle for a unit bearing."""
-    return dot(carried(source_coordinates(source, normal), frame[1], frame[2]), ray) + normal[3]
+    return dot(point_in_camera(source_coordinates(source, normal), frame[1], frame[2]), ray) + normal[3]
 
 
 @scalar
-def triple_visible(source, frame, normals, rays):  # type: ignore[no-untyped-def]
+def is_triple_visible(source, frame, normals, rays):  # type: ignore[no-untyped-def]
     """Whether none of the triple's own points faces away."""
     return (
         (facing_away(source, frame, normals[0], rays[0]) <= 0.0)
@@ -143,7 +153,7 @@ def triple_visible(source, frame, normals, rays):  # type: ignore[no-untyped-def
 
 
 @scalar
-def triple_of(t, i, j):  # type: ignore[no-untyped-def]
+def triple_from_tables(t, i, j):  # type: ignore[no-untyped-def]
     """A triple as the tables have it: |ab|², the versine of a and b, source frame, normals, bearings, variances."""
     p, m, u, v = t.points, t.normals, t.rays, t.variance
     return (
@@ -157,7 +167,7 @@ def triple_of(t, i, j):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def stored(predicted, rows, k):  # type: ignore[no-untyped-def]
+def store_prediction(predicted, rows, k):  # type: ignore[no-untyped-def]
     """Write a prediction to rows 0 to 11 of column k."""
     (
         (rows[0, k], rows[1, k], rows[2, k]), (rows[3, k], rows[4, k], rows[5, k]),
@@ -166,7 +176,7 @@ def stored(predicted, rows, k):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def loaded(rows, k):  # type: ignore[no-untyped-def]
+def load_prediction(rows, k):  # type: ignore[no-untyped-def]
     """The prediction that `stored` wrote."""
     return (
         (rows[0, k], rows[1, k], rows[2, k]), (rows[3, k], rows[4, k], rows[5, k]),

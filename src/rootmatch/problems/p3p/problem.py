@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Floats, Integers, kept_by_values
+from rootmatch.arrays import Floats, Integers, cache_by_values
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
-from rootmatch.problems.points import PointSets, known_normals, squared_distances
+from rootmatch.problems.points import PointSets, normals_with_cosines, squared_distances
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.rig_fit import rig_poses
@@ -88,7 +88,7 @@ class P3P(Problem):
             versine=versine,
             rays=np.ascontiguousarray(rays.T),
             variance=self.camera.angular_noise(points.target, points.target_noise, rays) ** 2,
-            normals=known_normals(points),
+            normals=normals_with_cosines(points),
         )
 
     def of_view(self, camera: CameraModel, turn: Floats) -> P3P:
@@ -124,4 +124,4 @@ def _distances(source: Floats) -> tuple[Floats, Floats]:
     return squared_distances(places), np.ascontiguousarray(places.T)
 
 
-_kept_distances = kept_by_values(16)(_distances)
+_kept_distances = cache_by_values(16)(_distances)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rootmatch.algebra.any_degree import singular_value_of
+from rootmatch.algebra.any_degree import make_singular_value_kernel
 from rootmatch.algebra.bezout import (
     NO_INFORMATION,
     lesser_unit_last_entry_quartic_about_one,
@@ -16,21 +16,21 @@ from rootmatch.algebra.bezout import (
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.kernels import ResidualKernels
 from rootmatch.problems.p3p.quartic import quartic_about_one, quartic_in_ratio
-from rootmatch.problems.pairs import edge_of_pairs, slab_of_rows
+from rootmatch.problems.pairs import edge_kernel_of_pairs, slab_kernel_of_rows
 
 COINCIDENT = 1e-20
 """Versine of the angle below which two bearings are one: 1e-10 rad, below the rounding of any pixel; not tuned."""
 
-unit_singular_value = singular_value_of(4)
+unit_singular_value = make_singular_value_kernel(4)
 
 
 @scalar
-def distinct(hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
+def are_bearings_distinct(hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
     """Whether no two bearings are one: there x = 1 solves every quartic, and agreement says nothing."""
     return min(min(hab, hbc, hca), min(hbd, hda)) > COINCIDENT
 
 
-def entry_of(compare: Any) -> Any:
+def residual_of_quartics(compare: Any) -> Any:
     """A residual of the two quartics in x, as in the paper, from a kernel that compares their forms about x = 1."""
 
     @scalar
@@ -38,13 +38,13 @@ def entry_of(compare: Any) -> Any:
         p4, p3, p2, p1, p0 = quartic_about_one(A, B, C, hab, hbc, hca)
         q4, q3, q2, q1, q0 = quartic_about_one(A, B2, C2, hab, hbd, hda)
         value = compare(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
-        return value if distinct(hab, hbc, hca, hbd, hda) else NO_INFORMATION
+        return value if are_bearings_distinct(hab, hbc, hca, hbd, hda) else NO_INFORMATION
 
     return entry
 
 
-last_entry = entry_of(unit_last_entry_quartic_about_one)
-lesser_last_entry = entry_of(lesser_unit_last_entry_quartic_about_one)
+last_entry = residual_of_quartics(unit_last_entry_quartic_about_one)
+lesser_last_entry = residual_of_quartics(lesser_unit_last_entry_quartic_about_one)
 
 
 @scalar
@@ -74,5 +74,5 @@ def resultant_kernels(value: Any) -> ResidualKernels:
         for k in range(line.shape[0]):
             line[k] = value(A, B, C, B2, C2, hab, hbc, hca, hbd[k], hda[k])
 
-    edge = edge_of_pairs(pair, 3)
-    return ResidualKernels(edge, slab_of_rows(row, edge))
+    edge = edge_kernel_of_pairs(pair, 3)
+    return ResidualKernels(edge, slab_kernel_of_rows(row, edge))

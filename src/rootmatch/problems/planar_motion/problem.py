@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.problems.derived.measurements import Bearings, nested
+from rootmatch.problems.derived.measurements import Bearings, as_nested_tuples
 from rootmatch.problems.derived.problem import DerivedProblem
-from rootmatch.problems.derived.store import shipped
+from rootmatch.problems.derived.store import shipped_formulas
 from rootmatch.problems.derived.tables import DerivedTables
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.two_images import TwoImageProblem
@@ -69,8 +69,11 @@ class PlanarMotion(TwoImageProblem):
     @property
     def derived(self) -> DerivedProblem:
         """The generated problem behind it, on rays rotated so that the normal is y."""
-        measured = (Bearings(camera, nested(turn)) for camera, turn in zip(self.cameras, self.rotations(), strict=True))
-        return DerivedProblem(self.name, shipped("planar_motion"), *measured)
+        measured = (
+            Bearings(camera, as_nested_tuples(turn))
+            for camera, turn in zip(self.cameras, self.rotations(), strict=True)
+        )
+        return DerivedProblem(self.name, shipped_formulas("planar_motion"), *measured)
 
     def tables(self, points: PointSets) -> DerivedTables:
         """Tables for the kernels; see `Problem.tables`."""

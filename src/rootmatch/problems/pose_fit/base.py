@@ -7,7 +7,7 @@ import numpy as np
 from rootmatch.arrays import Floats
 
 
-def invertible(normal: Floats) -> Floats:
+def regularise_normal(normal: Floats) -> Floats:
     """Normal equations (K, p, p), made solvable where a pose is not determined."""
     p = normal.shape[-1]
     whole = np.isfinite(normal.sum(axis=(1, 2), keepdims=True))

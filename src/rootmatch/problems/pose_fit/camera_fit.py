@@ -13,13 +13,13 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.descent import KEPT, ROUGH_STEPS, State, covariance_of, descended, lowest_of
-from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
-from rootmatch.problems.pose_fit.packed_matches import packed_matches
+from rootmatch.problems.pose_fit.descent import KEPT, ROUGH_STEPS, State, descend, select_lowest, state_covariance
+from rootmatch.problems.pose_fit.fitted_pose import make_pose_of_fit, to_callers_frame
+from rootmatch.problems.pose_fit.packed_matches import pack_matches
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior, Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
-from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_poses
+from rootmatch.problems.pose_fit.starts import reflect_poses, select_best_apart, starting_poses
 
 REWEIGHTED = 2
 """How often covariances of projections are taken anew. Not tuned: the first fit has them to a few per cent."""
@@ -54,7 +54,7 @@ def camera_poses(
     start : Pose, optional
         From which all are fitted; else from the prediction, or without one from many.
     """
-    centre, unit, packed, target, places, weight = packed_matches(points, assignments)
+    centre, unit, packed, target, places, weight = pack_matches(points, assignments)
     rays = camera.seen_bearings(points.target)[target]
     rays[weight == 0.0] = AHEAD  # of no match, where the lens may show nothing
     image = points.target[target] if points.target.shape[1] == 2 else rays
@@ -72,29 +72,29 @@ def camera_poses(
         starts = np.tile(R, (count, 1, 1, 1)), np.tile(place, (count, 1, 1))
     elif gaussian is None:
         starts = starting_poses(places, rays, weight, upright)
-        starts = best_apart(model.repeated(starts[0].shape[1]), starts)
+        starts = select_best_apart(model.repeated(starts[0].shape[1]), starts)
     else:
         starts = np.tile(gaussian.rotation, (count, 1, 1, 1)), np.tile(gaussian.translation, (count, 1, 1))
     times = starts[0].shape[1]
-    state, chi2 = descended(model.repeated(times), tuple(_flat(part) for part in starts), ROUGH_STEPS)
+    state, chi2 = descend(model.repeated(times), tuple(_flat(part) for part in starts), ROUGH_STEPS)
     kept = min(KEPT, times)
-    state, chi2 = lowest_of(state, chi2, count, kept)
+    state, chi2 = select_lowest(state, chi2, count, kept)
     if upright is None and prior is None and start is None:
-        best, _ = lowest_of(state, chi2, count)
-        other, _ = descended(model, reflected(best, places, weight), ROUGH_STEPS)
+        best, _ = select_lowest(state, chi2, count)
+        other, _ = descend(model, reflect_poses(best, places, weight), ROUGH_STEPS)
         state = tuple(
             _flat(np.concatenate([part.reshape(count, kept, *part.shape[1:]), more[:, None]], axis=1))
             for part, more in zip(state, other, strict=True)
         )
         kept += 1
-    state, chi2 = lowest_of(*descended(model.repeated(kept), state), count)
+    state, chi2 = select_lowest(*descend(model.repeated(kept), state), count)
     if points.has_covariances:
         known = None if points.source_covariance is None else points.source_covariance[packed] / unit**2
         own = np.where(weight[..., None, None] > 0.0, points.covariances_of(target), 0.0)
         for _ in range(REWEIGHTED):
             model = replace(model, white=whitening(camera, places, known, own, state))
-            state, chi2 = descended(model, state)
-    covariance = covariance_of(model, state)
+            state, chi2 = descend(model, state)
+    covariance = state_covariance(model, state)
     dof = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
     poses: list[Pose | None] = []
     for k, assignment in enumerate(assignments):
@@ -102,14 +102,14 @@ def camera_poses(
             poses.append(None)
             continue
         rotation = state[0][k]
-        translation, own = in_callers_frame(rotation, state[1][k], covariance[k], axes=axes, centre=centre, unit=unit)
+        translation, own = to_callers_frame(rotation, state[1][k], covariance[k], axes=axes, centre=centre, unit=unit)
         members = np.flatnonzero(assignment >= 0)
         predicted = camera.project(points.source[members] @ rotation.T + translation)
         detected = points.target[assignment[members]]
         if detected.shape[1] == 3:
             detected = camera.bearings(detected)
         poses.append(
-            fitted_pose(
+            make_pose_of_fit(
                 rotation,
                 translation,
                 own,

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.problems.pose_fit.base import invertible
+from rootmatch.problems.pose_fit.base import regularise_normal
 
 State = tuple[Floats, ...]
 
@@ -41,13 +41,13 @@ class Model(Protocol):
         ...
 
 
-def chi2_of(residuals: Floats) -> Floats:
+def sum_of_squares(residuals: Floats) -> Floats:
     """χ² (B,) of residuals (B, r); infinite where one is not a number."""
     total = (residuals**2).sum(axis=-1)
     return np.where(np.isfinite(total), total, np.inf)
 
 
-def descended(model: Model, state: State, steps: int = STEPS) -> tuple[State, Floats]:
+def descend(model: Model, state: State, steps: int = STEPS) -> tuple[State, Floats]:
     """The states at the bottom of the valleys in which they lie, and their χ² (B,).
 
     Marquardt's damping: each parameter by its own curvature, so units do not matter. A state that is impossible stays
@@ -55,7 +55,7 @@ def descended(model: Model, state: State, steps: int = STEPS) -> tuple[State, Fl
     """
     with np.errstate(all="ignore"):
         residuals = model.residuals(state)
-        chi2 = chi2_of(residuals)
+        chi2 = sum_of_squares(residuals)
         damping = np.full(len(chi2), 1e-4)
         done = ~np.isfinite(chi2)
         for _ in range(steps):
@@ -66,13 +66,13 @@ def descended(model: Model, state: State, steps: int = STEPS) -> tuple[State, Fl
             slope = (jacobian.swapaxes(-1, -2) @ np.nan_to_num(residuals, posinf=0.0, neginf=0.0)[..., None])[..., 0]
             diagonal = np.arange(normal.shape[-1])
             normal[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-            step = -np.linalg.solve(invertible(normal), slope[..., None])[..., 0]
+            step = -np.linalg.solve(regularise_normal(normal), slope[..., None])[..., 0]
             reached = model.moved(state, np.where(done[:, None], 0.0, step))
             residuals2 = model.residuals(reached)
-            chi22 = chi2_of(residuals2)
+            chi22 = sum_of_squares(residuals2)
             better = (chi22 < chi2) & ~done
-            state = tuple(_where(better, new, old) for new, old in zip(reached, state, strict=True))
-            residuals = _where(better, residuals2, residuals)
+            state = tuple(_select_states(better, new, old) for new, old in zip(reached, state, strict=True))
+            residuals = _select_states(better, residuals2, residuals)
             # what the step promised settles only where the damping did not cut it short
             settled = (-(slope * step).sum(axis=-1) <= SETTLED * chi2) & (damping <= 1e-3)
             chi2 = np.where(better, chi22, chi2)
@@ -81,20 +81,20 @@ def descended(model: Model, state: State, steps: int = STEPS) -> tuple[State, Fl
     return state, chi2
 
 
-def covariance_of(model: Model, state: State) -> Floats:
+def state_covariance(model: Model, state: State) -> Floats:
     """Covariances (B, p, p) of steps from the bottom: (Jᵀ J)⁻¹, by the law of Gauß and Markov."""
     with np.errstate(all="ignore"):
         jacobian = np.nan_to_num(model.jacobian(state), nan=0.0, posinf=0.0, neginf=0.0)
-        inverse = np.linalg.inv(invertible(jacobian.swapaxes(-1, -2) @ jacobian))
+        inverse = np.linalg.inv(regularise_normal(jacobian.swapaxes(-1, -2) @ jacobian))
     return np.asarray(0.5 * (inverse + inverse.swapaxes(-1, -2)), dtype=np.float64)
 
 
-def lowest_of(state: State, chi2: Floats, groups: int, count: int = 1) -> tuple[State, Floats]:
+def select_lowest(state: State, chi2: Floats, groups: int, count: int = 1) -> tuple[State, Floats]:
     """The ``count`` lowest fits of each group; groups are of equal size and follow one another."""
     order = np.argsort(chi2.reshape(groups, -1), axis=1, kind="stable")[:, :count]
     pick = (np.arange(groups)[:, None] * (len(chi2) // groups) + order).ravel()
     return tuple(part[pick] for part in state), chi2[pick]
 
 
-def _where(condition: Bools, new: Floats, old: Floats) -> Floats:
+def _select_states(condition: Bools, new: Floats, old: Floats) -> Floats:
     return np.where(condition.reshape(-1, *(1,) * (new.ndim - 1)), new, old)

@@ -10,7 +10,7 @@ RIDGE = 1e-13
 """Added to the unit diagonal of a scaled sum, so that it has an inverse where a part of the pose is exact."""
 
 
-def in_either_axes(covariance: Floats, turned: Floats) -> Floats:
+def covariance_in_either_axes(covariance: Floats, turned: Floats) -> Floats:
     """Covariance of a prediction in whose axes is uncertain whether they turn with the body.
 
     What earlier frames left open may turn with the body, as a rotation about a line of its points does, or stay with

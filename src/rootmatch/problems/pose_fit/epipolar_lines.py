@@ -69,7 +69,7 @@ class Views:
         deviation = np.sqrt(np.maximum(variance, 1e-300))
         return value / deviation, deviation / np.sqrt(np.maximum(by_second, 1e-300))
 
-    def from_lines(self, essential: Floats, i: Integers, k: Integers) -> tuple[Floats, Floats]:
+    def offsets_from_lines(self, essential: Floats, i: Integers, k: Integers) -> tuple[Floats, Floats]:
         """Vectors (m, 2) in pixels to detections from their epipolar lines, and σ of their lengths, both ends noisy."""
         deviation, width = self.deviations(essential, i, k)
         slope = (essential @ self.first[i][..., None])[..., 0][..., None, :] @ self.second_axes[k]
@@ -89,7 +89,7 @@ class Views:
         return np.asarray(self.focal * np.arctan2((second * towards).sum(axis=-1), (second * far).sum(axis=-1)))
 
 
-def behind(views: Views, k: Integers, used: Bools, pose: tuple[Floats, Floats]) -> Floats:
+def depth_penalty(views: Views, k: Integers, used: Bools, pose: tuple[Floats, Floats]) -> Floats:
     """Minus the log probability (B,) that detections k (B, n) lie before both cameras of poses (R, t)."""
     essential = cross_matrix(pose[1]) @ pose[0]
     i = np.arange(k.shape[1])

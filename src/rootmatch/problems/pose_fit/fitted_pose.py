@@ -11,7 +11,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
 
 
-def in_callers_frame(
+def to_callers_frame(
     rotation: Floats, translation: Floats, covariance: Floats, *, axes: Floats, centre: Floats, unit: float
 ) -> tuple[Floats, Floats]:
     """Translation and covariance of a fit whose points were taken about their centre and in a unit of their own.
@@ -26,7 +26,7 @@ def in_callers_frame(
     return unit * translation - turned, change @ covariance @ change.T
 
 
-def fitted_pose(
+def make_pose_of_fit(
     R: Floats,
     t: Floats,
     covariance: Floats,

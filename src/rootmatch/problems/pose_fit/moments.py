@@ -28,7 +28,7 @@ ENOUGH = 30.0
 """Minimum effective number of samples. Not tuned."""
 
 
-def moments(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats:
+def second_moments(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats:
     """Second moments (p, p) about 0 of steps under exp(−χ² / 2).
 
     Parameters
@@ -40,13 +40,13 @@ def moments(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats:
         that the points do not determine at all, or hardly any sample that is likely.
     """
     try:
-        sampled = _sampled(chi2, covariance)
+        sampled = _sample_moments(chi2, covariance)
     except np.linalg.LinAlgError:  # a proposal without extent in some direction
         return covariance
     return covariance if sampled is None or not np.all(np.isfinite(sampled)) else sampled
 
 
-def _sampled(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats | None:
+def _sample_moments(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats | None:
     """See `moments`; nothing if the covariance given is as good."""
     values, vectors = np.linalg.eigh(covariance)
     axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T

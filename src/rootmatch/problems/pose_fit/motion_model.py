@@ -9,9 +9,9 @@ import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector, turn_jacobian
 from rootmatch.arrays import Floats, Integers
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.descent import STEPS, State, descended
+from rootmatch.problems.pose_fit.descent import STEPS, State, descend
 
 REWEIGHTED = 3
 """How often covariances of axes that differ are taken anew. A round value."""
@@ -83,14 +83,14 @@ class MotionModel:
         return moved + state[1][:, None] - self.target, sigma, moved
 
 
-def reweighted(
+def reweight(
     model: MotionModel, state: State, clouds: PointClouds, assignments: Integers, steps: int = STEPS
 ) -> tuple[MotionModel, State]:
     """Fits of assignments (B, n) with covariances of axes that differ, those of the fit before, and their weights."""
     turns = clouds.source_covariance is not None or (model.scaled and bool(clouds.source_variance.any()))
     for _ in range(REWEIGHTED if turns else 1):
-        model = copied(model, white=_whitening(clouds, assignments, state))
-        state, _ = descended(model, state, steps)
+        model = copy_with(model, white=_whitening(clouds, assignments, state))
+        state, _ = descend(model, state, steps)
     return model, state
 
 
@@ -118,16 +118,16 @@ class FullFit(NamedTuple):
     """(K, p, p) exact second derivatives of χ²/2 by a turn, a shift of the centre, and the logarithm of the scale."""
 
 
-def full_fit(clouds: PointClouds, assignments: Integers, centre: Floats, state: State) -> FullFit:
+def fit_with_covariances(clouds: PointClouds, assignments: Integers, centre: Floats, state: State) -> FullFit:
     """The motion of each assignment (K, n) about a centre (K, k) of the source, from one that is nearly it."""
     image = clouds.target[np.where(assignments >= 0, assignments, 0)]
     variance2 = clouds.target_variance[np.where(assignments >= 0, assignments, 0)]
     model = MotionModel(clouds.source - centre[:, None], image, clouds.source_variance, variance2, clouds.scaled)
-    model, state = reweighted(model, state, clouds, assignments, ROUGH)
+    model, state = reweight(model, state, clouds, assignments, ROUGH)
     assert model.white is not None
     residuals, jacobian = model.residuals(state), model.jacobian(state)
     normal = jacobian.swapaxes(1, 2) @ jacobian
-    information = normal + _of_residuals(model, state, residuals)
+    information = normal + _residual_curvature(model, state, residuals)
     least = np.linalg.eigvalsh(information)[:, 0]
     information = np.where((least > 0.0)[:, None, None], information, normal)
     diagonal = np.diagonal(model.white, axis1=2, axis2=3)
@@ -137,7 +137,7 @@ def full_fit(clouds: PointClouds, assignments: Integers, centre: Floats, state: 
     return FullFit(state[0], state[1], scale, chi2=chi2, log_white=log_white, information=information)
 
 
-def _of_residuals(model: MotionModel, state: State, residuals: Floats) -> Floats:
+def _residual_curvature(model: MotionModel, state: State, residuals: Floats) -> Floats:
     """What second derivatives (K, p, p) of moved points, times what is left of their deviations, add to Jᵀ J."""
     assert model.white is not None
     size = model.dimension

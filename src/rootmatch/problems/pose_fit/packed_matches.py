@@ -27,7 +27,7 @@ class PackedMatches(NamedTuple):
     """(K, m) inverse σ of the detections."""
 
 
-def packed_matches(points: PointSets, assignments: Integers) -> PackedMatches:
+def pack_matches(points: PointSets, assignments: Integers) -> PackedMatches:
     """Pack assignments (K, n), −1 where unmatched."""
     centre = points.source.mean(axis=0)
     unit = float(np.sqrt(((points.source - centre) ** 2).mean()))

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
-from rootmatch.frozen import copied
-from rootmatch.problems.points import PointClouds, squared_distances_to
-from rootmatch.problems.pose_fit.motion_model import full_fit
+from rootmatch.frozen import copy_with
+from rootmatch.problems.points import PointClouds, pairwise_squared_distances
+from rootmatch.problems.pose_fit.motion_model import fit_with_covariances
 
 FEWEST = 3
 """Matches that determine a motion."""
@@ -90,13 +90,13 @@ class PointSetFit:
         moved, own = self.places
         clouds = self.clouds
         both = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
-        return squared_distances_to(moved, clouds.target), both + own[:, :, None]
+        return pairwise_squared_distances(moved, clouds.target), both + own[:, :, None]
 
     @cached_property
     def places(self) -> tuple[Floats, Floats]:
         """Places (K, n, k) of moved source points, and the mean over directions (K, n) of the motion's own variance."""
         turned = self.scale[:, None, None] * (self.clouds.source - self.centre[:, None]) @ self.rotation.swapaxes(1, 2)
-        moved = turned + (self.shift + self.scale[:, None] * _applied(self.rotation, self.centre))[:, None]
+        moved = turned + (self.shift + self.scale[:, None] * _rotate_points(self.rotation, self.centre))[:, None]
         size = self.clouds.source.shape[1]
         along = turned @ self.frame
         if self.full.shape[1]:
@@ -165,26 +165,26 @@ class PointSetFit:
         columns = [getattr(self, name) for name in COLUMNS]
         # `take` is three times as fast as an index for few
         some = [one[which] if isinstance(which, slice) else one.take(which, axis=0) for one in columns]
-        return copied(self, **dict(zip(COLUMNS, some, strict=True)))
+        return copy_with(self, **dict(zip(COLUMNS, some, strict=True)))
 
     def of_body(self, rows: slice, points: slice, clouds: PointClouds) -> PointSetFit:
         """The fits of one of several bodies."""
         places = self.places
-        one = copied(self.take(rows), clouds=clouds, assignments=self.assignments[rows, points].copy())
+        one = copy_with(self.take(rows), clouds=clouds, assignments=self.assignments[rows, points].copy())
         vars(one)["places"] = tuple(some[rows, points] for some in places)  # worked out already
         return one
 
     def joined(self, other: PointSetFit) -> PointSetFit:
         """These fits, followed by others of the same points."""
         both: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in COLUMNS}
-        return copied(self, **both)
+        return copy_with(self, **both)
 
 
 COLUMNS = tuple(one.name for one in fields(PointSetFit) if one.name != "clouds")
 """Names of what there is one of for each assignment."""
 
 
-def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) -> PointSetFit:
+def fit_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) -> PointSetFit:
     """The motion of each assignment (K, n) and its evidence; the true points are eliminated.
 
     Weighted least squares (Umeyama 1991). The translation is integrated exactly, a rotation of a plane too (a Bessel
@@ -226,11 +226,13 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
     off = second - scale[:, None, None] * first @ rotation.swapaxes(1, 2)
     chi2 = (weight * (off**2).sum(axis=2)).sum(axis=1)
     curvature = _curvature(scale[:, None] * values * signs)
-    turned = _log_turned(curvature)
+    turned = _log_rotation_integral(curvature)
     if mirror:
         other = signs * np.where(np.arange(size) == size - 1, -1.0, 1.0)
         worse = scale * (values * (signs - other)).sum(axis=1)
-        turned = np.logaddexp(turned, _log_turned(_curvature(scale[:, None] * values * other)) - worse) - math.log(2.0)
+        turned = np.logaddexp(
+            turned, _log_rotation_integral(_curvature(scale[:, None] * values * other)) - worse
+        ) - math.log(2.0)
     n_matched = matched.sum(axis=1)
     freedom = size * (n_matched - 1) - (3 if size == 3 else 1)
     norm = 0.5 * size * np.log(np.where(matched, weight / TURN, 1.0)).sum(axis=1)
@@ -241,22 +243,22 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
     turns = 1.0 / (curvature + 1.0 / TURN)
     fit = PointSetFit(
         chi2=chi2, dof=np.maximum(freedom, 0).astype(np.int64), evidence=evidence, clouds=clouds,
-        assignments=assignments, rotation=rotation, shift=centre2 - scale[:, None] * _applied(rotation, centre),
+        assignments=assignments, rotation=rotation, shift=centre2 - scale[:, None] * _rotate_points(rotation, centre),
         scale=scale, centre=centre,
         spread=turns if size == 3 else np.repeat(turns, 2, axis=1), frame=u, total=total, full=np.empty((count, 0, 0)),
     )  # fmt: skip
     if not clouds.has_covariances:
         return fit
     if not mirror:
-        return _full(fit, centre2)
-    flipped = copied(fit, rotation=(u * np.where(np.arange(size) == size - 1, -signs, signs)[:, None]) @ vt)
-    every = _full(fit.joined(flipped), np.concatenate([centre2, centre2]))
+        return _refine_with_covariances(fit, centre2)
+    flipped = copy_with(fit, rotation=(u * np.where(np.arange(size) == size - 1, -signs, signs)[:, None]) @ vt)
+    every = _refine_with_covariances(fit.joined(flipped), np.concatenate([centre2, centre2]))
     own, other = every.evidence[:count], every.evidence[count:]
     better = np.where(other > own, count, 0) + np.arange(count)
-    return copied(every.take(better), evidence=np.logaddexp(own, other) - math.log(2.0))
+    return copy_with(every.take(better), evidence=np.logaddexp(own, other) - math.log(2.0))
 
 
-def joined_clouds(every: Sequence[PointClouds]) -> PointClouds:
+def concatenate_clouds(every: Sequence[PointClouds]) -> PointClouds:
     """The points of several bodies among the same targets."""
     known = [one.source_covariance for one in every if one.source_covariance is not None]
     return every[0]._replace(
@@ -266,14 +268,14 @@ def joined_clouds(every: Sequence[PointClouds]) -> PointClouds:
     )
 
 
-def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
+def _refine_with_covariances(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     """A fit by the covariances of all pairs, by Laplace's method about its motion.
 
     A rotation of a plane is still integrated as if χ² were its cosine.
     """
     size, scaled = fit.shift.shape[1], fit.clouds.scaled
     angles = 3 if size == 3 else 1
-    found = full_fit(fit.clouds, fit.assignments, fit.centre, (fit.rotation, centre2, np.log(fit.scale)))
+    found = fit_with_covariances(fit.clouds, fit.assignments, fit.centre, (fit.rotation, centre2, np.log(fit.scale)))
     # one after the other: the rotation, given that all else follows it, then the scale, then the shift
     information, rest = found.information, found.information[:, angles:, angles:]
     across = information[:, :angles, angles:]
@@ -282,7 +284,7 @@ def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     curvature = np.maximum(curvature, 0.0)
     of_shift = rest[:, :size, :size]
     evidence = found.log_white - 0.5 * size * math.log(TURN) * (fit.assignments >= 0).sum(axis=1) - 0.5 * found.chi2
-    evidence += 0.5 * size * math.log(TURN) - 0.5 * np.linalg.slogdet(of_shift)[1] + _log_turned(curvature)
+    evidence += 0.5 * size * math.log(TURN) - 0.5 * np.linalg.slogdet(of_shift)[1] + _log_rotation_integral(curvature)
     if scaled:
         column = rest[:, :size, size]
         of_scale = rest[:, size, size] - (column * np.linalg.solve(of_shift, column[..., None])[..., 0]).sum(axis=1)
@@ -290,9 +292,9 @@ def _full(fit: PointSetFit, centre2: Floats) -> PointSetFit:
     own = 1.0 / (curvature + 1.0 / TURN)
     vague = np.zeros(rest.shape[1] + angles)
     vague[:angles] = 1.0 / TURN
-    return copied(
+    return copy_with(
         fit, chi2=found.chi2, evidence=evidence, rotation=found.rotation, scale=found.scale,
-        shift=found.shift - found.scale[:, None] * _applied(found.rotation, fit.centre),
+        shift=found.shift - found.scale[:, None] * _rotate_points(found.rotation, fit.centre),
         spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=frame if size == 3 else fit.frame,
         full=np.asarray(np.linalg.inv(information + np.diag(vague)), np.float64),
     )  # fmt: skip
@@ -307,7 +309,7 @@ def scale_variance(fit: PointSetFit) -> Floats:
     return np.asarray(1.0 / np.maximum(fit.scale**2 * (weight * squares).sum(axis=1), 1e-300))
 
 
-def _applied(rotation: Floats, points: Floats) -> Floats:
+def _rotate_points(rotation: Floats, points: Floats) -> Floats:
     """Rotated points (K, k)."""
     return np.asarray((rotation @ points[:, :, None])[:, :, 0])
 
@@ -321,7 +323,7 @@ def _curvature(values: Floats) -> Floats:
     return np.asarray(np.maximum(total - values if values.shape[1] == 3 else total, 0.0))
 
 
-def _log_turned(curvature: Floats) -> Floats:
+def _log_rotation_integral(curvature: Floats) -> Floats:
     """Logarithm of the mean over all rotations of exp(−χ²/2), over its value at the best one."""
     if curvature.shape[1] == 1:
         from scipy.special import i0e  # slow to import

@@ -7,10 +7,10 @@ import numpy as np
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Integers
 from rootmatch.problems.points import PointClouds, PointSets
-from rootmatch.problems.pose_fit.descent import State, covariance_of, descended
-from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
-from rootmatch.problems.pose_fit.motion_model import MotionModel, reweighted
-from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
+from rootmatch.problems.pose_fit.descent import State, descend, state_covariance
+from rootmatch.problems.pose_fit.fitted_pose import make_pose_of_fit
+from rootmatch.problems.pose_fit.motion_model import MotionModel, reweight
+from rootmatch.problems.pose_fit.point_set_fit import fit_point_sets
 from rootmatch.problems.pose_fit.pose import Pose
 
 FLAT = 1e-6
@@ -20,7 +20,7 @@ FLAT = 1e-6
 def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mirror: bool = False) -> Pose:
     """The most likely motion of the source points of an assignment (n,) onto their targets.
 
-    Minimises Σ |scale · R x + t − x'|² / (σ'² + scale² σ²), from the motion of `fitted_point_sets`. If axes differ in
+    Minimises Σ |scale · R x + t − x'|² / (σ'² + scale² σ²), from the motion of `fit_point_sets`. If axes differ in
     noise, deviations are weighted by the inverse of Σ' + scale² R Σ Rᵀ, taken at the motion of the fit before.
 
     Parameters
@@ -43,22 +43,22 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
     values = np.linalg.svd(source, compute_uv=False)
     solid = bool(values[-1] > FLAT * values[0])
     clouds = PointClouds(source, target, variance, variance2, scaled=scaled, mirror=mirror and solid)
-    start = fitted_point_sets(clouds, np.arange(len(members))[None], clouds.mirror)
+    start = fit_point_sets(clouds, np.arange(len(members))[None], clouds.mirror)
     model = MotionModel(source, target, variance, variance2, scaled)
     state: State = start.rotation, start.shift, np.log(start.scale)
     if scaled:
-        state, _ = descended(model, state)
+        state, _ = descend(model, state)
     if points.has_covariances:
         known = points.source_covariance, points.target_covariance
         of_source, of_target = (
             None if own is None else own[some] for own, some in zip(known, (members, assignment[members]), strict=True)
         )
         clouds = clouds._replace(source_covariance=of_source, target_covariance=of_target)
-        model, state = reweighted(model, state, clouds, np.arange(len(members))[None])
+        model, state = reweight(model, state, clouds, np.arange(len(members))[None])
     (rotation,), (translation,), (log,) = state
     scale, size = float(np.exp(log)), source.shape[1]
     turned = scale * rotation @ centre
-    local = covariance_of(model, state)[0]
+    local = state_covariance(model, state)[0]
     change = np.eye(len(local))
     angles = slice(0, 3) if size == 3 else slice(0, 1)
     shifts = slice(angles.stop, angles.stop + size)
@@ -68,7 +68,7 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
         change[shifts, -1], change[-1, -1] = -turned, scale
     off = model.residuals(state)[0]
     predicted = scale * source @ rotation.T + translation
-    return fitted_pose(
+    return make_pose_of_fit(
         rotation,
         translation - turned,
         change @ local @ change.T,

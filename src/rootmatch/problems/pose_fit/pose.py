@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers, as_floats
-from rootmatch.cameras.pinhole import rows_of
-from rootmatch.errors import InputError, quoted
+from rootmatch.cameras.pinhole import check_rows
+from rootmatch.errors import InputError, quote_value
 from rootmatch.problems.pose_fit.pose_checks import (
     AXES,
     ROUNDED,
-    checked_covariance,
-    checked_rotation,
+    check_covariance,
+    check_numbers,
+    check_rotation,
     nearest_covariance,
-    numbers,
-    rotation_of_quaternion,
+    quaternion_to_rotation,
 )
 from rootmatch.problems.pose_fit.registration_error import RegistrationError, registration_error
 
@@ -95,13 +95,13 @@ class Pose:
     mirrored: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        R = checked_rotation(self.R, self.mirrored)
-        t = numbers(self.t, "t", f"{len(R)} numbers")
+        R = check_rotation(self.R, self.mirrored)
+        t = check_numbers(self.t, "t", f"{len(R)} numbers")
         if t.size != len(R):
             raise InputError(f"pose: t of shape {t.shape} given, ({len(R)},) expected")
-        covariance = None if self.covariance is None else checked_covariance(self.covariance, len(R))
+        covariance = None if self.covariance is None else check_covariance(self.covariance, len(R))
         if not (isinstance(self.scale, int | float | np.number) and 0.0 < self.scale < math.inf):
-            raise InputError(f"pose: scale {quoted(self.scale)} given; give a positive number")
+            raise InputError(f"pose: scale {quote_value(self.scale)} given; give a positive number")
         self.__dict__.update(R=R, t=t.reshape(-1), covariance=covariance)
 
     @classmethod
@@ -149,7 +149,7 @@ class Pose:
         """
         from scipy.spatial.transform import Rotation  # slow to import, rarely needed
 
-        turn = numbers(rvec, "rvec", "3 numbers")
+        turn = check_numbers(rvec, "rvec", "3 numbers")
         if turn.size != 3:
             raise InputError(f"pose: rvec of shape {turn.shape} given, (3,) expected")
         return cls(Rotation.from_rotvec(turn.reshape(3)).as_matrix(), t, covariance)  # type: ignore[arg-type]
@@ -172,7 +172,7 @@ class Pose:
         InputError
             If the order is neither, the length is not 1, or as `Pose`.
         """
-        return cls(rotation_of_quaternion(quaternion, order), t, covariance)  # type: ignore[arg-type]
+        return cls(quaternion_to_rotation(quaternion, order), t, covariance)  # type: ignore[arg-type]
 
     @property
     def matrix(self) -> Floats:
@@ -289,7 +289,7 @@ class Pose:
         InputError
             If the points do not have k coordinates.
         """
-        return np.asarray(self.scale * rows_of(points, len(self.R), "pose", "points") @ self.R.T + self.t)
+        return np.asarray(self.scale * check_rows(points, len(self.R), "pose", "points") @ self.R.T + self.t)
 
     def in_axes(self, axes: Literal["opencv", "opengl", "openxr", "ros"]) -> Pose:
         """The pose with the camera axes of another library; the covariance is converted too.
@@ -305,7 +305,7 @@ class Pose:
             For other axes, and for a pose in a plane.
         """
         if not isinstance(axes, str) or axes not in AXES:
-            raise InputError(f"pose: axes {quoted(axes)} given; give one of {', '.join(AXES)}")
+            raise InputError(f"pose: axes {quote_value(axes)} given; give one of {', '.join(AXES)}")
         return Pose(AXES[axes], np.zeros(3)) @ self
 
     def tre(self, points: ArrayLike) -> RegistrationError:

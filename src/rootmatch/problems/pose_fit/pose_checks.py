@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Floats
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 
 AXES = {
     "opencv": np.eye(3),
@@ -31,7 +31,7 @@ def nearest_covariance(matrix: Floats) -> Floats | None:
     matrix = 0.5 * (matrix + matrix.T)
     if not np.all(np.isfinite(matrix)):
         return None
-    scaled, unit = _in_deviations(matrix)
+    scaled, unit = _standardised_covariance(matrix)
     if not np.all(np.isfinite(scaled)):
         return None
     values, vectors = np.linalg.eigh(scaled)
@@ -40,14 +40,14 @@ def nearest_covariance(matrix: Floats) -> Floats | None:
     return np.asarray(unit * ((vectors * np.maximum(values, 0.0)) @ vectors.T))
 
 
-def _in_deviations(covariance: Floats) -> tuple[Floats, Floats]:
+def _standardised_covariance(covariance: Floats) -> tuple[Floats, Floats]:
     """A covariance over the products of standard deviations, and these: angles and lengths have units of their own."""
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     unit = np.outer(deviation, deviation)
     return covariance / np.where(unit > 0.0, unit, 1.0), unit
 
 
-def numbers(value: ArrayLike, name: str, expected: str) -> Floats:
+def check_numbers(value: ArrayLike, name: str, expected: str) -> Floats:
     """An array of finite numbers; ``name`` and what was ``expected`` go into the error."""
     try:
         array = np.array(value, dtype=np.float64)
@@ -58,9 +58,9 @@ def numbers(value: ArrayLike, name: str, expected: str) -> Floats:
     return array
 
 
-def checked_rotation(value: ArrayLike, mirrored: bool) -> Floats:
+def check_rotation(value: ArrayLike, mirrored: bool) -> Floats:
     """The rotation, or reflection, nearest to a matrix that is one up to rounding."""
-    R = numbers(value, "R", "a rotation matrix (3, 3)")
+    R = check_numbers(value, "R", "a rotation matrix (3, 3)")
     if R.shape not in ((3, 3), (2, 2)):
         raise InputError(f"pose: R of shape {R.shape} given; give a rotation matrix (3, 3), or (2, 2) in a plane")
     off = float(np.abs(R.T @ R - np.eye(len(R))).max())
@@ -73,17 +73,17 @@ def checked_rotation(value: ArrayLike, mirrored: bool) -> Floats:
     return R
 
 
-def checked_covariance(value: ArrayLike, dimension: int) -> Floats:
+def check_covariance(value: ArrayLike, dimension: int) -> Floats:
     """A symmetric covariance without negative eigenvalues."""
     size = 6 if dimension == 3 else 3
-    covariance = numbers(value, "covariance", f"a matrix ({size}, {size})")
+    covariance = check_numbers(value, "covariance", f"a matrix ({size}, {size})")
     if covariance.shape not in ((size, size), (size + 1, size + 1)):
         raise InputError(f"pose: covariance of shape {covariance.shape} given, ({size}, {size}) expected")
-    _, unit = _in_deviations(covariance)
+    _, unit = _standardised_covariance(covariance)
     if np.any(np.abs(covariance - covariance.T) > ASYMMETRIC * np.maximum(unit, np.abs(covariance))):
         raise InputError("pose: the covariance is not symmetric; give cov(a, b) = cov(b, a)")
     covariance = 0.5 * (covariance + covariance.T)
-    least = float(np.linalg.eigvalsh(_in_deviations(covariance)[0])[0])
+    least = float(np.linalg.eigvalsh(_standardised_covariance(covariance)[0])[0])
     if np.any(np.diag(covariance) < 0.0) or least < -ASYMMETRIC:
         raise InputError(
             "pose: the covariance is not positive: it has a negative eigenvalue; give a positive semidefinite one"
@@ -91,13 +91,13 @@ def checked_covariance(value: ArrayLike, dimension: int) -> Floats:
     return covariance
 
 
-def rotation_of_quaternion(value: ArrayLike, order: str) -> Floats:
+def quaternion_to_rotation(value: ArrayLike, order: str) -> Floats:
     """The rotation of a unit quaternion whose numbers are in an order, ``"xyzw"`` or ``"wxyz"``."""
     from scipy.spatial.transform import Rotation  # slow to import, rarely needed
 
     if order not in ("xyzw", "wxyz"):
-        raise InputError(f'pose: order {quoted(order)} given; give "xyzw" or "wxyz"')
-    q = numbers(value, "quaternion", "4 numbers")
+        raise InputError(f'pose: order {quote_value(order)} given; give "xyzw" or "wxyz"')
+    q = check_numbers(value, "quaternion", "4 numbers")
     if q.shape != (4,):
         raise InputError(f"pose: a quaternion of shape {q.shape} given, (4,) expected")
     if abs(float(np.linalg.norm(q)) - 1.0) > ROUNDED:

@@ -14,7 +14,7 @@ from rootmatch.arrays import Floats
 from rootmatch.cameras.vertical import unit_direction, warn_of_degrees
 from rootmatch.errors import InputError
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_checks import checked_rotation, numbers
+from rootmatch.problems.pose_fit.pose_checks import check_numbers, check_rotation
 from rootmatch.problems.pose_fit.shared_errors import SharedPose
 
 LEAST_TILT = 1e-5
@@ -62,23 +62,25 @@ class PosePrior:
         if self.rotation is None and self.position is None and self.vertical is None:
             raise InputError("prior: nothing is known; give rotation=, position= or vertical=, or leave the prior out")
         if self.rotation is not None:
-            R, sigma = _parts("rotation", self.rotation, 2, "(R, σ)")
+            R, sigma = _check_parts("rotation", self.rotation, 2, "(R, σ)")
             covariance = _covariance("rotation", sigma)
             each = np.sqrt(np.diag(covariance))
             _check_angle("rotation", float(each.max() if each.max() > np.pi else each.min()))
-            self.__dict__.update(rotation=(checked_rotation(R, mirrored=False), covariance))
+            self.__dict__.update(rotation=(check_rotation(R, mirrored=False), covariance))
             if self.rotation[0].shape != (3, 3):  # type: ignore[union-attr]
                 raise InputError("prior: rotation in a plane given; give R (3, 3)")
         if self.position is not None:
-            place, sigma = _parts("position", self.position, 2, "(t, σ)")
-            t = numbers(place, "position", "3 numbers")
+            place, sigma = _check_parts("position", self.position, 2, "(t, σ)")
+            t = check_numbers(place, "position", "3 numbers")
             if t.size != 3:
                 raise InputError(f"prior: position of shape {t.shape} given, (3,) expected")
             self.__dict__.update(position=(t.ravel(), _covariance("position", sigma)))
         if self.vertical is not None:
-            source, camera, tilt = _parts("vertical", self.vertical, 3, "(in the points' frame, in the camera's, σ)")
+            source, camera, tilt = _check_parts(
+                "vertical", self.vertical, 3, "(in the points' frame, in the camera's, σ)"
+            )
             first, second = (unit_direction(np.ravel(one), "prior: vertical") for one in (source, camera))
-            sigma = numbers(tilt, "vertical", "a number")
+            sigma = check_numbers(tilt, "vertical", "a number")
             if sigma.shape != () or sigma < 0.0:
                 raise InputError(f"prior: vertical: σ {sigma} given; give one number of radians, not a negative one")
             _check_angle("vertical", float(sigma))
@@ -86,7 +88,9 @@ class PosePrior:
 
     def __repr__(self) -> str:
         """The arguments, σ as it was given."""
-        parts = [f"{name}={_told(getattr(self, name))}" for name in ("rotation", "position") if getattr(self, name)]
+        parts = [
+            f"{name}={_format_value(getattr(self, name))}" for name in ("rotation", "position") if getattr(self, name)
+        ]
         if self.vertical is not None:
             source, camera, sigma = self.vertical
             parts.append(f"vertical=({np.asarray(source).tolist()}, {np.asarray(camera).tolist()}, {sigma:.6g})")
@@ -102,7 +106,7 @@ class PosePrior:
         both[:3, :3] = covariance
         pose = Pose.unchecked(np.asarray(R), np.zeros(3), both)
         if self.vertical is not None:
-            pose = with_vertical(pose, *self.vertical)  # type: ignore[arg-type]
+            pose = update_with_vertical(pose, *self.vertical)  # type: ignore[arg-type]
         assert pose.covariance is not None
         return pose.R, pose.covariance[:3, :3]
 
@@ -161,14 +165,14 @@ class PosePrior:
         """A predicted pose and this together, to first order: what a tracker predicts and a sensor measures."""
         if self.rotation is not None:
             R, covariance = (np.asarray(part, np.float64) for part in self.rotation)
-            pose = updated(pose, np.eye(3, 6), rotation_vector((R @ pose.R.T)[None])[0], covariance)
+            pose = kalman_update(pose, np.eye(3, 6), rotation_vector((R @ pose.R.T)[None])[0], covariance)
         if self.position is not None:
             t, covariance = (np.asarray(part, np.float64) for part in self.position)
-            pose = updated(pose, np.eye(3, 6, 3), t - pose.t, covariance)
-        return pose if self.vertical is None else with_vertical(pose, *self.vertical)  # type: ignore[arg-type]
+            pose = kalman_update(pose, np.eye(3, 6, 3), t - pose.t, covariance)
+        return pose if self.vertical is None else update_with_vertical(pose, *self.vertical)  # type: ignore[arg-type]
 
 
-def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> Pose:
+def update_with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> Pose:
     """A prediction and a measured vertical together.
 
     Parameters
@@ -182,10 +186,10 @@ def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> P
     down = prior.R @ (world / np.linalg.norm(world))
     jacobian = np.concatenate([-cross_matrix(down), np.zeros((3, 3))], axis=1)
     off = camera / np.linalg.norm(camera) - down
-    return updated(prior, jacobian, off, max(noise, LEAST_TILT) ** 2 * np.eye(3))
+    return kalman_update(prior, jacobian, off, max(noise, LEAST_TILT) ** 2 * np.eye(3))
 
 
-def updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
+def kalman_update(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
     """A pose after a Kalman update with a measurement off by (k,), of covariance (k, k).
 
     ``jacobian`` (k, p): by the first p rows of the pose's covariance. A scale changes in its logarithm.
@@ -213,7 +217,7 @@ def _pseudo_inverse(matrix: Floats) -> Floats:
     return np.asarray((axes[:, told] / values[told]) @ axes[:, told].T)
 
 
-def _parts(name: str, given: Any, count: int, expected: str) -> tuple[Any, ...]:
+def _check_parts(name: str, given: Any, count: int, expected: str) -> tuple[Any, ...]:
     if not isinstance(given, tuple | list) or len(given) != count:
         raise InputError(f"prior: {name}: give {expected}")
     return tuple(given)
@@ -228,7 +232,7 @@ def _check_angle(name: str, sigma: float) -> None:
     warn_of_degrees(f"prior: {name}", sigma, stacklevel=5)
 
 
-def _told(part: tuple[ArrayLike, ArrayLike]) -> str:
+def _format_value(part: tuple[ArrayLike, ArrayLike]) -> str:
     """A value with its σ as text: one number, three, or the covariance."""
     value, covariance = (np.asarray(one, np.float64) for one in part)
     each = np.sqrt(np.diag(covariance))
@@ -242,7 +246,7 @@ def _covariance(name: str, sigma: Any) -> Floats:
     """A covariance (3, 3) of one number, three, or itself."""
     wide = "π" if name == "rotation" else "the size of the space"
     expected = f"σ as one number, three, or a covariance (3, 3); of an axis of which nothing is known, {wide}"
-    array = numbers(sigma, name, expected)
+    array = check_numbers(sigma, name, expected)
     if array.shape not in ((), (3,), (3, 3)):
         raise InputError(f"prior: {name}: σ of shape {array.shape} given; one number, three, or (3, 3) expected")
     if array.ndim < 2:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rootmatch.algebra.rotation import (
-    along_arc,
-    by_left_turn,
+    arc_motion,
     cross_matrix,
+    left_turn_jacobian,
     one_rotation_vector,
     rotation_about_y,
     rotation_vector,
@@ -46,7 +46,7 @@ class Prior:
         if near is not None:
             R, t = near.R, near.t + near.R @ centre
             vector, turn = one_rotation_vector(R @ pose.R.T), np.kron(np.eye(2), R @ pose.R.T)
-            off = turn @ np.concatenate([vector, along_arc(vector, t - place)])
+            off = turn @ np.concatenate([vector, arc_motion(vector, t - place)])
             covariance = turn @ covariance @ turn.T
         units = np.repeat([1.0, unit], 3)
         off, covariance = off / units, covariance / np.outer(units, units)
@@ -64,7 +64,7 @@ class Prior:
     def jacobian(self, rotation: Floats, axes: Floats) -> Floats:
         """Their derivatives (B, 6, a + 3) by rotations about the axes (a, 3) and by translations."""
         out = np.zeros((len(rotation), 6, len(axes) + 3))
-        out[:, :3, : len(axes)] = by_left_turn(rotation_vector(rotation @ self.rotation.T)) @ axes.T
+        out[:, :3, : len(axes)] = left_turn_jacobian(rotation_vector(rotation @ self.rotation.T)) @ axes.T
         out[:, 3:, len(axes) :] = np.eye(3)
         return np.asarray(self.root @ out)
 

@@ -12,7 +12,7 @@ from rootmatch.arrays import Floats
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.pose_fit.descent import State
 from rootmatch.problems.pose_fit.prior_residuals import Prior, Upright
-from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
+from rootmatch.problems.pose_fit.shared_noise import group_by_point, shared_spread, ungroup_sightings
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class ProjectionModel:
         possible = np.asarray(np.isfinite(positions).all(axis=-1))
         positions = np.where(possible[..., None], positions, 1.0)
         off = np.where(
-            used[..., None], self._whitened((self.camera.project(positions) - self.image)[..., None])[..., 0], 0.0
+            used[..., None], self._whiten((self.camera.project(positions) - self.image)[..., None])[..., 0], 0.0
         )
         off[~((self.camera.sees(positions) & possible) | ~used).all(axis=1)] = np.inf
         parts = [off.reshape(len(off), -1)]
@@ -56,7 +56,7 @@ class ProjectionModel:
         """See `Model`."""
         rotation, translation = state
         rotated = self.points @ rotation.swapaxes(-1, -2)
-        by_position = self._whitened(self.camera.jacobian(rotated + translation[:, None]))
+        by_position = self._whiten(self.camera.jacobian(rotated + translation[:, None]))
         by_rotation = -by_position @ (cross_matrix(rotated) @ self.axes.T)
         both = np.concatenate([by_rotation, by_position], axis=-1)
         parts = [np.where(self.weight[..., None, None] > 0.0, both, 0.0).reshape(len(rotation), -1, both.shape[-1])]
@@ -72,14 +72,14 @@ class ProjectionModel:
         white = None if self.white is None else np.repeat(self.white, times, axis=0)
         return replace(self, points=points, image=image, weight=weight, white=white)
 
-    def _whitened(self, rows: Floats) -> Floats:
+    def _whiten(self, rows: Floats) -> Floats:
         """Rows (B, n, k, q) in units of the noise."""
         if self.white is None:
             return np.asarray(rows * self.weight[..., None, None])
         images = rows.shape[1] // self.white.shape[1]
         # a row that is not used may hold anything
         known = np.where((self.weight > 0.0)[..., None, None], rows, 0.0)
-        return of_sightings(self.white @ by_points(known, images), images)
+        return ungroup_sightings(self.white @ group_by_point(known, images), images)
 
     def moved(self, state: State, step: Floats) -> State:
         """See `Model`."""

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from rootmatch.algebra.rotation import on_arc
-from rootmatch.arrays import Floats, kept_by_values
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.algebra.rotation import move_along_arc
+from rootmatch.arrays import Floats, cache_by_values
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver
 
 KEPT_POINTS = 1000
@@ -24,20 +24,22 @@ def body_radius(source: Floats) -> float:
     return math.sqrt(float(np.vdot(centred, centred)) / len(source))
 
 
-def about_centre(source: Floats) -> tuple[Floats, Floats, float]:
+def centre_points(source: Floats) -> tuple[Floats, Floats, float]:
     """Centre (3,) of a body's points (n, 3), the points about it, and their `body_radius`: shared, to be read."""
-    return _kept_about_centre(source) if len(source) <= KEPT_POINTS else _about_centre(source)
+    return _kept_about_centre(source) if len(source) <= KEPT_POINTS else _compute_centred_points(source)
 
 
-def _about_centre(source: Floats) -> tuple[Floats, Floats, float]:
+def _compute_centred_points(source: Floats) -> tuple[Floats, Floats, float]:
     centre = source.mean(axis=0)
     return centre, source - centre, body_radius(source)
 
 
-_kept_about_centre = kept_by_values(64)(_about_centre)
+_kept_about_centre = cache_by_values(64)(_compute_centred_points)
 
 
-def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats, scale: float = 1.0) -> tuple[Floats, Floats]:
+def pose_about_point(
+    R: Floats, t: Floats, covariance: Floats, point: Floats, scale: float = 1.0
+) -> tuple[Floats, Floats]:
     """Position (3,) of a point of the body in the target's frame, and the covariance of the pose with it for t.
 
     Parameters
@@ -53,11 +55,11 @@ def about_point(R: Floats, t: Floats, covariance: Floats, point: Floats, scale: 
     # copies: what is read-only or of another layout is another type to a kernel
     pose = np.array(R, order="C"), np.array(t), np.array(covariance, order="C"), float(scale)
     out = np.empty(3), np.empty(covariance.shape)
-    refer(pose, np.array(point), out)
+    move_reference_point(pose, np.array(point), out)
     return out
 
 
-def with_curvature(covariance: Floats) -> Floats:
+def add_arc_curvature(covariance: Floats) -> Floats:
     """The covariance of a pose, with the square of what first order leaves out of where a rotation takes its position.
 
     A pose that is free to turn about a line has its position on an arc, τ = A ω + ½ ω × A ω: a covariance of first
@@ -81,16 +83,16 @@ def with_curvature(covariance: Floats) -> Floats:
     each = np.sqrt(3.0 * np.maximum(values, 0.0))[:, None] * vectors.T
     each = np.concatenate([each, -each])
     moved = each @ np.linalg.lstsq(turns, covariance[:3, 3:6])[0]
-    left = (on_arc(each, moved) - moved) / math.sqrt(6.0)
+    left = (move_along_arc(each, moved) - moved) / math.sqrt(6.0)
     out = covariance.copy()
     out[3:6, 3:6] += left.T @ left
     return out
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def refer(pose, point, out):  # type: ignore[no-untyped-def]
-    """`about_point`, compiled: R, t, covariance and scale, the point, and what they give, filled."""
-    pose, point, out = borrowed((pose, point, out))
+def move_reference_point(pose, point, out):  # type: ignore[no-untyped-def]
+    """`pose_about_point`, compiled: R, t, covariance and scale, the point, and what they give, filled."""
+    pose, point, out = borrow((pose, point, out))
     R, t, covariance, scale = pose
     moved, changed = out
     size = covariance.shape[0]

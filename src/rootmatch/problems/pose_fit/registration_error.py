@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats
-from rootmatch.cameras.pinhole import rows_of
+from rootmatch.cameras.pinhole import check_rows
 from rootmatch.errors import InputError
 
 
@@ -36,7 +36,7 @@ def registration_error(R: Floats, scale: float, covariance: Floats | None, point
     k = len(R)
     if covariance is None:
         raise InputError("pose: no covariance, so no error is known; use match.pose, or Pose(R, t, covariance)")
-    x = rows_of(points, k, "pose", "points")
+    x = check_rows(points, k, "pose", "points")
     if not np.all(np.isfinite(x)):
         raise InputError(f"pose: points with NaN or infinity given; give finite numbers (…, {k})")
     turned = x @ R.T

@@ -12,15 +12,15 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
-from rootmatch.frozen import copied
+from rootmatch.frozen import copy_with
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.camera_fit import REWEIGHTED
-from rootmatch.problems.pose_fit.descent import State, covariance_of, descended, lowest_of
-from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
+from rootmatch.problems.pose_fit.descent import State, descend, select_lowest, state_covariance
+from rootmatch.problems.pose_fit.fitted_pose import make_pose_of_fit, to_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
-from rootmatch.problems.pose_fit.starts import best_apart, starting_poses
+from rootmatch.problems.pose_fit.starts import select_best_apart, starting_poses
 
 STEPS = 20
 """Maximum number of steps of a descent from the pose of one camera; five are usual. Not tuned."""
@@ -28,7 +28,7 @@ LEAST = 4
 """Matches within one camera from which a fit can start: with three there are several poses."""
 
 
-def sightings_in(rig: Rig, points: PointSets) -> tuple[RigImage, PointSets]:
+def list_sightings(rig: Rig, points: PointSets) -> tuple[RigImage, PointSets]:
     """The plane in which the images of a rig lie side by side, and the sightings of all points with their detections.
 
     ``points``: n of them, and detections (n', 3) with the index of their camera.
@@ -36,7 +36,7 @@ def sightings_in(rig: Rig, points: PointSets) -> tuple[RigImage, PointSets]:
     rows, n = points.target, len(points.source)
     image = RigImage(rig, n, rig.offsets(rows), rows[:, 2].astype(np.int64))
     own = np.arange(n * len(rig.views)) % n
-    return image, copied(
+    return image, copy_with(
         points,
         source=points.source[own],
         target=rows[:, :2] + image.offsets[image.camera_of],
@@ -52,7 +52,7 @@ def rig_pose(
 ) -> Pose | None:
     """The most likely pose of the rig for one assignment of sightings (C n,), None if there is none.
 
-    ``image``, ``points``: of `sightings_in`. It is fitted from ``start``, from the prediction, or from the pose of the
+    ``image``, ``points``: of `list_sightings`. It is fitted from ``start``, from the prediction, or from the pose of the
     camera that has most matches. Its `points` are sightings: camera · n + point. With a predicted pose, which is part
     of the fit, three matches in all are enough.
     """
@@ -73,25 +73,25 @@ def rig_pose(
         first = _starts(image, places, points, assignment)
     if not len(first[0]):  # too few matches in each camera
         return None
-    state, chi2 = descended(model.repeated(len(first[0])), first, STEPS)
+    state, chi2 = descend(model.repeated(len(first[0])), first, STEPS)
     if not np.isfinite(chi2).any():
         return None
-    state, chi2 = lowest_of(state, chi2, 1)
+    state, chi2 = select_lowest(state, chi2, 1)
     if points.has_covariances:
         known = None if points.source_covariance is None else points.source_covariance[None] / unit**2
         own = np.where(used[:, None, None], points.covariances_of(np.maximum(assignment, 0)), 0.0)[None]
         for _ in range(REWEIGHTED):
             white = whitening(image, places[None], known, own, state, images=len(image.offsets))
             model = replace(model, white=white)
-            state, chi2 = descended(model, state, STEPS)
-    covariance = covariance_of(model, state)[0]
+            state, chi2 = descend(model, state, STEPS)
+    covariance = state_covariance(model, state)[0]
     rotation, translation = state[0][0], state[1][0]
-    t, own = in_callers_frame(rotation, translation, covariance, axes=np.eye(3), centre=centre, unit=unit)
+    t, own = to_callers_frame(rotation, translation, covariance, axes=np.eye(3), centre=centre, unit=unit)
     members = np.flatnonzero(used)
     detections = assignment[members]
     with np.errstate(all="ignore"):
         predicted = image.project(places @ rotation.T + translation)[members]
-    return fitted_pose(
+    return make_pose_of_fit(
         rotation,
         t,
         own,
@@ -106,7 +106,7 @@ def rig_pose(
 
 def rig_poses(points: PointSets, rig: Rig, assignments: Integers) -> list[Pose | None]:
     """The most likely pose of a rig for each assignment: (K, C n) of sightings, or (K, n) with one of each point."""
-    image, sightings = sightings_in(rig, points)
+    image, sightings = list_sightings(rig, points)
     if assignments.shape[1] == len(sightings.source):
         return [rig_pose(image, sightings, assignment) for assignment in assignments]
     found = []
@@ -133,6 +133,6 @@ def _starts(image: RigImage, places: Floats, points: PointSets, assignment: Inte
     weight = 1.0 / points.target_noise[None, detections]
     starts = starting_poses(own, camera.bearings(pixels[0])[None], weight, upright=None)
     alone = ProjectionModel(own, pixels, weight, camera, np.eye(3)).repeated(starts[0].shape[1])
-    (rotation,), (translation,) = best_apart(alone, starts)
+    (rotation,), (translation,) = select_best_apart(alone, starts)
     back = image.rig.rotations[k].T
     return back @ rotation, (translation - image.rig.translations[k] / image.unit) @ back.T

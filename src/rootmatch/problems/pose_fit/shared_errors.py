@@ -80,7 +80,7 @@ class SharedErrors(NamedTuple):
 
     def whole(self, covariance: Floats) -> Floats:
         """The covariance (p, p) of all errors, by that in which the shared ones of each frame are independent."""
-        return np.asarray(without(covariance, self.counted) + self.each @ self.each.T)
+        return np.asarray(subtract_covariance(covariance, self.counted) + self.each @ self.each.T)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,12 +97,12 @@ class SharedPose(Pose):
         return one
 
 
-def with_shared(pose: Pose, other: Pose) -> Pose:
+def copy_shared_errors(pose: Pose, other: Pose) -> Pose:
     """A pose with the shared errors of another one, if it has any."""
     return SharedPose.of(pose, other.shared) if isinstance(other, SharedPose) else pose
 
 
-def whole(pose: Pose) -> Pose:
+def with_whole_covariance(pose: Pose) -> Pose:
     """A pose with the covariance of all of its errors."""
     if not isinstance(pose, SharedPose):
         return pose
@@ -110,18 +110,18 @@ def whole(pose: Pose) -> Pose:
     return Pose.unchecked(pose.R, pose.t, pose.shared.whole(pose.covariance), pose.scale)
 
 
-def fused_with(prior: SharedPose, fit: Pose, own: SharedErrors) -> Pose:
+def fuse_prediction(prior: SharedPose, fit: Pose, own: SharedErrors) -> Pose:
     """A fit with the covariance of all of its errors, those that it shares with the prediction in it counted once.
 
     ``own``: those of the fit by its own detections.
     """
     assert prior.covariance is not None
     assert fit.covariance is not None
-    left = left_by(fit.covariance, prior.covariance)
+    left = remaining_prediction_error(fit.covariance, prior.covariance)
     return replace(fit, covariance=prior.shared.moved(left).plus(own).whole(fit.covariance))
 
 
-def left_by(fitted: Floats, predicted: Floats) -> Floats:
+def remaining_prediction_error(fitted: Floats, predicted: Floats) -> Floats:
     """What a fit leaves (p, p) of the errors of a prediction in it, by the covariances (p, p) of both.
 
     That is hardly any in a direction in which it is far less certain: a caller said where the body is instead.
@@ -136,7 +136,7 @@ def left_by(fitted: Floats, predicted: Floats) -> Floats:
     return np.asarray(root @ (vectors * np.minimum(values, 1.0 / values)) @ vectors.T @ inverse)
 
 
-def without(covariance: Floats, part: Floats) -> Floats:
+def subtract_covariance(covariance: Floats, part: Floats) -> Floats:
     """A covariance without a part of it, positive definite."""
     size = np.sqrt(np.diagonal(covariance))
     values, vectors = np.linalg.eigh((covariance - part) / (size[:, None] * size))

@@ -10,14 +10,14 @@ import numpy as np
 from rootmatch.arrays import Floats
 
 
-def by_points(rows: Floats, images: int) -> Floats:
+def group_by_point(rows: Floats, images: int) -> Floats:
     """What sightings (…, C n, k, q) have, point by point: (…, n, C k, q)."""
     *some, count, k, q = rows.shape
     parts = rows.reshape(*some, images, count // images, k, q)
     return parts.swapaxes(-4, -3).reshape(*some, count // images, images * k, q)
 
 
-def of_sightings(rows: Floats, images: int) -> Floats:
+def ungroup_sightings(rows: Floats, images: int) -> Floats:
     """The inverse of `by_points`."""
     *some, count, size, q = rows.shape
     parts = rows.reshape(*some, count, images, size // images, q)
@@ -38,7 +38,7 @@ def shared_spread(by_point: Floats, covariance: Floats | None, own: Floats, imag
     images : int
         C.
     """
-    rows, k = by_points(by_point, images), by_point.shape[-2]
+    rows, k = group_by_point(by_point, images), by_point.shape[-2]
     count, size = rows.shape[-3:-1]
     spread = np.zeros((*rows.shape[:-1], size))
     if covariance is not None:

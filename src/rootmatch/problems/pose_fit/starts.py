@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import frames_of_triangles, spread_rotations
+from rootmatch.algebra.rotation import spread_rotations, triangle_frames
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.problems.pose_fit.descent import Model, State
 from rootmatch.problems.pose_fit.prior_residuals import Upright
@@ -44,9 +44,9 @@ def starting_poses(points: Floats, rays: Floats, weight: Floats, upright: Uprigh
         grid = upright.turned(2.0 * np.pi * np.arange(GRID) / GRID)
         return np.tile(grid, (len(points), 1, 1, 1)), _translations(grid, points, rays, weight)
     grid = spread_rotations(GRID)
-    chosen = np.concatenate([triples(_plane(rays), weight > 0.0), _random_triples(weight > 0.0)], axis=1)
+    chosen = np.concatenate([wide_triples(_plane(rays), weight > 0.0), _random_triples(weight > 0.0)], axis=1)
     every = np.arange(len(points))[:, None, None]
-    rotation, translation = poses_of_triples(
+    rotation, translation = solve_triples(
         points[every, chosen].reshape(-1, 3, 3), rays[every, chosen].reshape(-1, 3, 3)
     )
     return (
@@ -55,7 +55,7 @@ def starting_poses(points: Floats, rays: Floats, weight: Floats, upright: Uprigh
     )
 
 
-def best_apart(model: Model, starts: State) -> State:
+def select_best_apart(model: Model, starts: State) -> State:
     """The `STARTS` best of many poses (K, S, …) that differ in rotation; ``model`` is that of all of them."""
     rotation, translation = starts
     groups, times = rotation.shape[:2]
@@ -74,17 +74,17 @@ def best_apart(model: Model, starts: State) -> State:
     return rotation[every[:, None], chosen], translation[every[:, None], chosen]
 
 
-def reflected(state: State, points: Floats, weight: Floats) -> State:
+def reflect_poses(state: State, points: Floats, weight: Floats) -> State:
     """Poses that look alike from afar: the points reflected in their plane and in that across the line of sight."""
     rotation, translation = state
-    centre, normal = planes(points, weight > 0.0)
+    centre, normal = fit_planes(points, weight > 0.0)
     middle = (rotation @ centre[..., None])[..., 0] + translation
     sight = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
     turned = _reflection(sight) @ rotation @ _reflection(normal)
     return turned, middle - (turned @ centre[..., None])[..., 0]
 
 
-def planes(points: Floats, used: Bools) -> tuple[Floats, Floats]:
+def fit_planes(points: Floats, used: Bools) -> tuple[Floats, Floats]:
     """Centres (K, 3) and normals (K, 3) of the planes nearest to the used (K, n) of some points (K, n, 3)."""
     share = used / np.maximum(used.sum(axis=1), 1)[:, None]
     centre = (points * share[..., None]).sum(axis=1)
@@ -125,7 +125,7 @@ def _random_triples(used: Bools) -> Integers:
     return np.argsort(np.where(used[:, None], random, 2.0), axis=2)[..., :3]
 
 
-def triples(image: Floats, used: Bools) -> Integers:
+def wide_triples(image: Floats, used: Bools) -> Integers:
     """Two wide triples of the used points (K, n) of images (K, n, 2), (K, 2, 3)."""
     every, used = np.arange(len(used)), used.copy()
     out = []
@@ -146,7 +146,7 @@ def triples(image: Floats, used: Bools) -> Integers:
     return np.stack(out, axis=1)
 
 
-def poses_of_triples(points: Floats, rays: Floats) -> tuple[Floats, Floats]:
+def solve_triples(points: Floats, rays: Floats) -> tuple[Floats, Floats]:
     """Poses that put three points (B, 3, 3) on three unit rays (B, 3, 3).
 
     Rotations (B, 4, 3, 3), translations (B, 4, 3).
@@ -167,7 +167,7 @@ def poses_of_triples(points: Floats, rays: Floats) -> tuple[Floats, Floats]:
         depths = np.stack([a, a * x, a * y], axis=-1)
         good = nearly & (x > 0.0) & (y > 0.0) & np.isfinite(depths).all(axis=-1)
         positions = depths[..., None] * rays[:, None]
-        rotation = frames_of_triangles(positions) @ frames_of_triangles(points[:, None]).swapaxes(-1, -2)
+        rotation = triangle_frames(positions) @ triangle_frames(points[:, None]).swapaxes(-1, -2)
         translation = positions.mean(axis=2) - (rotation @ points.mean(axis=1)[:, None, :, None])[..., 0]
     good &= np.isfinite(rotation).all(axis=(-1, -2))
     return np.where(good[..., None, None], rotation, np.eye(3)), np.where(good[..., None], translation, np.nan)
@@ -178,12 +178,12 @@ def _quartic(u: Floats, v: Floats, p: Floats, q: Floats, r: Floats) -> Floats:
     n = np.stack([u - 1.0, -2.0 * u * p, 1.0 + u], axis=-1)
     d = np.stack([-q, r], axis=-1)
     m = np.stack([-v, 2.0 * v * p, 1.0 - v], axis=-1)
-    out = _times(n, n) + 4.0 * _times(_times(d, d), m)
-    out[:, 1:] -= 4.0 * r[:, None] * _times(n, d)
+    out = _multiply_polynomials(n, n) + 4.0 * _multiply_polynomials(_multiply_polynomials(d, d), m)
+    out[:, 1:] -= 4.0 * r[:, None] * _multiply_polynomials(n, d)
     return out
 
 
-def _times(first: Floats, second: Floats) -> Floats:
+def _multiply_polynomials(first: Floats, second: Floats) -> Floats:
     """Products of polynomials, one a row."""
     out = np.zeros((len(first), first.shape[1] + second.shape[1] - 1))
     for power in range(first.shape[1]):

@@ -18,14 +18,14 @@ from rootmatch.problems.pose_fit.descent import (
     ROUGH_STEPS,
     STEPS,
     State,
-    chi2_of,
-    covariance_of,
-    descended,
-    lowest_of,
+    descend,
+    select_lowest,
+    state_covariance,
+    sum_of_squares,
 )
-from rootmatch.problems.pose_fit.epipolar_lines import Views, behind
-from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
-from rootmatch.problems.pose_fit.moments import moments
+from rootmatch.problems.pose_fit.epipolar_lines import Views, depth_penalty
+from rootmatch.problems.pose_fit.fitted_pose import make_pose_of_fit
+from rootmatch.problems.pose_fit.moments import second_moments
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.starts import DOUBTED
 
@@ -90,7 +90,7 @@ class _TwoViewModel:
 
     def hidden(self, state: State) -> Floats:
         """Minus the log probability (B,) that the points lie before both cameras."""
-        return behind(self.views, self.k, self.used, (state[0], state[1]))
+        return depth_penalty(self.views, self.k, self.used, (state[0], state[1]))
 
     def widths(self, state: State) -> Floats:
         """Sum (B,) of the logarithms of σ across the epipolar lines: the density of a detection is 1 over that."""
@@ -136,14 +136,14 @@ def two_view_poses(
     state = tuple(part.reshape(-1, *part.shape[2:]) for part in starts)
     for steps, kept in ((ROUGH_STEPS, KEPT), (STEPS, 1)):
         model = every.repeated(times)
-        state, chi2 = descended(model, state, steps)
+        state, chi2 = descend(model, state, steps)
         # points lie before both cameras: −t fits the epipolar lines as well as t
         hidden = np.array([model.hidden((state[0], sign * state[1])) for sign in (1.0, -1.0)])
         state = state[0], np.where((hidden[0] <= hidden[1])[:, None], state[1], -state[1])
         times = min(kept, times)
         cost = chi2 + 2.0 * hidden.min(axis=0)
         # the lowest of each group, with χ² alone beside them
-        (rotation, translation, chi2), _ = lowest_of((*state, chi2), cost, count, times)
+        (rotation, translation, chi2), _ = select_lowest((*state, chi2), cost, count, times)
         state = rotation, translation
     return [
         _pose(every, k, tuple(part[k : k + 1] for part in state), float(chi2[k]), rotations=rotations, target=target)
@@ -195,25 +195,25 @@ def _pose(
     def excess(steps: Floats) -> Floats:
         beyond = np.asarray((np.abs(steps) > np.pi).any(axis=1))
         many, moved = alone.moved_by(state, np.where(beyond[:, None], 0.0, steps))
-        reached = chi2_of(many.residuals(moved)) + 2.0 * (many.hidden(moved) + many.widths(moved))
+        reached = sum_of_squares(many.residuals(moved)) + 2.0 * (many.hidden(moved) + many.widths(moved))
         return np.where(beyond, np.inf, reached - lowest)
 
     lowest = chi2 + 2.0 * float((alone.hidden(state) + alone.widths(state))[0])
 
-    covariance = moments(excess, _bounded(covariance_of(alone, state)[0]))
+    covariance = second_moments(excess, _bound_covariance(state_covariance(alone, state)[0]))
     turn, moves = alone.directions(state[1])
     to_camera = rotations[1].T
     change = np.concatenate([to_camera @ turn.T, to_camera @ moves[0].T])
     detected = model.k[k, members]
     essential = cross_matrix(state[1][0]) @ state[0][0]
-    off, sigma = views.from_lines(essential, members, detected)
+    off, sigma = views.offsets_from_lines(essential, members, detected)
     if target.shape[1] == 3:
         rays = views.second[detected] / np.linalg.norm(views.second[detected], axis=1, keepdims=True)
         predicted = (rays - (views.second_axes[detected] @ off[..., None])[..., 0]) @ rotations[1]
     else:
         predicted = target[detected] - off
     distance = np.linalg.norm(off, axis=1)
-    return fitted_pose(
+    return make_pose_of_fit(
         to_camera @ state[0][0] @ rotations[0],
         to_camera @ state[1][0],
         change @ covariance @ change.T,
@@ -226,6 +226,6 @@ def _pose(
     )
 
 
-def _bounded(covariance: Floats) -> Floats:
+def _bound_covariance(covariance: Floats) -> Floats:
     """A covariance whose angles stay within about a radian: beyond, all directions are as likely."""
     return np.asarray(np.linalg.inv(np.linalg.inv(covariance) + np.eye(len(covariance)) / OPEN**2))

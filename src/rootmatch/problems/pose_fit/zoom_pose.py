@@ -13,13 +13,13 @@ from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import (
     ROUGH_STEPS,
     State,
-    chi2_of,
-    covariance_of,
-    descended,
-    lowest_of,
+    descend,
+    select_lowest,
+    state_covariance,
+    sum_of_squares,
 )
-from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
-from rootmatch.problems.pose_fit.packed_matches import packed_matches
+from rootmatch.problems.pose_fit.fitted_pose import make_pose_of_fit, to_callers_frame
+from rootmatch.problems.pose_fit.packed_matches import pack_matches
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel
@@ -75,7 +75,7 @@ def zoom_starts(
     points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, usual: float, most: int
 ) -> ZoomFits:
     """Poses of a grid of rotations, with what then follows from linear equations; see `zoom_poses`."""
-    model, _, unit = _model_of(points, centre, upright, assignments, usual)
+    model, _, unit = _make_model(points, centre, upright, assignments, usual)
     return _fits(*_best_starts(model, upright, most), unit, (len(assignments), most))
 
 
@@ -83,9 +83,9 @@ def zoom_fits(
     points: PointSets, centre: Floats, upright: Upright, assignments: Integers, *, usual: float, most: int
 ) -> ZoomFits:
     """The ``most`` lowest rough fits of each assignment, of `STARTS` that are made; several may be of one valley."""
-    model, _, unit = _model_of(points, centre, upright, assignments, usual)
-    state, chi2 = descended(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0], ROUGH_STEPS)
-    return _fits(*lowest_of(state, chi2, len(assignments), most), unit, (len(assignments), most))
+    model, _, unit = _make_model(points, centre, upright, assignments, usual)
+    state, chi2 = descend(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0], ROUGH_STEPS)
+    return _fits(*select_lowest(state, chi2, len(assignments), most), unit, (len(assignments), most))
 
 
 def _fits(state: State, chi2: Floats, unit: float, shape: tuple[int, int]) -> ZoomFits:
@@ -122,24 +122,24 @@ def zoom_poses(
     usual : float
         Focal length to start from where the points tell none.
     """
-    model, middle, unit = _model_of(points, centre, upright, assignments, usual)
+    model, middle, unit = _make_model(points, centre, upright, assignments, usual)
     count = len(assignments)
     if start is None:
-        state, chi2 = descended(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0])
-        state, chi2 = lowest_of(state, chi2, count)
+        state, chi2 = descend(model.repeated(STARTS), _best_starts(model, upright, STARTS)[0])
+        state, chi2 = select_lowest(state, chi2, count)
     else:
         assert start.focal is not None
         place = (start.t + start.R @ middle) / unit
         near = upright.nearest(start.R), place, np.log(start.focal)
-        state, chi2 = descended(model, tuple(np.repeat(np.asarray(one)[None], count, axis=0) for one in near))
-    covariance = covariance_of(model, state)
+        state, chi2 = descend(model, tuple(np.repeat(np.asarray(one)[None], count, axis=0) for one in near))
+    covariance = state_covariance(model, state)
     poses: list[Pose | None] = []
     for k, assignment in enumerate(assignments):
         if not np.isfinite(chi2[k]):
             poses.append(None)
             continue
         rotation, focal = state[0][k], float(np.exp(state[2][k]))
-        translation, own = in_callers_frame(
+        translation, own = to_callers_frame(
             rotation, state[1][k], covariance[k], axes=model.axes, centre=middle, unit=unit
         )
         own[-1] *= focal  # of log f
@@ -148,7 +148,7 @@ def zoom_poses(
         positions = points.source[members] @ rotation.T + translation
         predicted = centre + focal * positions[:, :2] / positions[:, 2:]
         poses.append(
-            fitted_pose(
+            make_pose_of_fit(
                 rotation,
                 translation,
                 own,
@@ -164,11 +164,11 @@ def zoom_poses(
     return poses
 
 
-def _model_of(
+def _make_model(
     points: PointSets, centre: Floats, upright: Upright, assignments: Integers, usual: float
 ) -> tuple[_ZoomModel, Floats, float]:
     """The fits of assignments, with the centre and the unit of the points that they use."""
-    middle, unit, _, target, places, weight = packed_matches(points, assignments)
+    middle, unit, _, target, places, weight = pack_matches(points, assignments)
     image = points.target[target] - centre
     return _ZoomModel(places, image, weight, Camera(1.0, 1.0, 0.0, 0.0), upright.camera[1:2], usual=usual), middle, unit
 
@@ -176,7 +176,7 @@ def _model_of(
 def _best_starts(model: _ZoomModel, upright: Upright, most: int) -> tuple[State, Floats]:
     """The best starts of each fit, (K most, …), and their χ² (K most,)."""
     starts = _starts(model, upright)
-    return lowest_of(starts, chi2_of(model.repeated(GRID).residuals(starts)), len(model.points), most)
+    return select_lowest(starts, sum_of_squares(model.repeated(GRID).residuals(starts)), len(model.points), most)
 
 
 def _starts(model: _ZoomModel, upright: Upright) -> State:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
-from rootmatch.problems.noise import thousandth
+from rootmatch.problems.noise import pixel_equivalent
 from rootmatch.problems.points import PointClouds, PointSets, distances
 from rootmatch.problems.pose_fit.point_set_pose import point_set_pose
 from rootmatch.problems.pose_fit.pose import Pose
@@ -96,7 +96,7 @@ class Similarity(Problem):
 
     def noise_pixels(self, source: Floats, target: Floats) -> tuple[float, float]:
         """See `Problem.noise_pixels`."""
-        return thousandth(source), thousandth(target)
+        return pixel_equivalent(source), pixel_equivalent(target)
 
     def tables(self, points: PointSets) -> SimilarityTables:
         """Tables for the kernels; see `Problem.tables`. Both sets have rows of ``dimension`` coordinates."""

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rootmatch.algebra.vector import adjugate_of, dot, symmetric_times
+from rootmatch.algebra.vector import dot, symmetric_adjugate, symmetric_times
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.kernels import ResidualKernels
 from rootmatch.problems.limits import UNINFORMATIVE
-from rootmatch.problems.pairs import edge_of_pairs, slab_of_rows
+from rootmatch.problems.pairs import edge_kernel_of_pairs, slab_kernel_of_rows
 
 FLAT = 1e-9
 """Determinant of the equations' correlation below which three points are on a line, whose equations depend.
@@ -40,11 +40,11 @@ def covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type
 
 
 @scalar
-def joint_of(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type: ignore[no-untyped-def]
+def joint_chi2(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type: ignore[no-untyped-def]
     """χ² of all constraints."""
     s = scale if scale > 0.0 else (d01 * e01 + d02 * e02 + d12 * e12) / (d01 * d01 + d02 * d02 + d12 * d12)
     matrix = covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2)
-    adjugate, determinant = adjugate_of(matrix)
+    adjugate, determinant = symmetric_adjugate(matrix)
     sides, off = (d01, d02, d12), (e01 - s * d01, e02 - s * d02, e12 - s * d12)
     by_scale = symmetric_times(adjugate, sides)
     along = dot(off, by_scale)
@@ -55,7 +55,7 @@ def joint_of(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # ty
 
 
 @scalar
-def normalised_of(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type: ignore[no-untyped-def]
+def normalised_squared(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type: ignore[no-untyped-def]
     """Square of d02 e01 − d01 e02, the resultant of the first two equations in s, over its variance."""
     s = (d01 * e01 + d02 * e02) / (d01 * d01 + d02 * d02)
     a, b, _, d, _, _ = covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2)
@@ -94,8 +94,8 @@ def triangle_kernels(value: Any) -> ResidualKernels:
         for k in range(line.shape[0]):
             line[k] = at(t, i[0], i[1], last, j[0], j[1], k)
 
-    edge = edge_of_pairs(pair, 2)
-    return ResidualKernels(edge, slab_of_rows(row, edge))
+    edge = edge_kernel_of_pairs(pair, 2)
+    return ResidualKernels(edge, slab_kernel_of_rows(row, edge))
 
 
 def resultant_kernels(value: Any) -> ResidualKernels:
@@ -112,5 +112,5 @@ def resultant_kernels(value: Any) -> ResidualKernels:
         for k in range(line.shape[0]):
             line[k] = value(d01, -e01, d02, -t.target[j[0], k])
 
-    edge = edge_of_pairs(pair, 2)
-    return ResidualKernels(edge, slab_of_rows(row, edge))
+    edge = edge_kernel_of_pairs(pair, 2)
+    return ResidualKernels(edge, slab_kernel_of_rows(row, edge))

@@ -8,13 +8,13 @@ from rootmatch.arrays import Floats
 from rootmatch.problems.kernels import ProblemKernels
 from rootmatch.problems.pairs import comparisons
 from rootmatch.problems.residual_kinds import Joint, Normalised
-from rootmatch.problems.similarity.residuals import joint_of, normalised_of, resultant_kernels, triangle_kernels
+from rootmatch.problems.similarity.residuals import joint_chi2, normalised_squared, resultant_kernels, triangle_kernels
 
 KERNELS = ProblemKernels(
     residuals={
         **{kind: resultant_kernels(compare) for kind, compare in comparisons(1).items()},
-        Normalised: triangle_kernels(normalised_of),
-        Joint: triangle_kernels(joint_of),
+        Normalised: triangle_kernels(normalised_squared),
+        Joint: triangle_kernels(joint_chi2),
     },
 )
 

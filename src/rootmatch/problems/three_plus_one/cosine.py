@@ -20,7 +20,7 @@ from rootmatch.problems.three_plus_one.resultant_residual import resultant_kerne
 
 
 @scalar
-def in_cosine(h4, h3, h2, h1, h0):  # type: ignore[no-untyped-def]
+def cosine_coefficients(h4, h3, h2, h1, h0):  # type: ignore[no-untyped-def]
     """Coefficients in cos θ, highest degree first, from those of h in tan(θ/2)."""
     # A = a2 x² + a1 x + a0 and B = b1 x + b0 from D(0) = h0, D(180°) = h4, D(±90°) = (h4 + h2 + h0 ± (h3 + h1)) / 4
     # and dD/dθ(0) = h1 / 2.
@@ -38,13 +38,13 @@ def in_cosine(h4, h3, h2, h1, h0):  # type: ignore[no-untyped-def]
     )
 
 
-def _of_cosines(value: Any) -> Any:
+def _residual_of_cosines(value: Any) -> Any:
     """A residual of two quartics in tan(θ/2) that compares their forms in cos θ."""
 
     @scalar
     def compared(h4, h3, h2, h1, h0, f4, f3, f2, f1, f0):  # type: ignore[no-untyped-def]
-        p4, p3, p2, p1, p0 = in_cosine(h4, h3, h2, h1, h0)
-        q4, q3, q2, q1, q0 = in_cosine(f4, f3, f2, f1, f0)
+        p4, p3, p2, p1, p0 = cosine_coefficients(h4, h3, h2, h1, h0)
+        q4, q3, q2, q1, q0 = cosine_coefficients(f4, f3, f2, f1, f0)
         return value(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
 
     return compared
@@ -53,7 +53,7 @@ def _of_cosines(value: Any) -> Any:
 KERNELS = ProblemKernels(
     residuals={
         **tables.KERNELS.residuals,
-        **{kind: resultant_kernels(_of_cosines(compare)) for kind, compare in comparisons(4).items()},
+        **{kind: resultant_kernels(_residual_of_cosines(compare)) for kind, compare in comparisons(4).items()},
     },
     target_fields=tables.KERNELS.target_fields,
 )

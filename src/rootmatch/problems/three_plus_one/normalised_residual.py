@@ -18,10 +18,10 @@ import math
 from math import nan
 
 from rootmatch.algebra.polynomial import curvature_quartic, roots_quartic, value_quartic
-from rootmatch.algebra.vector import column, combination, cross, dot, rotated_about_y, slope_about_y
+from rootmatch.algebra.vector import column, combination, cross, dot, rotate_vector_about_y, slope_about_y
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE, VAGUE2
-from rootmatch.problems.pairs import edge_of_pairs, slab_of_edges
+from rootmatch.problems.pairs import edge_kernel_of_pairs, slab_kernel_of_edges
 from rootmatch.problems.three_plus_one.quartic import quartic
 
 ROOT_GATE = 6.0
@@ -104,7 +104,7 @@ def sides(t, u, p):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def in_front(t, u, p, du, dp, turn_variance, baseline_variance):  # type: ignore[no-untyped-def]
+def signs_in_front(t, u, p, du, dp, turn_variance, baseline_variance):  # type: ignore[no-untyped-def]
     """Whether a point may lie in front of both cameras for t, and for −t, by its deviations and those of θ and t."""
     parallax, ahead = sides(t, u, p)
     k = dot(t, u)
@@ -117,7 +117,7 @@ def in_front(t, u, p, du, dp, turn_variance, baseline_variance):  # type: ignore
 
 
 @scalar
-def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
+def root_state(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
     """What a fourth correspondence meets at one root of the first three, a ↔ k, b ↔ l, c ↔ m with their deviations.
 
     Returns whether the root counts with the three points in front for t, and for −t (it counts if it is real within
@@ -127,7 +127,11 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
     scale = 1.0 + y * y
     cosine = sign * (1.0 - y * y) / scale
     sine = 2.0 * y / scale
-    u1, u2, u3 = rotated_about_y(cosine, sine, a), rotated_about_y(cosine, sine, b), rotated_about_y(cosine, sine, c)
+    u1, u2, u3 = (
+        rotate_vector_about_y(cosine, sine, a),
+        rotate_vector_about_y(cosine, sine, b),
+        rotate_vector_about_y(cosine, sine, c),
+    )
     n1, n2, n3 = cross(u1, k), cross(u2, l), cross(u3, m)
     t, plane = longest_cross(n1, n2, n3)
     j1 = dot(cross(slope_about_y(u1), k), t)
@@ -154,9 +158,9 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
         & (square > 0.0)
         & (plane > SAME * noise * noise)
     )
-    front1, back1 = in_front(t, u1, k, da, dk, turn_variance, baseline_variance)
-    front2, back2 = in_front(t, u2, l, db, dl, turn_variance, baseline_variance)
-    front3, back3 = in_front(t, u3, m, dc, dm, turn_variance, baseline_variance)
+    front1, back1 = signs_in_front(t, u1, k, da, dk, turn_variance, baseline_variance)
+    front2, back2 = signs_in_front(t, u2, l, db, dl, turn_variance, baseline_variance)
+    front3, back3 = signs_in_front(t, u3, m, dc, dm, turn_variance, baseline_variance)
     one = (s1, w1, v1, tilt(t, u1, k))
     two = (s2, w2, v2, tilt(t, u2, l))
     three = (s3, w3, v3, tilt(t, u3, m))
@@ -166,9 +170,9 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
 
 @kernel
 def judge(y, passes, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
-    """Whether each of the roots counts at all: `at_root` in a loop that vectorises, being a function of its own."""
+    """Whether each of the roots counts at all: `root_state` in a loop that vectorises, being a function of its own."""
     for index in range(y.shape[0]):
-        front, back, _, _ = at_root(y[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        front, back, _, _ = root_state(y[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
         passes[index] = 1.0 if front | back else 0.0
 
 
@@ -180,7 +184,7 @@ def response(row, t, u, turn, k):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def added(form, f, v):  # type: ignore[no-untyped-def]
+def add_outer_product(form, f, v):  # type: ignore[no-untyped-def]
     """Symmetric 3×3 form (xx, yy, zz, xy, xz, yz) plus f v vᵀ."""
     x, y, z = f * v[0], f * v[1], f * v[2]
     xx, yy, zz, xy, xz, yz = form
@@ -195,7 +199,7 @@ def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untype
     the vectors and variances of `sides`, and that rest, which is theirs too.
     """
     cosine, sine, det, square, turn_variance, baseline_variance, one, two, three = state
-    u = rotated_about_y(cosine, sine, q)
+    u = rotate_vector_about_y(cosine, sine, q)
     turn = cross(t, slope_about_y(u))
     k = dot(t, u)
     f1 = response(one, t, u, turn, k)
@@ -203,16 +207,16 @@ def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untype
     f3 = response(three, t, u, turn, k)
     inverse = 1.0 / square
     v = deviation * deviation
-    form = added((v, v, v, 0.0, 0.0, 0.0), -v, t)
-    form = added(form, inverse * one[2], f1)
-    form = added(form, inverse * two[2], f2)
-    form = added(form, inverse * three[2], f3)
+    form = add_outer_product((v, v, v, 0.0, 0.0, 0.0), -v, t)
+    form = add_outer_product(form, inverse * one[2], f1)
+    form = add_outer_product(form, inverse * two[2], f2)
+    form = add_outer_product(form, inverse * three[2], f3)
     # a tilt of the axis moves all four together: det · ∂e₄/∂ω less what the first three pass on
     tilt1, tilt2, tilt3 = one[3], two[3], three[3]
     for axis in range(2):
         own = combination(det * t[2 * axis], u, -det * u[2 * axis], t)
         passed = combination(1.0, combination(tilt1[axis], f1, tilt2[axis], f2), tilt3[axis], f3)
-        form = added(form, inverse * tilt_variance, combination(1.0, own, -1.0, passed))
+        form = add_outer_product(form, inverse * tilt_variance, combination(1.0, own, -1.0, passed))
     rest = 1.0 - k * k
     by_turn = dot(t, slope_about_y(u))
     parallax_variance = rest * v + by_turn * by_turn * turn_variance
@@ -253,14 +257,14 @@ def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
     dk, dl, dm = dp[j0], dp[j1], dp[j2]
     least = UNINFORMATIVE * UNINFORMATIVE
     for index in range(4):
-        front, back, t, state = at_root(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        front, back, t, state = root_state(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
         if front or back:
             line = prediction(t, state, column(q, i3), dq[i3], tables.tilt_variance[0])
             least = min(least, squared_residual(front, back, line, column(p, j3), dp[j3]))
     return least
 
 
-squared = edge_of_pairs(residual, 3)
+squared = edge_kernel_of_pairs(residual, 3)
 
 
 @kernel
@@ -269,7 +273,7 @@ def edge(tables, kind, i, j):  # type: ignore[no-untyped-def]
     return math.sqrt(squared(tables, kind, i, j))
 
 
-several = slab_of_edges(edge)
+several = slab_kernel_of_edges(edge)
 
 
 @kernel
@@ -297,7 +301,7 @@ def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-de
     for index in range(4):
         if passes[index] == 0.0:
             continue
-        front, back, t, state = at_root(angle[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        front, back, t, state = root_state(angle[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
         for r in range(rows):
             to = out[r]
             line = prediction(t, state, column(q, first + r), dq[first + r], tables.tilt_variance[0])

@@ -103,7 +103,7 @@ class ThreePlusOne(TwoImageProblem):
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5), highest degree first, of minimal sets of pixels (E, 3, 2) and (E, 3, 2)."""
-        from rootmatch.problems.three_plus_one.cosine import in_cosine
+        from rootmatch.problems.three_plus_one.cosine import cosine_coefficients
         from rootmatch.problems.three_plus_one.quartic import quartic
 
         first, second = (one.tolist() for one in self.rays(source, target))
@@ -112,5 +112,5 @@ class ThreePlusOne(TwoImageProblem):
             for q, p in zip(first, second, strict=True)
         ]
         if self.unknown == "cos":
-            rows = [in_cosine(*row) for row in rows]
+            rows = [cosine_coefficients(*row) for row in rows]
         return np.array(rows, dtype=float).reshape(-1, 5)

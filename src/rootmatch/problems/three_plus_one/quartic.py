@@ -9,7 +9,7 @@ five products per target depend on the other correspondences alone.
 
 from __future__ import annotations
 
-from rootmatch.algebra.vector import combination, cross, dot, rotated_about_y, slope_about_y
+from rootmatch.algebra.vector import combination, cross, dot, rotate_vector_about_y, slope_about_y
 from rootmatch.jit.decorators import scalar
 
 
@@ -18,9 +18,9 @@ def stem(a, k, b, l):  # type: ignore[no-untyped-def]  # noqa: E741
     """n₁ × n₂ of the correspondences a ↔ k and b ↔ l at θ = 0, 180°, 90° and −90°, and its derivative at 0."""
     a0, b0 = cross(a, k), cross(b, l)
     at_0 = cross(a0, b0)
-    at_180 = cross(cross(rotated_about_y(-1.0, 0.0, a), k), cross(rotated_about_y(-1.0, 0.0, b), l))
-    at_90 = cross(cross(rotated_about_y(0.0, 1.0, a), k), cross(rotated_about_y(0.0, 1.0, b), l))
-    at_270 = cross(cross(rotated_about_y(0.0, -1.0, a), k), cross(rotated_about_y(0.0, -1.0, b), l))
+    at_180 = cross(cross(rotate_vector_about_y(-1.0, 0.0, a), k), cross(rotate_vector_about_y(-1.0, 0.0, b), l))
+    at_90 = cross(cross(rotate_vector_about_y(0.0, 1.0, a), k), cross(rotate_vector_about_y(0.0, 1.0, b), l))
+    at_270 = cross(cross(rotate_vector_about_y(0.0, -1.0, a), k), cross(rotate_vector_about_y(0.0, -1.0, b), l))
     slope_0 = combination(1.0, cross(cross(slope_about_y(a), k), b0), 1.0, cross(a0, cross(slope_about_y(b), l)))
     return at_0, at_180, at_90, at_270, slope_0
 
@@ -33,9 +33,9 @@ def branch(trunk, c):  # type: ignore[no-untyped-def]
     """
     at_0, at_180, at_90, at_270, slope_0 = trunk
     g0 = cross(at_0, c)
-    g4 = cross(at_180, rotated_about_y(-1.0, 0.0, c))
-    plus = cross(at_90, rotated_about_y(0.0, 1.0, c))
-    minus = cross(at_270, rotated_about_y(0.0, -1.0, c))
+    g4 = cross(at_180, rotate_vector_about_y(-1.0, 0.0, c))
+    plus = cross(at_90, rotate_vector_about_y(0.0, 1.0, c))
+    minus = cross(at_270, rotate_vector_about_y(0.0, -1.0, c))
     g1 = combination(2.0, cross(slope_0, c), 2.0, cross(at_0, slope_about_y(c)))
     g3 = combination(1.0, combination(2.0, plus, -2.0, minus), -1.0, g1)
     g2 = combination(1.0, combination(2.0, plus, 2.0, minus), -1.0, combination(1.0, g0, 1.0, g4))

@@ -7,7 +7,7 @@ from typing import Any
 from rootmatch.algebra.vector import column
 from rootmatch.jit.decorators import kernel
 from rootmatch.problems.kernels import ResidualKernels
-from rootmatch.problems.pairs import edge_of_pairs, slab_of_edges
+from rootmatch.problems.pairs import edge_kernel_of_pairs, slab_kernel_of_edges
 from rootmatch.problems.three_plus_one.quartic import branch, coefficients, stem
 
 
@@ -23,8 +23,8 @@ def resultant_kernels(value: Any) -> ResidualKernels:
         f4, f3, f2, f1, f0 = coefficients(branch(trunk, column(q, i[d])), column(p, j[d]))
         return value(h4, h3, h2, h1, h0, f4, f3, f2, f1, f0)
 
-    edge = edge_of_pairs(pair, 3)
-    several = slab_of_edges(edge)
+    edge = edge_kernel_of_pairs(pair, 3)
+    several = slab_kernel_of_edges(edge)
 
     @kernel
     def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]

@@ -14,7 +14,7 @@ import numpy as np
 from rootmatch.algebra.vector import tangent_basis
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 from rootmatch.problems.limits import GATE
 
 FIRST_GATE = 6.0
@@ -51,7 +51,7 @@ class UprightGroups:
     def grown(self, groups: Integers) -> Integers:
         """See `Groups.grown`."""
         of = self.points, self.rays, self.variance, groups
-        return np.asarray(upright_grown(*of, FIRST_GATE**2, GATE**2, self._mask))
+        return np.asarray(grow_upright_groups(*of, FIRST_GATE**2, GATE**2, self._mask))
 
     def extended(self, groups: Integers) -> Integers:
         """See `Groups.extended`."""
@@ -59,7 +59,7 @@ class UprightGroups:
         rows = 4 * len(groups)
         while True:
             out = np.empty((rows, groups.shape[1]), np.int64)
-            count = upright_extended(*of, POSSIBLE**2, self._mask, out)
+            count = extend_upright_groups(*of, POSSIBLE**2, self._mask, out)
             if count <= rows:
                 return out[:count]
             rows = count
@@ -97,7 +97,7 @@ def upright_chi2(points, rays, variance, groups):  # type: ignore[no-untyped-def
 
 
 @driver(error_model="numpy")
-def upright_grown(points, rays, variance, groups, first_gate2, gate2, allowed):  # type: ignore[no-untyped-def]
+def grow_upright_groups(points, rays, variance, groups, first_gate2, gate2, allowed):  # type: ignore[no-untyped-def]
     """Groups grown by what their pose predicts, the nearest first, and fitted again.
 
     Parameters
@@ -154,13 +154,13 @@ def upright_grown(points, rays, variance, groups, first_gate2, gate2, allowed): 
 
 
 @driver(error_model="numpy")
-def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # type: ignore[no-untyped-def]
+def extend_upright_groups(points, rays, variance, groups, gate2, allowed, out):  # type: ignore[no-untyped-def]
     """Groups with each one of the correspondences more that lie within a gate of what their pose predicts.
 
     Parameters
     ----------
     points, rays, variance, groups, allowed
-        As in `upright_grown`.
+        As in `grow_upright_groups`.
     gate2 : float
         χ² of a detection about a prediction within which it may belong to the group.
     out : (E, n) int64 array
@@ -200,7 +200,7 @@ def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # ty
     return count
 
 
-@internal(error_model="numpy")
+@internal_function(error_model="numpy")
 def _predict(points, pose, predicted):  # type: ignore[no-untyped-def]
     """Bearings (3, n) of all points as a pose has them."""
     for i in range(points.shape[1]):
@@ -210,14 +210,14 @@ def _predict(points, pose, predicted):  # type: ignore[no-untyped-def]
         predicted[0, i], predicted[1, i], predicted[2, i] = px * scale, py * scale, pz * scale
 
 
-@internal(error_model="numpy")
+@internal_function(error_model="numpy")
 def _squared(predicted, rays, variance, i, k):  # type: ignore[no-untyped-def]
     """χ² of a detection about a predicted bearing that is known exactly."""
     x, y, z = predicted[0, i] - rays[0, k], predicted[1, i] - rays[1, k], predicted[2, i] - rays[2, k]
     return (x * x + y * y + z * z) / variance[k]
 
 
-@internal(error_model="numpy")
+@internal_function(error_model="numpy")
 def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untyped-def]
     """χ² of one group about its best pose (c, s, t), which is written to `pose` (5,).
 
@@ -279,7 +279,7 @@ def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untype
     return chi2
 
 
-@internal()
+@internal_function()
 def _add(normal, row, size, weight):  # type: ignore[no-untyped-def]
     """Add an equation row · x = row[size] to normal equations (size, size + 1)."""
     for a in range(size):
@@ -287,7 +287,7 @@ def _add(normal, row, size, weight):  # type: ignore[no-untyped-def]
             normal[a, b] += weight * row[a] * row[b]
 
 
-@internal()
+@internal_function()
 def _solve(normal, size):  # type: ignore[no-untyped-def]
     """Solve symmetric equations (size, size + 1) in place by elimination; the solution is in column `size`."""
     largest = 0.0

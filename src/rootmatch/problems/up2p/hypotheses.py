@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.vector import column, column4, combination, difference, rotated_about_y, scaled, tangent_basis
+from rootmatch.algebra.vector import (
+    column,
+    column4,
+    combination,
+    difference,
+    rotate_vector_about_y,
+    scale_vector,
+    tangent_basis,
+)
 from rootmatch.jit.decorators import part, scalar
 from rootmatch.problems.limits import VAGUE2
-from rootmatch.problems.up2p.prediction import depths, prediction, rotations, solved_pair, tilt_covariance
-from rootmatch.problems.up2p.quadratic import faces
+from rootmatch.problems.up2p.prediction import depths, prediction, rotations, solve_pair, tilt_covariance
+from rootmatch.problems.up2p.quadratic import is_facing
 
 
 def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
@@ -43,11 +51,11 @@ def hypothesis(t, grid, before, last, scratch, root):  # type: ignore[no-untyped
     between, a, ray, x, y, z = before
     two = 2 * (root & 1)
     c, s = scratch[two, last], scratch[two + 1, last]
-    first, second = depths(a, column(t.rays, last), rotated_about_y(c, s, between))
+    first, second = depths(a, column(t.rays, last), rotate_vector_about_y(c, s, between))
     # comparisons with NaN are false
     return (
         (root < 2) & (first > 0.0) & (second > 0.0),
-        scaled(first, ray) + combination(c, x, -s, z) + y + combination(s, x, c, z),
+        scale_vector(first, ray) + combination(c, x, -s, z) + y + combination(s, x, c, z),
     )
 
 
@@ -59,10 +67,10 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     between = difference(column(p, i[1]), origin)
     c1, s1, c2, s2 = rotations(between, a, b)
     c, s = (c1, s1) if root == 0 else (c2, s2)
-    first, second, pair = solved_pair(c, s, between, a, b, t.variance[j[0]], t.variance[j[1]])
+    first, second, pair = solve_pair(c, s, between, a, b, t.variance[j[0]], t.variance[j[1]])
     if not (root < 2 and first > 0.0 and second > 0.0):
         return False
-    if not (faces(c, s, column4(m, i[0]), a) and faces(c, s, column4(m, i[1]), b)):
+    if not (is_facing(c, s, column4(m, i[0]), a) and is_facing(c, s, column4(m, i[1]), b)):
         return False
     tilt = t.tilt_variance[0]
     for k in range(out.shape[1]):
@@ -76,5 +84,5 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
         out[3, k], out[4, k], out[5, k] = one
         out[6, k], out[7, k], out[8, k] = two
         out[9, k], out[10, k], out[11, k] = s11, s12, s22
-        out[12, k] = 1.0 if s11 + s22 < VAGUE2 and faces(c, s, column4(m, k), bearing) else 0.0
+        out[12, k] = 1.0 if s11 + s22 < VAGUE2 and is_facing(c, s, column4(m, k), bearing) else 0.0
     return True

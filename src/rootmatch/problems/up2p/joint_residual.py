@@ -12,31 +12,31 @@ from typing import Any
 import numpy as np
 
 from rootmatch.algebra.vector import (
-    added,
-    adjugate_of,
+    add_vectors,
     column,
     column4,
     cross,
     difference,
     dot,
-    rotated_about_y,
-    scaled,
+    rotate_vector_about_y,
+    scale_vector,
     slope_about_y,
+    symmetric_adjugate,
     symmetric_times,
 )
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE
-from rootmatch.problems.pairs import edge_of_pairs, root_of, slab_of_rows
+from rootmatch.problems.pairs import edge_kernel_of_pairs, root_kernel, slab_kernel_of_rows
 from rootmatch.problems.up2p.prediction import depths
-from rootmatch.problems.up2p.quadratic import faces, roots, sinusoid
+from rootmatch.problems.up2p.quadratic import is_facing, roots, sinusoid
 
 
 @scalar
-def at_root(c, s, facing, points, normal, a, b, va, vb, tilt):  # type: ignore[no-untyped-def]
+def root_state(c, s, facing, points, normal, a, b, va, vb, tilt):  # type: ignore[no-untyped-def]
     """Everything at one root of the first pair that does not depend on the third bearing."""
     # rotated differences p = RΔ01, q = RΔ02, r = RΔ12
-    p = rotated_about_y(c, s, difference(points[1], points[0]))
-    q = rotated_about_y(c, s, difference(points[2], points[0]))
+    p = rotate_vector_about_y(c, s, difference(points[1], points[0]))
+    q = rotate_vector_about_y(c, s, difference(points[2], points[0]))
     r = difference(q, p)
     u = cross(a, b)
     # f01 = u · p, f02 = u2 · (q × a), f12 = u2 · (r × b), and their slopes in θ
@@ -49,8 +49,8 @@ def at_root(c, s, facing, points, normal, a, b, va, vb, tilt):  # type: ignore[n
     tx, tz = turned[0], turned[2]
     w11 = va * dot(g, g) + vb * dot(h, h) + tilt * (tx * tx + tz * tz)
     depth0, depth1 = depths(a, b, p)
-    place = added(scaled(depth0, a), q)
-    in_view = faces(c, s, normal, scaled(1.0 / np.sqrt(dot(place, place)), place))
+    place = add_vectors(scale_vector(depth0, a), q)
+    in_view = is_facing(c, s, normal, scale_vector(1.0 / np.sqrt(dot(place, place)), place))
     front = facing and (depth0 > 0.0) and (depth1 > 0.0) and in_view
     products = (w11, -dot(k, l), dot(k, k), dot(l, l), tx, tz, dot(a, q), dot(b, r))
     return dot(u, p), dot(u, slope_about_y(p)), k, l, m, n, cross(q, g), cross(r, h), products, q, r, front, place
@@ -76,10 +76,10 @@ def system(root, a, b, va, vb, tilt, ray, v):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def joint_at(root, a, b, va, vb, tilt, ray, v):  # type: ignore[no-untyped-def]
+def joint_chi2_at_root(root, a, b, va, vb, tilt, ray, v):  # type: ignore[no-untyped-def]
     """χ² of both constraints at one root: Fᵀ W⁻¹ F less what a change of θ explains."""
     values, slopes, covariance, visible = system(root, a, b, va, vb, tilt, ray, v)
-    adjugate, determinant = adjugate_of(covariance)
+    adjugate, determinant = symmetric_adjugate(covariance)
     scaled_slopes = symmetric_times(adjugate, slopes)
     along = dot(values, scaled_slopes)
     total = dot(values, symmetric_times(adjugate, values))
@@ -88,7 +88,7 @@ def joint_at(root, a, b, va, vb, tilt, ray, v):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def normalised_at(root, a, b, va, vb, tilt, ray, v):  # type: ignore[no-untyped-def]
+def normalised_squared_at_root(root, a, b, va, vb, tilt, ray, v):  # type: ignore[no-untyped-def]
     """Square of the resultant of f01 and f02 over its variance, at one root."""
     (f1, f2, _), (g1, g2, _), (c11, c12, _, c22, _, _), _ = system(root, a, b, va, vb, tilt, ray, v)
     value = g1 * f2 - g2 * f1
@@ -98,8 +98,8 @@ def normalised_at(root, a, b, va, vb, tilt, ray, v):  # type: ignore[no-untyped-
 
 
 @scalar
-def both_roots(t, i0, i1, i2, j0, j1):  # type: ignore[no-untyped-def]
-    """`at_root` at the two roots of the pair (i0, j0), (i1, j1), with what `system` takes beside it."""
+def root_states(t, i0, i1, i2, j0, j1):  # type: ignore[no-untyped-def]
+    """`root_state` at the two roots of the pair (i0, j0), (i1, j1), with what `system` takes beside it."""
     u, m = t.rays, t.normals
     points = column(t.points, i0), column(t.points, i1), column(t.points, i2)
     a, b = column(u, j0), column(u, j1)
@@ -107,37 +107,37 @@ def both_roots(t, i0, i1, i2, j0, j1):  # type: ignore[no-untyped-def]
     va, vb, tilt = t.variance[j0], t.variance[j1], t.tilt_variance[0]
     alpha, beta, gamma = sinusoid(difference(points[1], points[0]), a, b)
     c1, s1, c2, s2 = roots(alpha, beta, gamma)
-    one = at_root(c1, s1, faces(c1, s1, m0, a) and faces(c1, s1, m1, b), points, m2, a, b, va, vb, tilt)
-    two = at_root(c2, s2, faces(c2, s2, m0, a) and faces(c2, s2, m1, b), points, m2, a, b, va, vb, tilt)
+    one = root_state(c1, s1, is_facing(c1, s1, m0, a) and is_facing(c1, s1, m1, b), points, m2, a, b, va, vb, tilt)
+    two = root_state(c2, s2, is_facing(c2, s2, m0, a) and is_facing(c2, s2, m1, b), points, m2, a, b, va, vb, tilt)
     return one, two, a, b, va, vb, tilt
 
 
-def squared_at_both_roots(value: Any) -> Any:
+def make_pair_kernel(value: Any) -> Any:
     """Kernel of one pair ``(t, i, j, order)``: the lesser square at the two roots of the pair's first equation."""
 
     @scalar
     def squared(t, i, j, order):  # type: ignore[no-untyped-def]
         first, second, third = order
-        one, two, a, b, va, vb, tilt = both_roots(t, i[first], i[second], i[third], j[first], j[second])
+        one, two, a, b, va, vb, tilt = root_states(t, i[first], i[second], i[third], j[first], j[second])
         ray, v = column(t.rays, j[third]), t.variance[j[third]]
         return min(value(one, a, b, va, vb, tilt, ray, v), value(two, a, b, va, vb, tilt, ray, v))
 
     return squared
 
 
-squared = edge_of_pairs(squared_at_both_roots(joint_at), 2)
-edge = root_of(squared)
+squared = edge_kernel_of_pairs(make_pair_kernel(joint_chi2_at_root), 2)
+edge = root_kernel(squared)
 
 
 @kernel
 def row(t, i, j, last, line):  # type: ignore[no-untyped-def]
     """Squares of the residuals of the first pair with a source point and every target point."""
-    one, two, a, b, va, vb, tilt = both_roots(t, i[0], i[1], last, j[0], j[1])
+    one, two, a, b, va, vb, tilt = root_states(t, i[0], i[1], last, j[0], j[1])
     x, y, z, v = t.rays[0], t.rays[1], t.rays[2], t.variance
     for k in range(line.shape[0]):
-        first = joint_at(one, a, b, va, vb, tilt, (x[k], y[k], z[k]), v[k])
-        second = joint_at(two, a, b, va, vb, tilt, (x[k], y[k], z[k]), v[k])
+        first = joint_chi2_at_root(one, a, b, va, vb, tilt, (x[k], y[k], z[k]), v[k])
+        second = joint_chi2_at_root(two, a, b, va, vb, tilt, (x[k], y[k], z[k]), v[k])
         line[k] = min(first, second)
 
 
-slab = slab_of_rows(row, squared)
+slab = slab_kernel_of_rows(row, squared)

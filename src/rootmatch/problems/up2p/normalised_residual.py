@@ -8,33 +8,33 @@ numbers, after which a root costs sixteen operations an image.
 from __future__ import annotations
 
 from rootmatch.algebra.vector import (
-    added,
+    add_vectors,
     column,
     combination,
     cross,
     difference,
     dot,
-    rotated_about_y,
-    scaled,
+    rotate_vector_about_y,
+    scale_vector,
     slope_about_y,
 )
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE
-from rootmatch.problems.pairs import edge_of_pairs, root_of, slab_of_rows
-from rootmatch.problems.up2p.joint_residual import normalised_at, squared_at_both_roots
+from rootmatch.problems.pairs import edge_kernel_of_pairs, root_kernel, slab_kernel_of_rows
+from rootmatch.problems.up2p.joint_residual import make_pair_kernel, normalised_squared_at_root
 from rootmatch.problems.up2p.quadratic import roots, sinusoid
 
-squared = edge_of_pairs(squared_at_both_roots(normalised_at), 2)
-edge = root_of(squared)
+squared = edge_kernel_of_pairs(make_pair_kernel(normalised_squared_at_root), 2)
+edge = root_kernel(squared)
 
 
 @scalar
-def forms_at(c, s, d, e, a, b, va, vb, tilt):  # type: ignore[no-untyped-def]
+def quadratic_forms(c, s, d, e, a, b, va, vb, tilt):  # type: ignore[no-untyped-def]
     """L, Q (xx, xy, xz, yy, yz, zz; off the diagonal twice) and c, for the differences d = 1 − 0 and e = 2 − 0.
 
     As `joint_residual.system`: with p and q these differences rotated, f₀₁ = (a × b) · p and f₀₂ = x · (q × a).
     """
-    p, q = rotated_about_y(c, s, d), rotated_about_y(c, s, e)
+    p, q = rotate_vector_about_y(c, s, d), rotate_vector_about_y(c, s, e)
     u = cross(a, b)
     f, g = dot(u, p), dot(u, slope_about_y(p))
     k, m = cross(q, a), cross(slope_about_y(q), a)
@@ -46,7 +46,7 @@ def forms_at(c, s, d, e, a, b, va, vb, tilt):  # type: ignore[no-untyped-def]
     aq = dot(a, q)
     X = (aq - a[0] * q[0], -a[0] * q[1], -a[0] * q[2])
     Z = (-a[2] * q[0], -a[2] * q[1], aq - a[2] * q[2])
-    along = added(scaled(va, cross(q, r)), scaled(tilt, combination(tx, X, tz, Z)))
+    along = add_vectors(scale_vector(va, cross(q, r)), scale_vector(tilt, combination(tx, X, tz, Z)))
     # g² var f₀₂ − 2 g m·x cov(f₀₁, f₀₂) + (m·x)² var f₀₁
     gg, qq = g * g, dot(q, q)
     n = combination(w11, m, -2.0 * g, along)
@@ -65,7 +65,7 @@ def forms_at(c, s, d, e, a, b, va, vb, tilt):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def ratio_of(forms, ray, v):  # type: ignore[no-untyped-def]
+def squared_ratio_of_forms(forms, ray, v):  # type: ignore[no-untyped-def]
     """Square of the resultant over its variance."""
     linear, (xx, xy, xz, yy, yz, zz), weight = forms
     x, y, z = ray
@@ -84,11 +84,11 @@ def row(t, i, j, last, line):  # type: ignore[no-untyped-def]
     va, vb, tilt = t.variance[j[0]], t.variance[j[1]], t.tilt_variance[0]
     alpha, beta, gamma = sinusoid(d, a, b)
     c1, s1, c2, s2 = roots(alpha, beta, gamma)
-    one, two = forms_at(c1, s1, d, e, a, b, va, vb, tilt), forms_at(c2, s2, d, e, a, b, va, vb, tilt)
+    one, two = quadratic_forms(c1, s1, d, e, a, b, va, vb, tilt), quadratic_forms(c2, s2, d, e, a, b, va, vb, tilt)
     x, y, z, v = u[0], u[1], u[2], t.variance
     for k in range(line.shape[0]):
         ray = x[k], y[k], z[k]
-        line[k] = min(ratio_of(one, ray, v[k]), ratio_of(two, ray, v[k]))
+        line[k] = min(squared_ratio_of_forms(one, ray, v[k]), squared_ratio_of_forms(two, ray, v[k]))
 
 
-slab = slab_of_rows(row, squared)
+slab = slab_kernel_of_rows(row, squared)

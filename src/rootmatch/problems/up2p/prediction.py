@@ -13,13 +13,13 @@ from __future__ import annotations
 import numpy as np
 
 from rootmatch.algebra.vector import (
-    added,
+    add_vectors,
     combination,
     cross,
     difference,
     dot,
-    rotated_about_y,
-    scaled,
+    rotate_vector_about_y,
+    scale_vector,
     slope_about_y,
     tangent_basis,
 )
@@ -52,7 +52,7 @@ def depths(a, b, p):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def solved_pair(c, s, d, a, b, va, vb):  # type: ignore[no-untyped-def]
+def solve_pair(c, s, d, a, b, va, vb):  # type: ignore[no-untyped-def]
     """A pair at one rotation: what the prediction of every other point takes from it.
 
     Parameters
@@ -71,7 +71,7 @@ def solved_pair(c, s, d, a, b, va, vb):  # type: ignore[no-untyped-def]
     state : tuple
         For `position`, `prediction` and `tilt_covariance`.
     """
-    p = rotated_about_y(c, s, d)
+    p = rotate_vector_about_y(c, s, d)
     first, second = depths(a, b, p)
     # first and last row of the adjugate of the matrix (a, −b, R'Δ)
     k, l = cross(slope_about_y(p), b), cross(b, a)  # noqa: E741
@@ -87,10 +87,10 @@ def solved_pair(c, s, d, a, b, va, vb):  # type: ignore[no-untyped-def]
 def position(state, e):  # type: ignore[no-untyped-def]
     """Bearing of a point that differs by e from the pair's first, the inverse of its distance, and e rotated."""
     c, s, a, _, first, _, _, _, _, _, _, _ = state
-    q = rotated_about_y(c, s, e)
-    place = added(scaled(first, a), q)
+    q = rotate_vector_about_y(c, s, e)
+    place = add_vectors(scale_vector(first, a), q)
     inverse = 1.0 / np.sqrt(dot(place, place))
-    return scaled(inverse, place), inverse, q
+    return scale_vector(inverse, place), inverse, q
 
 
 @scalar
@@ -123,8 +123,8 @@ def tilt_response(state, w, q, inverse, bearing):  # type: ignore[no-untyped-def
     """
     _, _, a, b, first, second, by_ka, k, l, _, _, _ = state  # noqa: E741
     g = combination(dot(w, a) * by_ka, k, dot(w, slope_about_y(q)) * by_ka, l)
-    u, v = cross(a, scaled(first * inverse, difference(w, g))), cross(b, scaled(second * inverse, g))
-    moved = difference(added(u, v), cross(bearing, w))
+    u, v = cross(a, scale_vector(first * inverse, difference(w, g))), cross(b, scale_vector(second * inverse, g))
+    moved = difference(add_vectors(u, v), cross(bearing, w))
     return moved[0], moved[2]
 
 

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
-from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vertical, warn_of_degrees
+from rootmatch.cameras.vertical import Vector, check_direction, rotation_to_vertical, warn_of_degrees
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.p3p import P3P
-from rootmatch.problems.points import PointSets, known_normals
+from rootmatch.problems.points import PointSets, normals_with_cosines
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Upright
@@ -82,8 +82,8 @@ class UP2P(Problem):
         check_camera(self.camera, rigs=True)
         self._take_dimensions(self.camera)
         self.__dict__.update(
-            vertical_camera=given_direction(self.vertical_camera, "vertical_camera", self.name),
-            vertical_world=given_direction(self.vertical_world, "vertical_world", self.name),
+            vertical_camera=check_direction(self.vertical_camera, "vertical_camera", self.name),
+            vertical_world=check_direction(self.vertical_world, "vertical_world", self.name),
         )
         if not (0.0 <= self.vertical_noise < 1.0):
             raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
@@ -119,7 +119,7 @@ class UP2P(Problem):
             rays=np.ascontiguousarray(rays.T),
             variance=self.camera.angular_noise(points.target, points.target_noise) ** 2,
             tilt_variance=np.array([float(self.vertical_noise) ** 2]),
-            normals=known_normals(points, world),
+            normals=normals_with_cosines(points, world),
         )
 
     def without_vertical(self, points: PointSets) -> Callable[[], Any] | None:

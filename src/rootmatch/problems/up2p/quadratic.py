@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.vector import cross, dot, rotated_about_y
+from rootmatch.algebra.vector import cross, dot, rotate_vector_about_y
 from rootmatch.jit.decorators import scalar
 
 
@@ -44,6 +44,6 @@ def roots(alpha, beta, gamma):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def faces(c, s, normal, ray):  # type: ignore[no-untyped-def]
+def is_facing(c, s, normal, ray):  # type: ignore[no-untyped-def]
     """Whether a normal, rotated about the vertical, is within its view angle for a unit bearing."""
-    return dot(rotated_about_y(c, s, normal), ray) + normal[3] <= 0.0
+    return dot(rotate_vector_about_y(c, s, normal), ray) + normal[3] <= 0.0

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vertical
+from rootmatch.cameras.vertical import Vector, check_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
-from rootmatch.problems.derived.measurements import Points, Uncalibrated, nested
+from rootmatch.problems.derived.measurements import Points, Uncalibrated, as_nested_tuples
 from rootmatch.problems.derived.problem import DerivedProblem
-from rootmatch.problems.derived.store import shipped
+from rootmatch.problems.derived.store import shipped_formulas
 from rootmatch.problems.derived.tables import DerivedTables
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
@@ -75,8 +75,8 @@ class UP2PF(Problem):
 
     def __post_init__(self) -> None:
         self.__dict__.update(
-            vertical_camera=given_direction(self.vertical_camera, "vertical_camera", self.name),
-            vertical_world=given_direction(self.vertical_world, "vertical_world", self.name),
+            vertical_camera=check_direction(self.vertical_camera, "vertical_camera", self.name),
+            vertical_world=check_direction(self.vertical_world, "vertical_world", self.name),
         )
         centre = np.asarray(self.centre, dtype=float)
         if centre.shape != (2,) or not np.all(np.isfinite(centre)):
@@ -95,9 +95,9 @@ class UP2PF(Problem):
             camera = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]) @ camera
         return DerivedProblem(
             self.name,
-            shipped("up2pf"),
+            shipped_formulas("up2pf"),
             Points(3),
-            Uncalibrated(self.centre, nested(camera)),
+            Uncalibrated(self.centre, as_nested_tuples(camera)),
         )
 
     def tables(self, points: PointSets) -> DerivedTables:
@@ -105,11 +105,11 @@ class UP2PF(Problem):
         # a common unit and origin keep polynomials of kilometres and of millimetres alike
         centred = points.source - points.source.mean(axis=0)
         centred /= np.sqrt((centred**2).mean())
-        return self.derived.tables(replace(points, source=self._rotated(centred)))
+        return self.derived.tables(replace(points, source=self._rotate_source(centred)))
 
     def at_focal_lengths(self, points: PointSets) -> Callable[[], list[Any]] | None:
         """See `Problem.at_focal_lengths`: those of `UP2P`, which takes no points that are all on one vertical line."""
-        turned = self._rotated(points.source - points.source.mean(axis=0))
+        turned = self._rotate_source(points.source - points.source.mean(axis=0))
         off_line = np.abs(turned[:, [0, 2]]).max() > 1e-8 * np.abs(turned).max()
         return partial(self._tables_at_focal_lengths, points) if off_line else None
 
@@ -145,9 +145,9 @@ class UP2PF(Problem):
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5) in x, θ counted from the optical axis, of minimal sets (E, 3, 3) and (E, 3, 2)."""
-        return self.derived.coefficients(self._rotated(source), target)
+        return self.derived.coefficients(self._rotate_source(source), target)
 
-    def _rotated(self, source: ArrayLike) -> Any:
+    def _rotate_source(self, source: ArrayLike) -> Any:
         points = np.asarray(source)
         if points.ndim < 2 or points.shape[-1] != 3 or points.dtype.kind not in "fiu":
             return source  # the checks further on say what is wrong

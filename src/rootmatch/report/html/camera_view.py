@@ -38,7 +38,7 @@ def camera_view(match: Match, pose: Pose) -> dict[str, Any]:
     distance = max(float(np.linalg.norm(middle - centre)), 1e-12)
     radius = float(np.linalg.norm(match.source - middle, axis=1).max())
     depth = max(NEAREST * distance, distance - NEARNESS * radius)
-    flat = _on_image(match, pose)
+    flat = _project_to_plane(match, pose)
     drawn: Bools = np.all(np.isfinite(flat), axis=1)
     corners = USUAL
     if drawn.any():
@@ -57,7 +57,7 @@ def camera_view(match: Match, pose: Pose) -> dict[str, Any]:
     return {"frustum": [centre.tolist(), *placed(corners)], "seen": seen, "distance": distance}
 
 
-def _on_image(match: Match, pose: Pose) -> Floats:
+def _project_to_plane(match: Match, pose: Pose) -> Floats:
     """Detections (m, 2) on the plane at depth 1; NaN where their rays miss it."""
     nowhere = np.full((len(match.target), 2), np.nan)
     camera = getattr(match.problem, "camera", None)

@@ -14,11 +14,11 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
-from rootmatch.io import finite
+from rootmatch.io import finite_or_none
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.report.drawn_poses import round_factor
 from rootmatch.report.html.camera_view import camera_view
-from rootmatch.report.text import joined_names, match_weights, point_names, summary, weight
+from rootmatch.report.text import describe_weight, join_names, match_weights, point_names, summarise_match
 
 if TYPE_CHECKING:
     from rootmatch.result import Match
@@ -42,15 +42,15 @@ def report_content(
 ) -> dict[str, Any]:
     """All that the page shows, as JSON can hold it; arguments as of `rootmatch.report.html.write_report`."""
     target_title = "Image" if _is_projection(match) else "Second image" if _is_two_images(match) else "Target"
-    target_side = _side(match.target, target_title, target_title != "Target")
+    target_side = _side_record(match.target, target_title, target_title != "Target")
     if photo is not None:
-        target_side["photo"], (width, height) = _embedded(photo)
+        target_side["photo"], (width, height) = _embed_photo(photo)
         target_side["photoSize"] = width, height
         left, top, right, bottom = target_side["extent"]
         target_side["extent"] = [min(left, -0.5), min(top, -0.5), max(right, width - 0.5), max(bottom, height - 0.5)]
     source_title = "Model" if _is_projection(match) else "First image" if _is_two_images(match) else "Source"
     names = point_names(source_names, len(match.source)), point_names(target_names, len(match.target))
-    views = _views(match, *names)
+    views = _list_views(match, *names)
     if truth is not None:
         for view in views:
             found = np.array(view["assignment"])
@@ -58,20 +58,20 @@ def report_content(
     return {
         "source": match.source.tolist(),
         "sourceNames": names[0],
-        "sourceSide": _side(match.source, source_title, _is_two_images(match)),
+        "sourceSide": _side_record(match.source, source_title, _is_two_images(match)),
         "target": match.target.tolist(),
         "targetNames": names[1],
         "targetSide": target_side,
         "status": match.status.name.lower(),
-        "summary": f"{match.status.name.lower()}: {summary(match)}",
+        "summary": f"{match.status.name.lower()}: {summarise_match(match)}",
         "advice": match.advice.partition(": ")[2] or match.advice,
         "views": views,
         "truth": None if truth is None else truth.tolist(),
-        "scale": _scale(views[0], match.target),
+        "scale": _residual_scale(views[0], match.target),
     }
 
 
-def facts(match: Match) -> list[tuple[str, str]]:
+def list_facts(match: Match) -> list[tuple[str, str]]:
     """Settings, effort and versions, one per line."""
     options = match.task.options
     noise = match.noise
@@ -83,10 +83,10 @@ def facts(match: Match) -> list[tuple[str, str]]:
         "Hyper-edges evaluated": f"{match.evaluated:,}",
         "Hyper-edges kept": f"{len(match.tensor.weights):,}",
         "Solver": "stopped by its own criterion" if match.converged else "stopped at a limit",
-        "Evidence and margin": f"{weight(match)}, {match.margin:.3f}",
+        "Evidence and margin": f"{describe_weight(match)}, {match.margin:.3f}",
         "Seconds": f"{match.seconds:.3g}",
         "Seed": str(options.seed),
-        "Options": ", ".join(f"{name}={value!r}" for name, value in _chosen(options).items()) or "defaults",
+        "Options": ", ".join(f"{name}={value!r}" for name, value in _changed_options(options).items()) or "defaults",
         "Versions": ", ".join(
             [
                 *(f"{name} {version(name)}" for name in ("rootmatch", "numpy", "numba")),
@@ -97,7 +97,7 @@ def facts(match: Match) -> list[tuple[str, str]]:
     return list(used.items())
 
 
-def _chosen(options: Any) -> dict[str, Any]:
+def _changed_options(options: Any) -> dict[str, Any]:
     """Options of a match that are not the defaults."""
     default = type(options)()
     return {
@@ -108,26 +108,26 @@ def _chosen(options: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _views(match: Match, source_names: Sequence[str], target_names: Sequence[str]) -> list[dict[str, Any]]:
+def _list_views(match: Match, source_names: Sequence[str], target_names: Sequence[str]) -> list[dict[str, Any]]:
     """The best assignment, its other poses, and the most probable alternatives."""
     fits = match.problem.least_for_pose > 0
-    views = [_view(match, match.assignment, match.poses if fits else [], "best", probability=match.probability)]
+    views = [_view_record(match, match.assignment, match.poses if fits else [], "best", probability=match.probability)]
     for rank, (pose, likely) in enumerate(match.other_poses, start=1):
         shown, title = "Differs in its pose alone", f"other pose {rank}"
-        views.append(_view(match, match.assignment, [pose], title, probability=likely, differs=shown))
+        views.append(_view_record(match, match.assignment, [pose], title, probability=likely, differs=shown))
     poses = match.alternative_poses if fits else [[]] * len(match.alternatives)
-    chances = None if match.bodies else match.finding.every_other_probability
+    chances = None if match.bodies else match.finding.alternative_probabilities
     unknown = [None] * len(poses)
     alternatives = list(zip(match.alternatives, poses, unknown if chances is None else chances, strict=True))
     for rank, ((other, score), fitted, chance) in enumerate(alternatives[:ALTERNATIVES], start=1):
-        differs = _difference(other, match.assignment, source_names, target_names)
+        differs = _describe_difference(other, match.assignment, source_names, target_names)
         known = "" if score is None or match.score is None else f"Score {score:.4g} instead of {match.score:.4g}. "
         shown, title = f"{known}Differs in: {differs}", f"alternative {rank}"
-        views.append(_view(match, other, fitted, title, probability=chance, differs=shown))
+        views.append(_view_record(match, other, fitted, title, probability=chance, differs=shown))
     return views
 
 
-def _view(
+def _view_record(
     match: Match,
     assignment: Integers,
     poses: Sequence[Pose | None],
@@ -157,17 +157,19 @@ def _view(
     confidence = getattr(match, "confidence", None)
     return {
         "title": title,
-        "probability": finite(probability),
+        "probability": finite_or_none(probability),
         "differs": differs,
         "assignment": assignment.tolist(),
         "motions": motions.tolist(),
         "weights": np.nan_to_num(weights / max(float(weights.max(initial=0.0)), 1e-300)).tolist(),
-        "confidence": None if confidence is None or title != "best" else [finite(float(value)) for value in confidence],
+        "confidence": None
+        if confidence is None or title != "best"
+        else [finite_or_none(float(value)) for value in confidence],
         "residuals": residuals,
         "predicted": predicted,
         "dimensions": 1 if _is_two_images(match) else match.target.shape[1],
-        "fit": _fit(poses),
-        "poses": [None if pose is None else _pose(match, pose, label) for label, pose in enumerate(poses)],
+        "fit": _fit_summary(poses),
+        "poses": [None if pose is None else _html_pose_record(match, pose, label) for label, pose in enumerate(poses)],
     }
 
 
@@ -193,7 +195,7 @@ def _predict_unmatched(match: Match, pose: Pose, assignment: Integers, predicted
         predicted[point] = pixel
 
 
-def _fit(poses: Sequence[Pose | None]) -> str:
+def _fit_summary(poses: Sequence[Pose | None]) -> str:
     """χ² of the fits and how often chance alone exceeds it."""
     from scipy.stats import chi2 as distribution  # slow to import
 
@@ -210,7 +212,7 @@ def _fit(poses: Sequence[Pose | None]) -> str:
     return " ".join([*parts, "Dashed: where the noise stated would put the points."])
 
 
-def _pose(match: Match, pose: Pose, label: int) -> dict[str, Any]:
+def _html_pose_record(match: Match, pose: Pose, label: int) -> dict[str, Any]:
     """A pose as text, and its camera in the frame of the points."""
     lines = [f"motion {label}" if match.motion_labels.max(initial=0) > 0 else "pose"]
     lines = lines if match.bodies is None else [f"body {list(match.bodies)[label]}"]
@@ -242,7 +244,7 @@ def _is_two_images(match: Match) -> bool:
     return bool(match.source.shape[1] == 2 and match.problem.name not in ("similarity", "rigid"))
 
 
-def _side(points: Floats, title: str, image: bool) -> dict[str, Any]:
+def _side_record(points: Floats, title: str, image: bool) -> dict[str, Any]:
     """How a point set is drawn."""
     side: dict[str, Any] = {"title": title, "dimension": points.shape[1], "image": image, "note": ""}
     if points.shape[1] == 3:
@@ -254,7 +256,7 @@ def _side(points: Floats, title: str, image: bool) -> dict[str, Any]:
     return side
 
 
-def _embedded(photo: Path) -> tuple[str, tuple[int, int]]:
+def _embed_photo(photo: Path) -> tuple[str, tuple[int, int]]:
     """A photograph as a data address, and its width and height in pixels."""
     from PIL import Image, UnidentifiedImageError
 
@@ -270,7 +272,7 @@ def _embedded(photo: Path) -> tuple[str, tuple[int, int]]:
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}", size
 
 
-def _scale(view: dict[str, Any], target: Floats) -> int:
+def _residual_scale(view: dict[str, Any], target: Floats) -> int:
     """Factor by which residuals are drawn longer than they are: 1, 2, 5, 10 and so on."""
     lengths = [
         math.dist(where, target[j])
@@ -282,6 +284,6 @@ def _scale(view: dict[str, Any], target: Floats) -> int:
     return int(round_factor(min(ratio, 1e6)))
 
 
-def _difference(other: Integers, best: Integers, source: Sequence[str], target: Sequence[str]) -> str:
+def _describe_difference(other: Integers, best: Integers, source: Sequence[str], target: Sequence[str]) -> str:
     changed = np.flatnonzero(other != best).tolist()
-    return joined_names([f"{source[i]} → {target[other[i]] if other[i] >= 0 else 'unmatched'}" for i in changed]) + "."
+    return join_names([f"{source[i]} → {target[other[i]] if other[i] >= 0 else 'unmatched'}" for i in changed]) + "."

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.errors import InputError, RootmatchError, quoted
-from rootmatch.io import check_output, sent_through, written_whole
-from rootmatch.report.html.content import facts, report_content
+from rootmatch.errors import InputError, RootmatchError, quote_value
+from rootmatch.io import check_output, is_written_through, write_atomically
+from rootmatch.report.html.content import list_facts, report_content
 
 if TYPE_CHECKING:
     from rootmatch.result import Match
@@ -31,9 +31,9 @@ def check_report(path: Path) -> None:
     RootmatchError
         If the extra ``report`` is not installed.
     """
-    if path.suffix.lower() not in SUFFIXES and not sent_through(path):
+    if path.suffix.lower() not in SUFFIXES and not is_written_through(path):
         raise InputError(f"report {path}: a report is a page for the browser; give a name that ends in .html")
-    _libraries()
+    _load_libraries()
 
 
 def write_report(
@@ -66,7 +66,7 @@ def write_report(
         if given is not None and len(given) != count:
             raise InputError(f"{name}: {len(given)} given; give the names of all {count} points")
     file = Path(path)
-    known = None if truth is None else _checked_truth(match, truth)
+    known = None if truth is None else _check_truth(match, truth)
     check_report(file)
     check_output(file, "report")
     content = report_content(
@@ -76,28 +76,28 @@ def write_report(
         truth=known,
         photo=None if photo is None else Path(photo),
     )
-    page = _page(content, facts(match), title)
-    with written_whole(file) as temporary:
+    page = _render_page(content, list_facts(match), title)
+    with write_atomically(file) as temporary:
         # a title from the name of a file may hold what is no character
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
-def _checked_truth(match: Match, truth: ArrayLike) -> NDArray[np.int64]:
+def _check_truth(match: Match, truth: ArrayLike) -> NDArray[np.int64]:
     """The true assignment as whole numbers."""
     expected = f"give the index of the target point for each of {len(match.source)} source points, −1 for none"
     try:
         given = np.asarray(truth)
     except ValueError:
-        raise InputError(f"truth: {quoted(truth)} given; {expected}") from None
+        raise InputError(f"truth: {quote_value(truth)} given; {expected}") from None
     if given.shape != match.assignment.shape or given.dtype.kind not in "iu":
-        raise InputError(f"truth: {quoted(truth)} given; {expected}")
+        raise InputError(f"truth: {quote_value(truth)} given; {expected}")
     if given.size and (given.min() < -1 or given.max() >= len(match.target)):
         raise InputError(f"truth: an index beyond the {len(match.target)} target points; {expected}")
     return given.astype(np.int64)
 
 
-def _page(content: dict[str, Any], known: Sequence[tuple[str, str]], title: str) -> str:
-    environment, plotly = _libraries()
+def _render_page(content: dict[str, Any], known: Sequence[tuple[str, str]], title: str) -> str:
+    environment, plotly = _load_libraries()
     here = files("rootmatch.report.html")
     template = environment.from_string(here.joinpath("page.html.jinja").read_text(encoding="utf-8"))
     # within <script> only "<" could end the element or begin a comment
@@ -113,7 +113,7 @@ def _page(content: dict[str, Any], known: Sequence[tuple[str, str]], title: str)
     return text
 
 
-def _libraries() -> tuple[Any, str]:
+def _load_libraries() -> tuple[Any, str]:
     """Jinja's environment, which escapes what it is given, and the source of plotly.js."""
     try:
         from jinja2 import Environment

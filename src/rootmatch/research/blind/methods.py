@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from rootmatch.algebra.rotation import random_rotation
 from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
-from rootmatch.research.blind.scenes import BlindScene, projected
+from rootmatch.research.blind.scenes import BlindScene, project_points
 from rootmatch.research.blind.softposit import softposit
 
 GATE = 3.0
@@ -45,7 +45,7 @@ Method = Callable[[BlindScene, float], Answer]
 """From a scene and the seconds of processor time that are allowed."""
 
 
-def by_rootmatch(scene: BlindScene, seconds: float) -> Answer:
+def solve_by_rootmatch(scene: BlindScene, seconds: float) -> Answer:
     """Match with the camera and the noise, as any user would."""
     from rootmatch.api import match
     from rootmatch.cameras.pinhole import Camera
@@ -57,12 +57,12 @@ def by_rootmatch(scene: BlindScene, seconds: float) -> Answer:
     return Answer(None if pose is None else (pose.R, pose.t), bool(found))
 
 
-def by_icp(scene: BlindScene, seconds: float) -> Answer:
+def solve_by_icp(scene: BlindScene, seconds: float) -> Answer:
     """Nearest neighbours and a pose in turn, from many rotations."""
-    return _best(scene, (_descended(scene, *start) for start in _starts(scene)), seconds)
+    return _best(scene, (_descend_icp(scene, *start) for start in _starts(scene)), seconds)
 
 
-def by_softposit(scene: BlindScene, seconds: float) -> Answer:
+def solve_by_softposit(scene: BlindScene, seconds: float) -> Answer:
     """SoftPOSIT from many rotations, each result refined as those of ICP."""
     image, focal = scene.target - scene.K[:2, 2], float(scene.K[0, 0])
 
@@ -70,12 +70,12 @@ def by_softposit(scene: BlindScene, seconds: float) -> Answer:
         for R, t in _starts(scene):
             R, t = softposit(scene.source, image, focal, scene.noise, start=(R, t))
             if t[2] > 0.0 and np.isfinite(t).all():
-                yield _descended(scene, R, t, gate=10.0 * GATE * scene.noise)
+                yield _descend_icp(scene, R, t, gate=10.0 * GATE * scene.noise)
 
     return _best(scene, poses(), seconds)
 
 
-def by_opencv(scene: BlindScene, seconds: float) -> Answer:
+def solve_by_opencv(scene: BlindScene, seconds: float) -> Answer:
     """`cv2.solvePnPRansac` fed all pairs."""
     import cv2
 
@@ -88,7 +88,7 @@ def by_opencv(scene: BlindScene, seconds: float) -> Answer:
     return Answer(pose, bool(found))
 
 
-def by_poselib(scene: BlindScene, seconds: float) -> Answer:
+def solve_by_poselib(scene: BlindScene, seconds: float) -> Answer:
     """`poselib.estimate_absolute_pose` fed all pairs."""
     import poselib
 
@@ -100,7 +100,7 @@ def by_poselib(scene: BlindScene, seconds: float) -> Answer:
     return Answer((np.array(pose.R), np.array(pose.t)), True)
 
 
-def by_peer(path: Path) -> Method:
+def load_peer(path: Path) -> Method:
     """The function ``ransac_match(points, pixels, K, tolerance, max_seconds, seed)`` of another program's file.
 
     It returns an assignment, a pose (R, t) and the number of inliers.
@@ -126,13 +126,13 @@ def by_peer(path: Path) -> Method:
 
 def methods(peer: Path | None = None) -> dict[str, Method]:
     """All methods that can be run here, by name."""
-    found: dict[str, Method] = {"rootmatch": by_rootmatch, "SoftPOSIT": by_softposit, "ICP": by_icp}
+    found: dict[str, Method] = {"rootmatch": solve_by_rootmatch, "SoftPOSIT": solve_by_softposit, "ICP": solve_by_icp}
     if find_spec("cv2") is not None:
-        found["solvePnPRansac, all pairs"] = by_opencv
+        found["solvePnPRansac, all pairs"] = solve_by_opencv
     if find_spec("poselib") is not None:
-        found["PoseLib, all pairs"] = by_poselib
+        found["PoseLib, all pairs"] = solve_by_poselib
     if peer is not None:
-        found["brute force"] = by_peer(peer)
+        found["brute force"] = load_peer(peer)
     return found
 
 
@@ -164,7 +164,7 @@ def _best(scene: BlindScene, poses: Iterator[tuple[Floats, Floats]], seconds: fl
     """The pose with the most support, of those that come in time."""
     ends, best, most = time.process_time() + seconds, None, 0
     for R, t in poses:
-        support = len(_paired(scene, R, t, GATE * scene.noise)[0])
+        support = len(_mutual_nearest_pairs(scene, R, t, GATE * scene.noise)[0])
         if support > most:
             best, most = (R, t), support
         if time.process_time() > ends or most >= ENOUGH * min(len(scene.source), len(scene.target)):
@@ -172,30 +172,30 @@ def _best(scene: BlindScene, poses: Iterator[tuple[Floats, Floats]], seconds: fl
     return Answer(best, best is not None)
 
 
-def _paired(scene: BlindScene, R: Floats, t: Floats, gate: float) -> tuple[Integers, Integers]:
+def _mutual_nearest_pairs(scene: BlindScene, R: Floats, t: Floats, gate: float) -> tuple[Integers, Integers]:
     """Points and detections that are each other's nearest, within a gate in pixels."""
     if (scene.source @ R[2] + t[2]).min() <= 0.0:
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    image = projected(scene.K, R, t, scene.source)
+    image = project_points(scene.K, R, t, scene.source)
     distance, nearest = cKDTree(image).query(scene.target)
     _, back = cKDTree(scene.target).query(image)
     j = np.flatnonzero((back[nearest] == np.arange(len(scene.target))) & (distance < gate))
     return nearest[j].astype(np.int64), j
 
 
-def _descended(scene: BlindScene, R: Floats, t: Floats, gate: float = np.inf) -> tuple[Floats, Floats]:
+def _descend_icp(scene: BlindScene, R: Floats, t: Floats, gate: float = np.inf) -> tuple[Floats, Floats]:
     """Mutual nearest neighbours and a Gauss-Newton step in turn, until the pairs stay the same; the gate shrinks."""
     before: Any = None
     for _ in range(30):
-        i, j = _paired(scene, R, t, max(gate, GATE * scene.noise))
+        i, j = _mutual_nearest_pairs(scene, R, t, max(gate, GATE * scene.noise))
         if len(i) < 4 or (before is not None and np.array_equal(before[0], i) and np.array_equal(before[1], j)):
             break
         before, gate = (i, j), 0.7 * gate
-        R, t = _stepped(scene, R, t, i, j)
+        R, t = _gauss_newton_step(scene, R, t, i, j)
     return R, t
 
 
-def _stepped(scene: BlindScene, R: Floats, t: Floats, i: Integers, j: Integers) -> tuple[Floats, Floats]:
+def _gauss_newton_step(scene: BlindScene, R: Floats, t: Floats, i: Integers, j: Integers) -> tuple[Floats, Floats]:
     """One damped Gauss-Newton step of the reprojection error of pairs."""
     x, y, z = (scene.source[i] @ R.T + t).T
     fx, fy = scene.K[0, 0], scene.K[1, 1]

@@ -14,7 +14,7 @@ from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
 from rootmatch.io import write_table
 from rootmatch.research.blind.methods import Answer, Method, methods
-from rootmatch.research.blind.scenes import BlindScene, outlier_scene, real_scenes, simulated
+from rootmatch.research.blind.scenes import BlindScene, outlier_scene, real_scenes, simulated_scenes
 from rootmatch.research.output_files import make_folder
 from rootmatch.research.real.leaderboard import Fields, append_row, read_rows
 
@@ -60,7 +60,7 @@ def run_blind(
     data : path, optional
         Folder of the measured targets; without it the real protocol is left out.
     peer : path, optional
-        A Python file with a further method (`rootmatch.research.blind.methods.by_peer`).
+        A Python file with a further method (`rootmatch.research.blind.methods.load_peer`).
     only : list of str, optional
         Of ``"outliers"``, ``"surface"``, ``"real"``.
     only_methods : list of str, optional
@@ -98,7 +98,7 @@ def run_blind(
     if tiny:
         to_run = [outlier_scene(0.0, 0.0, first_seed)]
     else:
-        to_run = list(simulated(seeds, chosen))
+        to_run = list(simulated_scenes(seeds, chosen))
         if "real" in chosen and data is not None:
             to_run += real_scenes(data, scenes)
     make_folder(output)
@@ -132,13 +132,15 @@ def _measure(
                 started = time.process_time()
                 answer = method(scene, seconds)
                 took = time.process_time() - started
-                append_row(path, {"scene": label, "row": scene.name, "method": name, **judged(scene, answer, took)})
+                append_row(
+                    path, {"scene": label, "row": scene.name, "method": name, **judge_answer(scene, answer, took)}
+                )
             done += 1
             if progress is not None:
                 progress(done, total)
 
 
-def judged(scene: BlindScene, answer: Answer, seconds: float) -> dict[str, Any]:
+def judge_answer(scene: BlindScene, answer: Answer, seconds: float) -> dict[str, Any]:
     """The errors of an answer and whether it is right."""
     angle, shift = np.pi, np.inf
     if answer.pose is not None and all(np.isfinite(part).all() for part in answer.pose):

@@ -57,7 +57,7 @@ def intrinsics(focal: float = FOCAL) -> Floats:
     return np.array([[focal, 0.0, WIDTH / 2.0], [0.0, focal, HEIGHT / 2.0], [0.0, 0.0, 1.0]])
 
 
-def projected(K: Floats, R: Floats, t: Floats, points: Floats) -> Floats:
+def project_points(K: Floats, R: Floats, t: Floats, points: Floats) -> Floats:
     """Pixels (n, 2) of points (n, 3)."""
     image = (points @ R.T + t) @ K.T
     return np.asarray(image[:, :2] / image[:, 2:])
@@ -68,7 +68,7 @@ def _pose(points: Floats, K: Floats, rng: np.random.Generator) -> tuple[Floats, 
     while True:
         R = random_rotation(rng)
         t = np.array([*rng.uniform(-1.0, 1.0, 2), rng.uniform(NEAREST, FARTHEST)])
-        image = projected(K, R, t, points)
+        image = project_points(K, R, t, points)
         if np.all((image > 0.0) & (image < (WIDTH, HEIGHT))):
             return R, t
 
@@ -77,7 +77,7 @@ def _scene(name: str, seed: int, points: Floats, *, seen: int, clutter: int, rng
     """The first points are seen, with noise; all is shuffled."""
     K = intrinsics()
     R, t = _pose(points, K, rng)
-    image = projected(K, R, t, points[:seen]) + NOISE * rng.standard_normal((seen, 2))
+    image = project_points(K, R, t, points[:seen]) + NOISE * rng.standard_normal((seen, 2))
     target = np.concatenate([image, rng.uniform((0.0, 0.0), (WIDTH, HEIGHT), (clutter, 2))])
     source, target = rng.permutation(points), rng.permutation(target)
     return BlindScene(name=name, seed=seed, source=source, target=target, noise=NOISE, K=K, R=R, t=t)
@@ -104,7 +104,7 @@ def surface_scene(count: int, clutter: float, seed: int) -> BlindScene:
     return _scene(f"surface, {count} points, 2D {clutter:g}", seed, points, seen=count, clutter=false, rng=rng)
 
 
-def simulated(seeds: range, protocols: tuple[str, ...] = ("outliers", "surface")) -> Iterator[BlindScene]:
+def simulated_scenes(seeds: range, protocols: tuple[str, ...] = ("outliers", "surface")) -> Iterator[BlindScene]:
     """All simulated scenes of these seeds, row after row."""
     if "outliers" in protocols:
         yield from (outlier_scene(*row, seed) for row in OUTLIERS for seed in seeds)
@@ -119,7 +119,7 @@ def real_scenes(folder: Path, count: int) -> Iterator[BlindScene]:
     """
     from rootmatch.problems.p3p import P3P
     from rootmatch.problems.points import PointSets
-    from rootmatch.research.real.methods import problem_of
+    from rootmatch.research.real.methods import make_problem
     from rootmatch.research.real.scenes import all_scenes, protocols
 
     there = [protocol.name for protocol in protocols() if (folder / f"{protocol.file}.npz").is_file()]
@@ -131,7 +131,7 @@ def real_scenes(folder: Path, count: int) -> Iterator[BlindScene]:
             continue
         taken[scene.protocol] += 1
         source, target = (np.array(scene.request[name], dtype=float) for name in ("source", "target"))
-        camera, noise = problem_of(scene.request).camera, float(scene.request["noise"])
+        camera, noise = make_problem(scene.request).camera, float(scene.request["noise"])
         given = scene.request["camera"]
         K = np.array([[given["fx"], 0.0, given["cx"]], [0.0, given["fy"], given["cy"]], [0.0, 0.0, 1.0]])
         rays = camera.bearings(target)

@@ -38,7 +38,7 @@ def softposit(
     homogeneous = np.column_stack([points, np.ones(len(points))])
     x = image / focal
     reach = 9.21 * noise**2 + 1.0  # squared distance at which a pair and no pair are equally good
-    first, second, w = _scaled(R, t, points)
+    first, second, w = _scaled_rows(R, t, points)
     beta = FIRST_BETA
     while beta < LAST_BETA:
         u, v = homogeneous @ first, homogeneous @ second
@@ -52,18 +52,18 @@ def softposit(
         second = np.linalg.solve(moments, homogeneous.T @ (w * (x[:, 1] @ pairs)))
         if not min(np.linalg.norm(first[:3]), np.linalg.norm(second[:3])) > 0.0:
             break  # the detections that are left are all at the principal point: the body is infinitely far
-        R, t = _unscaled(first, second)
-        first, second, w = _scaled(R, t, points)
+        R, t = _pose_of_rows(first, second)
+        first, second, w = _scaled_rows(R, t, points)
         beta *= GROWTH
     return R, t
 
 
-def _scaled(R: Floats, t: Floats, points: Floats) -> tuple[Floats, Floats, Floats]:
+def _scaled_rows(R: Floats, t: Floats, points: Floats) -> tuple[Floats, Floats, Floats]:
     """The two rows of the scaled orthographic pose, and how each point's depth departs from that of the origin."""
     return np.append(R[0], t[0]) / t[2], np.append(R[1], t[1]) / t[2], points @ R[2] / t[2] + 1.0
 
 
-def _unscaled(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+def _pose_of_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """The nearest rotation and the translation of two rows."""
     scale = np.sqrt(np.linalg.norm(first[:3]) * np.linalg.norm(second[:3]))
     left, _, right = np.linalg.svd(np.stack([first[:3], second[:3]]), full_matrices=False)

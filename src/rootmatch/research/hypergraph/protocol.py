@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, most_alike
+from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, nearest_triangles
 from rootmatch.research.paper.settings import Setting
 
 DEFORMATION, OUTLIERS = "deformation", "outliers"
@@ -42,7 +42,7 @@ def instance(setting: Setting, seed: int) -> Instance:
     return Instance(source, target, np.argsort(order)[:n])
 
 
-def tensor_of(points: Instance, seed: int) -> AffinityTensor:
+def protocol_tensor(points: Instance, seed: int) -> AffinityTensor:
     """Hyper-edges of order 3 between triangles with alike angles.
 
     n·n' random source triangles are drawn, each possibly several times; of all triangles of the target, in all orders,
@@ -63,7 +63,9 @@ def tensor_of(points: Instance, seed: int) -> AffinityTensor:
     of_target, target_sines = all_triangles(points.target)
     norm = np.linalg.norm(target_sines, axis=1)
     ascending = np.argsort(norm)
-    triangle, order, distance = most_alike(sines[row[tuple(chosen.T)]], target_sines[ascending], norm[ascending], count)
+    triangle, order, distance = nearest_triangles(
+        sines[row[tuple(chosen.T)]], target_sines[ascending], norm[ascending], count
+    )
     found = np.take_along_axis(of_target[ascending[triangle]], ORDERS[order], axis=-1)
     indices = (chosen[:, None, :] * n_target + found).reshape(-1, 3).astype(np.int32)
     mean = float(np.average(distance.mean(axis=1), weights=times))

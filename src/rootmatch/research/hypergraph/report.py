@@ -61,7 +61,7 @@ def _title(protocol: str) -> tuple[str, str]:
     return f"outliers, n = {POINTS[protocol]}, σ = 0.01", "outliers"
 
 
-def markdown(results: Results) -> str:
+def results_markdown(results: Results) -> str:
     """Mean accuracies, the published ones in brackets, and times."""
     lines = []
     for protocol, settings in results.settings.items():
@@ -85,7 +85,7 @@ def markdown(results: Results) -> str:
     return "\n".join(["# Public protocols of hypergraph matching", "", note, "", *lines])
 
 
-def numbers(results: Results) -> str:
+def results_csv(results: Results) -> str:
     """All cells as CSV text: mean accuracy with its 95 % bootstrap interval, and the published one."""
     header = ("protocol", "points", "outliers", "noise", "solver", "instances", "accuracy", "low", "high", "published")
     rows = []
@@ -138,5 +138,5 @@ def draw(results: Results) -> Figure:
 
 def write(results: Results, output: Path) -> tuple[Path, ...]:
     """Write table, numbers and figure; a file that is being replaced stays whole until the new one is."""
-    texts = [("hypergraph.md", markdown(results).encode()), ("hypergraph.csv", numbers(results).encode())]
+    texts = [("hypergraph.md", results_markdown(results).encode()), ("hypergraph.csv", results_csv(results).encode())]
     return write_files(output, [*texts, *figure_files("hypergraph", draw(results))])

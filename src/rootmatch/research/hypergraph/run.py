@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.jit.threads import one_thread
-from rootmatch.research.hypergraph.protocol import DEFORMATION, SETTINGS, instance, tensor_of
+from rootmatch.jit.threads import use_one_thread
+from rootmatch.research.hypergraph.protocol import DEFORMATION, SETTINGS, instance, protocol_tensor
 from rootmatch.research.hypergraph.report import Results, write
 from rootmatch.research.paper.settings import Method, Setting
 from rootmatch.research.paper.work_unit import Unit
@@ -43,7 +43,7 @@ SOLVERS: dict[str, Solver] = {
 """All solvers by their names in `rootmatch.solvers.SOLVERS`, on the same tensors, without alternatives."""
 
 
-def plan_of(settings: dict[str, tuple[Setting, ...]]) -> Plan:
+def make_plan(settings: dict[str, tuple[Setting, ...]]) -> Plan:
     """Every solver on every setting."""
     return {
         setting: tuple((Method("sines", name, 1.0), (_triangles(setting),)) for name in SOLVERS)
@@ -61,10 +61,10 @@ def _triangles(setting: Setting) -> int:
 def evaluate(unit: Unit) -> list[Row]:
     """Rows of one seed: a tensor for each setting, all solvers on it, one thread."""
     rows = []
-    with one_thread():
+    with use_one_thread():
         for task in unit.tasks:
             points = instance(task.setting, unit.seed)
-            tensor = tensor_of(points, unit.seed)
+            tensor = protocol_tensor(points, unit.seed)
             for method, (size,) in task.methods:
                 found = SOLVERS[method.solver](tensor, seed=unit.seed)
                 accuracy = float(np.mean(found.assignment == points.truth))
@@ -78,9 +78,9 @@ def milliseconds() -> dict[str, float]:
     The shortest, as other programs can only lengthen a call; each solver is called once before, which compiles it.
     """
     setting = Setting(DEFORMATION, 0, TIMED_NOISE)
-    tensors = [tensor_of(instance(setting, seed), seed) for seed in range(TIMED_INSTANCES)]
+    tensors = [protocol_tensor(instance(setting, seed), seed) for seed in range(TIMED_INSTANCES)]
     found = {}
-    with one_thread():
+    with use_one_thread():
         for name, solver in SOLVERS.items():
             solver(tensors[0], seed=0)
             shortest = [
@@ -124,7 +124,7 @@ def reproduce(
         )
     check_jobs(jobs)
     seeds = range(seed, seed + instances)
-    plan = plan_of(settings)
+    plan = make_plan(settings)
     with Store(output / STORE_NAME) as store:
         title = f"hypergraph protocols: {instances} instances"
         complete(title, plan, seeds, store, jobs=jobs, scheduler=scheduler, progress=progress, function=evaluate)

@@ -40,7 +40,7 @@ def all_triangles(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     return index, sines
 
 
-def most_alike(
+def nearest_triangles(
     asked: NDArray[Any], sines: NDArray[Any], norm: NDArray[Any], count: int
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """The triangles, in any order of their points, whose sines are nearest to each of those asked for.
@@ -77,7 +77,7 @@ def most_alike(
             high = int(norm.searchsorted(length + radius, side="right"))
             if 6 * (high - low) >= code.size:
                 code, square = np.empty(12 * (high - low) + 6, np.int64), np.empty(12 * (high - low) + 6)
-            found = _near(sought, sines, np.array([low, high]), radius * radius, code, square)
+            found = _find_near(sought, sines, np.array([low, high]), radius * radius, code, square)
             if found >= count:
                 break
             radius *= 1.4
@@ -94,7 +94,7 @@ def most_alike(
 
 
 @driver(error_model="numpy")
-def _near(
+def _find_near(
     asked: NDArray[Any], sines: NDArray[Any], rows: Integers, limit: float, code: Integers, square: NDArray[Any]
 ) -> int:
     """How many of the orders of triangles rows[0] … rows[1] − 1 are within √limit: 6 · row + order, and the square."""

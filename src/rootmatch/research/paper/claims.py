@@ -52,7 +52,7 @@ CLAIMS: tuple[Claim, ...] = (
         f"For each problem, a ρ of its own, one with noise and one without, gains at most {100 * EQUAL:g} points on "
         "average over its settings.",
         PROBLEMS,
-        judges.one_rho_serves_all,
+        judges.judge_one_rho,
         any_problem=True,
         variants=("published", "balanced"),
         ours=_EQUAL,
@@ -63,7 +63,7 @@ CLAIMS: tuple[Claim, ...] = (
         f"In each panel without outliers, at the sample size at which residuals are compared, the interval of the "
         f"paired difference lies within ±{100 * EQUAL:g} points.",
         PROBLEMS,
-        judges.qr_is_svd,
+        judges.judge_qr_equals_svd,
         any_problem=True,
         variants=("published", "balanced"),
         ours=_EQUAL,
@@ -73,7 +73,7 @@ CLAIMS: tuple[Claim, ...] = (
         "It is clear that the sparse solver performs significantly better than the dense solver.",
         "In each panel, the interval of the paired difference, averaged over settings and sample sizes, lies above 0.",
         PROBLEMS,
-        judges.sparse_beats_dense,
+        judges.judge_sparse_over_dense,
         any_problem=True,
         variants=("published", "balanced"),
     ),
@@ -83,7 +83,7 @@ CLAIMS: tuple[Claim, ...] = (
         "samples",
         f"The mean is at least {100 * FULL:g} % at 10⁵ samples and above.",
         ("p3p",),
-        judges.few_samples,
+        judges.judge_few_samples,
         ours="10⁵ samples count as few",
     ),
     Claim(
@@ -93,7 +93,7 @@ CLAIMS: tuple[Claim, ...] = (
         "From each σ to the next, the accuracy averaged over sample sizes falls: the interval of the paired fall lies "
         "above 0.",
         ("p3p",),
-        judges.noise_needs_samples,
+        judges.judge_noise_needs_samples,
     ),
     Claim(
         "P3P with noise stays under 100 %",
@@ -126,7 +126,7 @@ CLAIMS: tuple[Claim, ...] = (
         "but the performance degrades rapidly when combined with image noise",
         f"From σ = 0 to 1 px the mean falls by at least {100 * RAPID:g} points.",
         ("p3p",),
-        lambda table, rule: judges.falls(table, rule, "p3p", OUTLIERS, 0.0),
+        lambda table, rule: judges.judge_fall(table, rule, "p3p", OUTLIERS, 0.0),
         ours=_RAPID,
     ),
     Claim(
@@ -143,7 +143,7 @@ CLAIMS: tuple[Claim, ...] = (
         "For the larger baseline, the performance degrades rapidly with added noise",
         f"From σ = 0 to 1 px the mean falls by at least {100 * RAPID:g} points.",
         ("3p1",),
-        lambda table, rule: judges.falls(table, rule, "3p1", (0,), LONG),
+        lambda table, rule: judges.judge_fall(table, rule, "3p1", (0,), LONG),
         variants=_WITH_TAN,
         ours=_RAPID,
     ),
@@ -178,7 +178,7 @@ CLAIMS: tuple[Claim, ...] = (
         "but the performance degrades rapidly for the larger baseline",
         f"From σ = 0 to 1 px the mean falls by at least {100 * RAPID:g} points.",
         ("3p1",),
-        lambda table, rule: judges.falls(table, rule, "3p1", OUTLIERS, LONG),
+        lambda table, rule: judges.judge_fall(table, rule, "3p1", OUTLIERS, LONG),
         variants=_WITH_TAN,
         ours=_RAPID,
     ),
@@ -187,14 +187,14 @@ CLAIMS: tuple[Claim, ...] = (
         "for the single motion case, this problem has much better noise handling characteristics than the P3P model",
         "For each σ > 0, the interval of the difference up2p minus P3P lies above 0.",
         ("p3p", "up2p"),
-        lambda table, rule: judges.up2p_leads(table, rule, (0,), judges.NOISY),
+        lambda table, rule: judges.judge_up2p_lead(table, rule, (0,), judges.NOISY),
     ),
     Claim(
         "up2p is more robust than P3P with outliers too",
         "this method is more robust than the P3P problem in this evaluation as well",
         "With 5 and 10 outliers at every σ, the interval of the difference up2p minus P3P lies above 0.",
         ("p3p", "up2p"),
-        lambda table, rule: judges.up2p_leads(table, rule, OUTLIERS, (0.0, 0.5, 1.0)),
+        lambda table, rule: judges.judge_up2p_lead(table, rule, OUTLIERS, (0.0, 0.5, 1.0)),
     ),
     Claim(
         "up2p: two motions are less robust than one",

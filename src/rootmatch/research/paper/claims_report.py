@@ -33,7 +33,7 @@ class Judgement:
         """The verdict on a variant under a rule; empty if the claim is not judged for them."""
         return verdict(self.cases[variant, rule]) if (variant, rule) in self.cases else ""
 
-    def changed(self) -> str:
+    def changed_verdicts(self) -> str:
         """The verdicts on the other variants that differ from that on the text under the same rule."""
         found = []
         for variant, rule in self.cases:
@@ -73,7 +73,12 @@ def claims_markdown(table: Table, versions: list[str], seconds: float) -> str:
     ]
     head = ("", "claim", *(f"{VARIANT_NAMES[v]}, {RULE_NAMES[rule]}" for v, rule in COLUMNS), "changed by")
     rows = [
-        (str(k), j.claim.title + (" †" if j.claim.ours else ""), *(j.verdict(r, v) for v, r in COLUMNS), j.changed())
+        (
+            str(k),
+            j.claim.title + (" †" if j.claim.ours else ""),
+            *(j.verdict(r, v) for v, r in COLUMNS),
+            j.changed_verdicts(),
+        )
         for k, j in enumerate(judged, 1)
     ]
     lines += markdown_table(head, rows)
@@ -196,7 +201,7 @@ def _rhos(table: Table) -> list[str]:
 def _choice(table: Table, residual: str, solver: str, problem: str, rule: Rule) -> str:
     """The chosen ρ, its accuracy in the scan, and how firm the choice is."""
     rhos = table.rhos
-    chosen = rhos.chosen(residual, problem, rule, solver)
+    chosen = rhos.choose_rho(residual, problem, rule, solver)
     choices = rhos.choices(residual, problem, rule, solver)
     height = rhos.curve(residual, problem, rule, solver)[table.effort.grid.index(chosen)]
     firm = f"{100 * choices.get(chosen, 0.0):.0f} % of resamples"
@@ -217,15 +222,15 @@ def _accuracies(table: Table) -> list[str]:
                 (
                     panel.label,
                     str(setting),
-                    _with_interval(table, setting),
-                    _with_interval(replace(table, variant="published"), setting),
-                    *(_by_rule(table, setting, solver) for solver in (DENSE, DENSE_START, BALANCED)),
-                    _by_rule(other, setting, SPARSE) if setting.problem == "3p1" else "",
+                    _format_with_interval(table, setting),
+                    _format_with_interval(replace(table, variant="published"), setting),
+                    *(_format_by_rule(table, setting, solver) for solver in (DENSE, DENSE_START, BALANCED)),
+                    _format_by_rule(other, setting, SPARSE) if setting.problem == "3p1" else "",
                     f"{100 * pipeline.mean:.0f} [{100 * pipeline.low:.0f}, {100 * pipeline.high:.0f}]",
                 )
             )
             each = [
-                _by_rule(table, setting, solver, residual, table.effort.common)
+                _format_by_rule(table, setting, solver, residual, table.effort.common)
                 if residual != "svd" or has_svd(setting)
                 else ""
                 for residual in COMPARED
@@ -258,13 +263,15 @@ def _accuracies(table: Table) -> list[str]:
     ]
 
 
-def _with_interval(table: Table, setting: Setting) -> str:
+def _format_with_interval(table: Table, setting: Setting) -> str:
     """Mean accuracies of the sparse solver in per cent with ρ chosen by each rule, and their intervals."""
     found = [estimate(table.paper(setting, rule=rule)) for rule in RULES]
     return " / ".join(f"{100 * e.mean:.0f} [{100 * e.low:.0f}, {100 * e.high:.0f}]" for e in found)
 
 
-def _by_rule(table: Table, setting: Setting, solver: str, residual: str = "qr", samples: int | None = None) -> str:
+def _format_by_rule(
+    table: Table, setting: Setting, solver: str, residual: str = "qr", samples: int | None = None
+) -> str:
     """Mean accuracies in per cent with ρ chosen by each rule."""
     means = [100 * table.paper(setting, solver, rule, samples, residual).mean() for rule in RULES]
     return " / ".join(f"{mean:.0f}" for mean in means)

@@ -137,7 +137,7 @@ def draw_scan(rhos: Rhos) -> Figure:
     for axis, solver, title in zip(figure.subplots(1, 2, sharey=True), SCAN_SOLVERS, titles, strict=True):
         for problem, rule, name, look in looks:
             asked = "qr", problem if rule not in RULES else rhos.problems[0], rule, solver
-            curve, chosen = rhos.curve(*asked), rhos.chosen(*asked)
+            curve, chosen = rhos.curve(*asked), rhos.choose_rho(*asked)
             style = {"linewidth": 1.8, "marker": "o", "markersize": 8} | look
             axis.plot(grid, 100 * curve, markevery=[grid.index(chosen)], label=name, **style)
         axis.set_xscale("log")

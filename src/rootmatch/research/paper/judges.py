@@ -16,7 +16,16 @@ from rootmatch.arrays import Bools, Floats
 from rootmatch.research.bootstrap import Estimate, difference, estimate
 from rootmatch.research.paper.plan import DENSE, Table
 from rootmatch.research.paper.rho import SPARSE, Rule
-from rootmatch.research.paper.settings import BASELINES, NOISES, OUTLIERS, PANELS, TITLES, Setting, has_svd, settings_of
+from rootmatch.research.paper.settings import (
+    BASELINES,
+    NOISES,
+    OUTLIERS,
+    PANELS,
+    TITLES,
+    Setting,
+    has_svd,
+    problem_settings,
+)
 from rootmatch.research.paper.verdict import EQUAL, FEW, FULL, GOOD, LOST, RAPID, Case
 
 Judge = Callable[[Table, Rule], list[Case]]
@@ -38,14 +47,14 @@ def _points(e: Estimate) -> str:
     return f"{100 * e.mean:+.1f} [{100 * e.low:+.1f}, {100 * e.high:+.1f}] points"
 
 
-def _lost(*accuracies: Floats) -> bool:
+def _are_at_chance(*accuracies: Floats) -> bool:
     """Whether all of these accuracies are at chance level."""
     return all(float(found.mean()) <= LOST for found in accuracies)
 
 
 def _lead(name: str, first: Floats, second: Floats, figures: str, lead: Estimate) -> Case:
     """Whether the first leads the second; undecidable if both are at chance level."""
-    if _lost(first, second):
+    if _are_at_chance(first, second):
         return Case(name, None, f"{figures}; both at chance level")
     return Case(name, lead.low > 0.0, figures)
 
@@ -56,37 +65,37 @@ def _paired_lead(name: str, first: Floats, second: Floats) -> Case:
     return _lead(name, first, second, _points(lead), lead)
 
 
-def _good(name: str, accuracy: Floats) -> Case:
+def _judge_good(name: str, accuracy: Floats) -> Case:
     """Whether a method is good."""
     found = estimate(accuracy)
     return Case(name, found.mean >= GOOD, _text(found))
 
 
-def _pipeline_under_full(name: str, accuracy: Floats) -> Case:
+def _judge_pipeline_under_full(name: str, accuracy: Floats) -> Case:
     """Whether the default pipeline stays under 100 % too."""
     found = estimate(accuracy)
     return Case(name, found.mean < FULL, f"default pipeline {_text(found)}")
 
 
-def _under_full(name: str, accuracy: Floats) -> Case:
+def _judge_under_full(name: str, accuracy: Floats) -> Case:
     """Whether a method stays under 100 %; undecidable at chance level, where it finds nothing at all."""
     found = estimate(accuracy)
-    if _lost(accuracy):
+    if _are_at_chance(accuracy):
         return Case(name, None, f"{_text(found)}; chance level")
     return Case(name, found.mean < FULL, _text(found))
 
 
-def _each(case: Callable[[str, Floats], Case], settings: dict[str, Setting]) -> Judge:
+def _judge_each(case: Callable[[str, Floats], Case], settings: dict[str, Setting]) -> Judge:
     """What a case says of the variant's method on each of some settings, at the largest sample."""
     return lambda table, rule: [case(name, table.paper(s, rule=rule)) for name, s in settings.items()]
 
 
-def _each_by_pipeline(settings: dict[str, Setting]) -> Judge:
+def _judge_each_pipeline(settings: dict[str, Setting]) -> Judge:
     """Whether the default pipeline stays under 100 % too on each of some settings, at the largest sample."""
-    return lambda table, rule: [_pipeline_under_full(name, table.default(s)) for name, s in settings.items()]
+    return lambda table, rule: [_judge_pipeline_under_full(name, table.default(s)) for name, s in settings.items()]
 
 
-def _each_pair(pairs: dict[str, tuple[Setting, Setting]]) -> Judge:
+def _judge_each_pair(pairs: dict[str, tuple[Setting, Setting]]) -> Judge:
     """Whether the method leads on the first setting of each pair, on the same instances."""
     return lambda table, rule: [
         _paired_lead(name, *(table.paper(s, rule=rule) for s in two)) for name, two in pairs.items()
@@ -96,24 +105,27 @@ def _each_pair(pairs: dict[str, tuple[Setting, Setting]]) -> Judge:
 NOISY_P3P = {f"σ = {noise:g}": Setting("p3p", 0, noise) for noise in NOISY}
 EXACT_LONG = {"b = 5, σ = 0": Setting("3p1", 0, 0.0, LONG)}
 
-under_full = _each(_under_full, NOISY_P3P)
-geometry_is_to_blame = _each_by_pipeline(NOISY_P3P)
-handles_outliers = _each(_good, {f"{k} outliers": Setting("p3p", k) for k in OUTLIERS})
-short_is_better = _each_pair(
+under_full = _judge_each(_judge_under_full, NOISY_P3P)
+geometry_is_to_blame = _judge_each_pipeline(NOISY_P3P)
+handles_outliers = _judge_each(_judge_good, {f"{k} outliers": Setting("p3p", k) for k in OUTLIERS})
+short_is_better = _judge_each_pair(
     {f"σ = {noise:g}": (Setting("3p1", 0, noise, SHORT), Setting("3p1", 0, noise, LONG)) for noise in NOISY}
 )
-long_under_full = _each(_under_full, EXACT_LONG)
-long_is_degenerate = _each_by_pipeline(EXACT_LONG)
-short_is_robust = _each(
-    _good, {f"{k} outliers, σ = {noise:g}": Setting("3p1", k, noise, SHORT) for k in OUTLIERS for noise in (0.5, 1.0)}
+long_under_full = _judge_each(_judge_under_full, EXACT_LONG)
+long_is_degenerate = _judge_each_pipeline(EXACT_LONG)
+short_is_robust = _judge_each(
+    _judge_good,
+    {f"{k} outliers, σ = {noise:g}": Setting("3p1", k, noise, SHORT) for k in OUTLIERS for noise in (0.5, 1.0)},
 )
-two_motions_are_harder = _each_pair(
+two_motions_are_harder = _judge_each_pair(
     {f"σ = {noise:g}": (Setting("up2p", 0, noise), Setting("up2p", 0, noise, motions=2)) for noise in NOISY}
 )
-two_motions_are_good = _each(_good, {f"σ = {noise:g}": Setting("up2p", 0, noise, motions=2) for noise in NOISY})
+two_motions_are_good = _judge_each(
+    _judge_good, {f"σ = {noise:g}": Setting("up2p", 0, noise, motions=2) for noise in NOISY}
+)
 
 
-def few_samples(table: Table, rule: Rule) -> list[Case]:
+def judge_few_samples(table: Table, rule: Rule) -> list[Case]:
     """Noise-free P3P is full from few samples on."""
     setting, sizes = Setting("p3p"), table.effort.samples
     means = {size: float(table.paper(setting, rule=rule, samples=size).mean()) for size in sizes}
@@ -122,7 +134,7 @@ def few_samples(table: Table, rule: Rule) -> list[Case]:
     return [Case("σ = 0", all(means[size] >= FULL for size in sizes if size >= FEW), figures)]
 
 
-def sparse_beats_dense(table: Table, rule: Rule) -> list[Case]:
+def judge_sparse_over_dense(table: Table, rule: Rule) -> list[Case]:
     """The sparse solver leads the dense one, panel by panel."""
     cases = []
     for problem in table.problems:
@@ -137,7 +149,7 @@ def sparse_beats_dense(table: Table, rule: Rule) -> list[Case]:
     return cases
 
 
-def noise_needs_samples(table: Table, rule: Rule) -> list[Case]:
+def judge_noise_needs_samples(table: Table, rule: Rule) -> list[Case]:
     """The P3P curve of each σ lies below that of the σ before."""
     cases = []
     for less, more in pairwise(NOISES):
@@ -153,7 +165,7 @@ def noise_needs_samples(table: Table, rule: Rule) -> list[Case]:
     return cases
 
 
-def qr_is_svd(table: Table, rule: Rule) -> list[Case]:
+def judge_qr_equals_svd(table: Table, rule: Rule) -> list[Case]:
     """QR and SVD are equal, panel by panel of those without outliers."""
     cases = []
     for problem in table.problems:
@@ -162,7 +174,7 @@ def qr_is_svd(table: Table, rule: Rule) -> list[Case]:
             gaps[f"{TITLES[problem]} {panel.label}"] = _qr_less_svd(table, rule, panel.settings)
         if problem == "up2p":
             # |R_2n,2n| blows up when the common root lies outside the unit circle; the least singular value does not.
-            one_motion = tuple(s for s in settings_of(problem) if s.motions == 1 and has_svd(s))
+            one_motion = tuple(s for s in problem_settings(problem) if s.motions == 1 and has_svd(s))
             (gap, remark), inside = _qr_less_svd(table, rule, one_motion), _roots_inside(table.seeds)
             for name, part in (("up2p |x| < 1", inside), ("up2p |x| > 1", ~inside)):
                 gaps[name] = (None if gap is None else gap[part], remark)
@@ -185,7 +197,7 @@ def _qr_less_svd(table: Table, rule: Rule, settings: tuple[Setting, ...]) -> tup
         [table.paper(s, rule=rule, samples=table.effort.common, residual=residual) for residual in ("qr", "svd")]
         for s in settings
     ]
-    told = [qr - svd for qr, svd in pairs if not _lost(qr, svd)]
+    told = [qr - svd for qr, svd in pairs if not _are_at_chance(qr, svd)]
     if not told:
         return None, "both at chance level in all settings"
     left_out = len(pairs) - len(told)
@@ -198,7 +210,7 @@ def _roots_inside(seeds: range) -> Bools:
     return np.array([Setting("up2p").scene(seed).poses[0][0][0, 0] > 0.0 for seed in seeds])
 
 
-def falls(table: Table, rule: Rule, problem: str, outliers: tuple[int, ...], baseline: float) -> list[Case]:
+def judge_fall(table: Table, rule: Rule, problem: str, outliers: tuple[int, ...], baseline: float) -> list[Case]:
     """A rapid fall from the noise-free case to the greatest noise."""
     cases = []
     for k in outliers:
@@ -211,7 +223,7 @@ def falls(table: Table, rule: Rule, problem: str, outliers: tuple[int, ...], bas
     return cases
 
 
-def up2p_leads(table: Table, rule: Rule, outliers: tuple[int, ...], noises: tuple[float, ...]) -> list[Case]:
+def judge_up2p_lead(table: Table, rule: Rule, outliers: tuple[int, ...], noises: tuple[float, ...]) -> list[Case]:
     """Give the cases in which up2p leads P3P."""
     cases = []
     for k in outliers:
@@ -224,13 +236,13 @@ def up2p_leads(table: Table, rule: Rule, outliers: tuple[int, ...], noises: tupl
     return cases
 
 
-def one_rho_serves_all(table: Table, rule: Rule) -> list[Case]:
+def judge_one_rho(table: Table, rule: Rule) -> list[Case]:
     """A ρ of its own gains a problem little over the one ρ of a rule."""
     cases = []
     for problem in table.problems:
         pairs = [
             table.paper(s, rule="own" if s.noise > 0.0 else "exact") - table.paper(s, rule=rule)
-            for s in settings_of(problem)
+            for s in problem_settings(problem)
         ]
         gain = estimate(np.mean(pairs, axis=0))
         one, own, exact = (table.method(problem, rule=r).rho for r in (rule, "own", "exact"))

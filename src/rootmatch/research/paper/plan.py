@@ -13,8 +13,8 @@ from rootmatch.research.paper.settings import (
     Method,
     Setting,
     has_svd,
-    residual_of,
-    settings_of,
+    problem_settings,
+    residual_name,
 )
 from rootmatch.research.sweep import Plan
 
@@ -38,7 +38,7 @@ _SOLVERS: dict[Variant, dict[str, str]] = {
 }
 
 
-def plan_of(problems: tuple[str, ...], rhos: Rhos) -> Plan:
+def make_plan(problems: tuple[str, ...], rhos: Rhos) -> Plan:
     """Methods and sample sizes on all settings of the problems' figures.
 
     The residual of the paper's figures, with either unknown of 3P1, and the default pipeline have whole curves, the
@@ -49,7 +49,7 @@ def plan_of(problems: tuple[str, ...], rhos: Rhos) -> Plan:
     effort, end = rhos.effort, (rhos.effort.most,)
     # up2p, the cheapest, first: what all share is then compiled and kept on disk by the time that the others need it.
     for problem in reversed(problems):
-        for setting in settings_of(problem):
+        for setting in problem_settings(problem):
             asked: list[tuple[str, str, Rule, tuple[int, ...]]] = []
             for rule in RULES:
                 asked += [("qr", how, rule, effort.samples) for how in (SPARSE, START, BALANCED, DENSE, DENSE_START)]
@@ -61,7 +61,7 @@ def plan_of(problems: tuple[str, ...], rhos: Rhos) -> Plan:
                 asked += [("qr", how, "own", end), ("qr", how, "exact", end)]
             sizes: dict[Method, tuple[int, ...]] = {}
             for residual, how, rule, wanted in asked:
-                method = method_of(rhos, problem, how, rule, residual)
+                method = paper_method(rhos, problem, how, rule, residual)
                 sizes[method] = tuple(sorted({*sizes.get(method, ()), *wanted}))
             sizes[DEFAULT_PIPELINE] = effort.samples
             plan[setting] = tuple(sizes.items())
@@ -69,12 +69,12 @@ def plan_of(problems: tuple[str, ...], rhos: Rhos) -> Plan:
     return dict(sorted(plan.items(), key=lambda item: item[0].outliers))
 
 
-def method_of(rhos: Rhos, problem: str, solver: str, rule: Rule, residual: str = "qr") -> Method:
+def paper_method(rhos: Rhos, problem: str, solver: str, rule: Rule, residual: str = "qr") -> Method:
     """The paper's method with the ρ that a rule chooses for its solver."""
     scanned = START if solver in (START, DENSE_START) else SPARSE
     if residual == "tan" and problem != "3p1":
         residual = "qr"
-    return Method(residual_of(problem, residual), solver, rhos.chosen(residual, problem, rule, scanned))
+    return Method(residual_name(problem, residual), solver, rhos.choose_rho(residual, problem, rule, scanned))
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Table:
         if self.variant == "tan" and residual == "qr" and solver == SPARSE:
             residual = "tan"
         solver = _SOLVERS.get(self.variant, {}).get(solver, solver)
-        return method_of(self.rhos, problem, solver, rule, residual)
+        return paper_method(self.rhos, problem, solver, rule, residual)
 
     def paper(
         self,

@@ -12,7 +12,7 @@ from rootmatch.research.output_files import figure_files, write_files
 from rootmatch.research.paper.claims_report import claims_markdown
 from rootmatch.research.paper.curves import curves_csv, scan_csv
 from rootmatch.research.paper.figures import FIGURES, draw, draw_scan
-from rootmatch.research.paper.plan import Table, Variant, plan_of
+from rootmatch.research.paper.plan import Table, Variant, make_plan
 from rootmatch.research.paper.rho import RESIDUALS, Rule, choose, scan_plan
 from rootmatch.research.paper.settings import PROBLEMS, SCAN_SEED, Effort
 from rootmatch.research.paper.work_unit import evaluate
@@ -75,7 +75,7 @@ def reproduce(
             complete(f"choosing ρ for {residual}", scan, effort.scan_seeds(residual), store, **how)
         rhos = choose(store, effort, scanned)
         title = f"{', '.join(ordered)}: {instances} instances"
-        plan = plan_of(ordered, rhos)
+        plan = make_plan(ordered, rhos)
         complete(title, plan, seeds, store, **how)
         table = Table(ordered, seeds, rhos, accuracies(plan, seeds, store))
         return write(table, output, claims_markdown(table, store.versions(), store.seconds()))

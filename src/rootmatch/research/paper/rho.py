@@ -35,7 +35,7 @@ from rootmatch.research.paper.settings import (
     Method,
     Setting,
     has_svd,
-    residual_of,
+    residual_name,
 )
 from rootmatch.research.paper.verdict import FULL, LOST
 from rootmatch.research.store import Store
@@ -53,7 +53,7 @@ RULE_NAMES: dict[Rule, str] = {
 }
 
 RESIDUALS = ("qr", "qr-both", "svd", "tan")
-"""What is scanned; ``"tan"`` is 3P1 in the other unknown (`rootmatch.research.paper.settings.residual_of`)."""
+"""What is scanned; ``"tan"`` is 3P1 in the other unknown (`rootmatch.research.paper.settings.residual_name`)."""
 SPARSE, START = "power-l1", "power-l1-start"
 """The sparse solver of the paper's text, and that of the published code."""
 SCAN_SOLVERS = (SPARSE, START)
@@ -83,7 +83,7 @@ def scan_plan(residual: str, effort: Effort, problems: tuple[str, ...] = PROBLEM
     solvers = SCAN_SOLVERS[:1] if residual == "tan" else SCAN_SOLVERS
     sizes = (effort.scan_samples(residual),)
     return {
-        s: tuple((Method(residual_of(s.problem, residual), how, r), sizes) for how in solvers for r in effort.grid)
+        s: tuple((Method(residual_name(s.problem, residual), how, r), sizes) for how in solvers for r in effort.grid)
         for s in settings
     }
 
@@ -115,7 +115,7 @@ class Rhos:
         other = "qr" if residual == "tan" else residual
         return [(residual if p == "3p1" else other, solver, p) for p in self.problems]
 
-    def by_seed(self, residual: str, problem: str, rule: Rule, solver: str) -> Floats:
+    def curves_by_seed(self, residual: str, problem: str, rule: Rule, solver: str) -> Floats:
         """The curve of each seed, (seeds, len(grid))."""
         if rule in RULES:
             mean: Floats = np.mean([self.whole[key] for key in self._keys(residual, solver)], axis=0)
@@ -124,14 +124,14 @@ class Rhos:
 
     def curve(self, residual: str, problem: str, rule: Rule, solver: str = SPARSE) -> Floats:
         """The curve (len(grid),) whose highest point decides, among those that meet the paper's statements."""
-        mean: Floats = self.by_seed(residual, problem, rule, solver).mean(axis=0)
+        mean: Floats = self.curves_by_seed(residual, problem, rule, solver).mean(axis=0)
         return mean
 
     def met(self, residual: str, solver: str = SPARSE) -> dict[str, Bools]:
         """Which ρ of the grid meet what the paper says of each problem."""
         return {key[2]: CONDITIONS[key[2]][1](self.clean[key].mean(axis=0)) for key in self._keys(residual, solver)}
 
-    def chosen(self, residual: str, problem: str, rule: Rule, solver: str = SPARSE) -> float:
+    def choose_rho(self, residual: str, problem: str, rule: Rule, solver: str = SPARSE) -> float:
         """The ρ for a residual, a problem and a solver; with one ρ it is the same for all problems."""
         key = residual, problem, rule, solver
         if key not in self._chosen:  # asked for with every cell of every table
@@ -146,7 +146,7 @@ class Rhos:
     def _stack(self, residual: str, problem: str, rule: Rule, solver: str) -> Floats:
         """For each seed the curve that decides, and what the conditions are tested on: (seeds, 1 + k, len(grid))."""
         tested = [self.clean[key] for key in self._keys(residual, solver)] if rule == "paper" else []
-        return np.stack([self.by_seed(residual, problem, rule, solver), *tested], axis=1)
+        return np.stack([self.curves_by_seed(residual, problem, rule, solver), *tested], axis=1)
 
     def _best(self, means: Floats, rule: Rule) -> Integers:
         """Index (…) of the ρ that means (…, 1 + k, len(grid)) choose: most conditions met, then accuracy, then size."""
@@ -187,6 +187,6 @@ def choose(store: Store, effort: Effort, problems: tuple[str, ...] = PROBLEMS) -
 def _accuracies(store: Store, setting: Setting, effort: Effort, residual: str, solver: str) -> Floats:
     """Accuracy of each scanned seed at each ρ of the grid, (seeds, len(grid))."""
     seeds, size = effort.scan_seeds(residual), effort.scan_samples(residual)
-    methods = [Method(residual_of(setting.problem, residual), solver, rho) for rho in effort.grid]
+    methods = [Method(residual_name(setting.problem, residual), solver, rho) for rho in effort.grid]
     found = [store.accuracies(setting, method, seeds)[size] for method in methods]
     return np.array([[by_seed[seed] for by_seed in found] for seed in seeds])

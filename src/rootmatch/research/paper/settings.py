@@ -117,7 +117,7 @@ DEFAULT_PIPELINE = Method("joint", "ascent", 1.0)
 """What `rootmatch.match` does when nothing else is asked for, but on sampled hyper-edges."""
 
 
-def residual_of(problem: str, residual: str) -> str:
+def residual_name(problem: str, residual: str) -> str:
     """How a `Method` names a residual of the paper for a problem: 3P1 is written in cos θ, unless ``"tan"`` is given.
 
     ``"tan"`` is ``"qr"`` with the unknown tan(θ/2), which up2p has in the paper and 3P1 has by default in this library.
@@ -136,41 +136,41 @@ class Panel:
     settings: tuple[Setting, ...]
 
 
-def _clean(problem: str, **more: float) -> tuple[Setting, ...]:
+def _clean_settings(problem: str, **more: float) -> tuple[Setting, ...]:
     return tuple(Setting(problem, 0, noise, **more) for noise in NOISES)  # type: ignore[arg-type]
 
 
-def _cluttered(problem: str, **more: float) -> tuple[Setting, ...]:
+def _cluttered_settings(problem: str, **more: float) -> tuple[Setting, ...]:
     return tuple(Setting(problem, k, noise, **more) for k in OUTLIERS for noise in OUTLIER_NOISES)  # type: ignore[arg-type]
 
 
 PANELS: dict[str, tuple[Panel, ...]] = {
     "p3p": (
-        Panel("2(a)", "no outliers", _clean("p3p")),
-        Panel("2(b)", "5 and 10 outliers", _cluttered("p3p")),
+        Panel("2(a)", "no outliers", _clean_settings("p3p")),
+        Panel("2(b)", "5 and 10 outliers", _cluttered_settings("p3p")),
     ),
     "3p1": (
-        Panel("3(a)", "b = 1, no outliers", _clean("3p1", baseline=1.0)),
-        Panel("3(b)", "b = 5, no outliers", _clean("3p1", baseline=5.0)),
-        Panel("3(c)", "b = 1, 5 and 10 outliers", _cluttered("3p1", baseline=1.0)),
-        Panel("3(d)", "b = 5, 5 and 10 outliers", _cluttered("3p1", baseline=5.0)),
+        Panel("3(a)", "b = 1, no outliers", _clean_settings("3p1", baseline=1.0)),
+        Panel("3(b)", "b = 5, no outliers", _clean_settings("3p1", baseline=5.0)),
+        Panel("3(c)", "b = 1, 5 and 10 outliers", _cluttered_settings("3p1", baseline=1.0)),
+        Panel("3(d)", "b = 5, 5 and 10 outliers", _cluttered_settings("3p1", baseline=5.0)),
     ),
     "up2p": (
-        Panel("4(a)", "one motion, no outliers", _clean("up2p")),
-        Panel("4(b)", "one motion, 5 and 10 outliers", _cluttered("up2p")),
-        Panel("4(c)", "two motions, no outliers", _clean("up2p", motions=2)),
+        Panel("4(a)", "one motion, no outliers", _clean_settings("up2p")),
+        Panel("4(b)", "one motion, 5 and 10 outliers", _cluttered_settings("up2p")),
+        Panel("4(c)", "two motions, no outliers", _clean_settings("up2p", motions=2)),
     ),
 }
 """The panels of the paper's figures 2, 3 and 4, each problem's figure in reading order."""
 
 
-def settings_of(problem: str) -> tuple[Setting, ...]:
+def problem_settings(problem: str) -> tuple[Setting, ...]:
     """All settings that a problem's figure shows."""
     return tuple(setting for panel in PANELS[problem] for setting in panel.settings)
 
 
 SCAN_SETTINGS: dict[str, tuple[Setting, ...]] = {
-    problem: tuple(s for s in settings_of(problem) if s.outliers in (0, 5) and s.noise in OUTLIER_NOISES)
+    problem: tuple(s for s in problem_settings(problem) if s.outliers in (0, 5) and s.noise in OUTLIER_NOISES)
     for problem in PROBLEMS
 }
 """Settings on which ρ is chosen: of those reported, without noise, with medium and with most, without outliers and

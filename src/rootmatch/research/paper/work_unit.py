@@ -16,10 +16,10 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
-from rootmatch.hypergraph.enumeration import exhaustive_count, random_hyperedges, wide_first
+from rootmatch.hypergraph.enumeration import exhaustive_count, farthest_point_order, random_hyperedges
 from rootmatch.hypergraph.rows import row_keys, sorted_rows, unique_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.threads import one_thread
+from rootmatch.jit.threads import use_one_thread
 from rootmatch.problems import residual_kinds
 from rootmatch.problems.base import Problem
 from rootmatch.problems.three_plus_one import ThreePlusOne
@@ -111,7 +111,7 @@ class Stream:
         order = np.argsort(keys)
         return keys[order], order
 
-    def groups_of(self, rows: NDArray[np.int32]) -> NDArray[np.intp]:
+    def find_groups(self, rows: NDArray[np.int32]) -> NDArray[np.intp]:
         """Group of each row of ascending correspondences; −1 for those that are not in the stream."""
         keys, order = self._sorted
         wanted = row_keys(rows, self.base)
@@ -145,7 +145,7 @@ def nested_tensors(
 
 def evaluate(unit: Unit) -> list[Row]:
     """All rows of a unit; they depend on the unit alone, not on threads, processes or what else is in it."""
-    with _ONE_AT_A_TIME, one_thread():
+    with _ONE_AT_A_TIME, use_one_thread():
         return list(_evaluate(unit))
 
 
@@ -162,14 +162,14 @@ def _evaluate(unit: Unit) -> Iterator[Row]:
         yield from _rows(unit.seed, task, scene, streams[key], shape)
 
 
-def _as_drawn(stream: Stream, tables: Any, kernel: residual_kinds.Kind, draws: int) -> Floats:
+def _residuals_as_drawn(stream: Stream, tables: Any, kernel: residual_kinds.Kind, draws: int) -> Floats:
     """Residuals of the first draws, the points of each in the order that was drawn, as the paper has it."""
     starts = range(0, draws, BLOCK)
     blocks = [(stream.source[k : k + BLOCK], stream.target[k : k + BLOCK]) for k in starts]
     return np.concatenate([cpu.residuals(tables, kernel, *block) for block in blocks])
 
 
-def _in_one_order(
+def _residuals_in_one_order(
     stream: Stream, tables: Any, kernel: residual_kinds.Kind, gate: float, shape: tuple[int, int]
 ) -> Floats:
     """Residuals (G,) of the stream's different hyper-edges, source points increasing; infinite above the gate."""
@@ -177,7 +177,7 @@ def _in_one_order(
     residual = np.full(-(-count // BLOCK) * BLOCK, np.inf)
     if exhaustive_count(*shape, order) <= MOST_SWEPT:
         rows, found, _ = exhaustive_residuals(tables, kernel, gate, shape, order, max_hyperedges=MOST_SWEPT)
-        group = stream.groups_of(rows)
+        group = stream.find_groups(rows)
         residual[group[group >= 0]] = found[group >= 0]
         return residual
     whole = np.resize(stream.indices, (len(residual), order))
@@ -203,7 +203,7 @@ def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int,
     names = list(dict.fromkeys(method.residual for method, _ in task.methods))
     for name in names:
         kind, problem = _kind_and_problem(name, scene.problem)
-        order = wide_first(scene.source) if kind in NOISE_KINDS else np.arange(shape[0])
+        order = farthest_point_order(scene.source) if kind in NOISE_KINDS else np.arange(shape[0])
         tables = problem.prepare(scene.source[order], scene.target, max(scene.noise, NOISE_FLOOR))
         own = np.arange(math.prod(shape), dtype=np.int32).reshape(shape)[order].ravel()
         indices = own[stream.indices]
@@ -213,9 +213,9 @@ def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int,
         draws = max(max(sizes) for _, sizes in methods)
         if kind in NOISE_KINDS:
             gate = max(affinity(chosen, method.rho).gate for method, _ in methods)
-            residual = _in_one_order(stream, tables, kernel, gate, shape)[stream.group[:draws]]
+            residual = _residuals_in_one_order(stream, tables, kernel, gate, shape)[stream.group[:draws]]
         else:
-            residual = _as_drawn(stream, tables, kernel, draws)
+            residual = _residuals_as_drawn(stream, tables, kernel, draws)
         for rho in dict.fromkeys(method.rho for method, _ in methods):
             same_rho = [(method, sizes) for method, sizes in methods if method.rho == rho]
             sizes = tuple(sorted({size for _, sizes in same_rho for size in sizes}))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.errors import quoted
+from rootmatch.errors import quote_value
 from rootmatch.research.real.scenes import RealScene
 
 MOST_OF_ERROR = 200
@@ -18,14 +18,14 @@ LEAST_OF_INSTANCE = 12
 """Right pairs of an instance from which it is found: four times what a pose takes."""
 
 
-def judged(scene: RealScene, reply: dict[str, Any]) -> dict[str, Any]:
+def judge_reply(scene: RealScene, reply: dict[str, Any]) -> dict[str, Any]:
     """Figures of a reply, as JSON can hold them."""
     error = None
     if reply.get("error") is not None:
         error = str(reply["error"])[:MOST_OF_ERROR] or "an error without words"
     seconds = _seconds(reply.get("seconds", reply["wall"]))
     if error is None and seconds is None:
-        error = f"seconds: {quoted(reply['seconds'])}, which is no time"
+        error = f"seconds: {quote_value(reply['seconds'])}, which is no time"
     found = _assignment(scene, reply.get("assignment")) if error is None else None
     if found is None:
         error = error or "assignment: of another length, or an index out of range or used twice"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.io import read_bytes, write_text_whole
+from rootmatch.io import read_bytes, write_text_atomically
 from rootmatch.research.output_files import markdown_table
 from rootmatch.research.real.scenes import protocols
 
@@ -74,14 +74,14 @@ def write_leaderboard(folder: Path) -> list[dict[str, Any]]:
         entry
         for path in sorted((folder / ROWS).glob("*.jsonl"))
         if (rows := read_rows(path))
-        for entry in summarised(rows)
+        for entry in summarise(rows)
     ]
-    write_text_whole(folder / TABLE, json.dumps(table, indent=1, allow_nan=False) + "\n")
-    write_text_whole(folder / PAGE, page(table))
+    write_text_atomically(folder / TABLE, json.dumps(table, indent=1, allow_nan=False) + "\n")
+    write_text_atomically(folder / PAGE, leaderboard_page(table))
     return table
 
 
-def summarised(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def summarise(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """One entry a protocol of one method's rows."""
     entries = []
     for protocol in protocols():
@@ -108,7 +108,7 @@ def summarised(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return entries
 
 
-def page(table: Iterable[dict[str, Any]]) -> str:
+def leaderboard_page(table: Iterable[dict[str, Any]]) -> str:
     """The table for people."""
     figures = ("full", "recall", "precision", "claimed", "claimed and wrong", "no reply", "median, worst s")
     rows, table = [], list(table)

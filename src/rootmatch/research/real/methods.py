@@ -37,7 +37,7 @@ def reply(request: dict[str, Any], method: str) -> dict[str, Any]:
         known["preset"] = "paper"
     started = time.process_time()
     try:
-        found = match(source, target, problem_of(request), **known)
+        found = match(source, target, make_problem(request), **known)
     except InputError as error:
         return {"error": str(error)}
     return {
@@ -47,7 +47,7 @@ def reply(request: dict[str, Any], method: str) -> dict[str, Any]:
     }
 
 
-def problem_of(request: dict[str, Any]) -> Any:
+def make_problem(request: dict[str, Any]) -> Any:
     """The problem that a request describes."""
     from rootmatch.problems.p3p import P3P
     from rootmatch.problems.three_plus_one import ThreePlusOne

@@ -11,7 +11,7 @@ import time
 from queue import Empty, Queue
 from typing import Any
 
-from rootmatch.errors import InputError, RootmatchError, quoted
+from rootmatch.errors import InputError, RootmatchError, quote_value
 from rootmatch.research.real.methods import METHODS
 
 LONGEST_LINE = 10_000_000
@@ -40,7 +40,7 @@ class Program:
 
     def ask(self, request: dict[str, Any], timeout: float) -> dict[str, Any]:
         """The reply, with ``wall`` seconds; with ``error`` where there is none in time or it is none."""
-        process = self._running()
+        process = self._ensure_running()
         started = time.perf_counter()
         try:
             assert process.stdin is not None
@@ -62,7 +62,10 @@ class Program:
         except (ValueError, RecursionError):
             found = None
         if not isinstance(found, dict) or ("assignment" not in found and "error" not in found):
-            return {"error": f"no reply in JSON: {quoted(line.strip()[:80].decode(errors='replace'))}", "wall": wall}
+            return {
+                "error": f"no reply in JSON: {quote_value(line.strip()[:80].decode(errors='replace'))}",
+                "wall": wall,
+            }
         return {**found, "wall": wall}
 
     def close(self) -> None:
@@ -72,14 +75,14 @@ class Program:
             self._process.wait()
             self._process = None
 
-    def _running(self) -> subprocess.Popen[bytes]:
+    def _ensure_running(self) -> subprocess.Popen[bytes]:
         if self._process is not None and self._process.poll() is None:
             return self._process
         try:
             process = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
-            raise InputError(f"method: {quoted(shlex.join(self.command))} cannot be started ({reason})") from None
+            raise InputError(f"method: {quote_value(shlex.join(self.command))} cannot be started ({reason})") from None
         self._process, self._lines, self._answered = process, Queue(), False
         if process.stdout is None:
             raise RootmatchError("method: its output cannot be read")
@@ -92,9 +95,9 @@ def _words(method: str) -> list[str]:
     try:
         words = shlex.split(method)
     except ValueError as error:
-        raise InputError(f"method: {quoted(method)} is no command line ({error}); check its quotes") from None
+        raise InputError(f"method: {quote_value(method)} is no command line ({error}); check its quotes") from None
     if not words:
-        raise InputError(f"method: {quoted(method)} given; give {', '.join(METHODS)}, or the command of a program")
+        raise InputError(f"method: {quote_value(method)} given; give {', '.join(METHODS)}, or the command of a program")
     return words
 
 

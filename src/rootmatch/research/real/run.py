@@ -11,7 +11,7 @@ from rootmatch._version import __version__
 from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
 from rootmatch.research.output_files import make_folder
-from rootmatch.research.real.judge import judged
+from rootmatch.research.real.judge import judge_reply
 from rootmatch.research.real.leaderboard import append_row, read_rows, rows_file, write_leaderboard
 from rootmatch.research.real.program import Program
 from rootmatch.research.real.scenes import RealScene, all_scenes
@@ -86,4 +86,9 @@ def run_real(
 
 def _row(method: str, scene: RealScene, program: Program, timeout: float) -> dict[str, Any]:
     reply = program.ask(scene.request, timeout)
-    return {"method": method, "version": __version__, "measured": time.strftime("%Y-%m-%d"), **judged(scene, reply)}
+    return {
+        "method": method,
+        "version": __version__,
+        "measured": time.strftime("%Y-%m-%d"),
+        **judge_reply(scene, reply),
+    }

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, quote_value
 
 Data = dict[str, NDArray[Any]]
 
@@ -83,7 +83,7 @@ def all_scenes(folder: Path, only: list[str] | None = None) -> Iterator[RealScen
     known = {protocol.name: protocol for protocol in protocols()}
     for name in only or []:
         if name not in known:
-            raise InputError(f"protocol: {quoted(name)} given; one of {', '.join(known)} expected")
+            raise InputError(f"protocol: {quote_value(name)} given; one of {', '.join(known)} expected")
     chosen = [known[name] for name in only] if only else list(known.values())
     if not folder.is_dir():
         raise InputError(f"data: {folder} is not a folder; give the one that holds the .npz files")
@@ -93,26 +93,26 @@ def all_scenes(folder: Path, only: list[str] | None = None) -> Iterator[RealScen
         path = folder / f"{protocol.file}.npz"
         if not only and not path.is_file():
             continue
-        data = _loaded(path)
+        data = _load_file(path)
         try:
             made = (protocol.make(data, number) for number in range(protocol.scenes))
             yield from (scene for scene in made if scene is not None)
         except (LookupError, ValueError, TypeError) as error:
-            raise InputError(f"data: {path} does not hold what {protocol.name} needs ({quoted(error)})") from None
+            raise InputError(f"data: {path} does not hold what {protocol.name} needs ({quote_value(error)})") from None
 
 
-def _loaded(path: Path) -> Data:
+def _load_file(path: Path) -> Data:
     try:
         with np.load(path, allow_pickle=False) as file:
             return {key: file[key] for key in file.files}
     except DAMAGED as error:
-        raise InputError(f"data: {path} cannot be read ({quoted(error)}); fetch it again") from None
+        raise InputError(f"data: {path} cannot be read ({quote_value(error)}); fetch it again") from None
 
 
 def headset(data: Data, number: int, *, normals: bool) -> RealScene:
     """All sensors of the headset against those visible in one of four views."""
     view, rng = number % 4, np.random.default_rng([number // 4, 9])
-    source, target, truth, order = _shuffled(data["points3d"], data["points2d"][view], rng=rng)
+    source, target, truth, order = _shuffle(data["points3d"], data["points2d"][view], rng=rng)
     request = _request("p3p", source, target, noise=max(float(data["rms_px"][view]), 0.13), K=data["K"][view])
     if normals:
         request["normals"] = data["normals3d"][order].tolist()
@@ -126,7 +126,7 @@ def dots(data: Data, number: int) -> RealScene:
     chosen = rng.choice(np.flatnonzero(np.isfinite(image).all(axis=1)), 20, replace=False)
     clutter = data["clutter2d"][data["clutter_view"] == view]
     clutter = clutter[rng.choice(len(clutter), 40, replace=False)]
-    source, target, truth, _ = _shuffled(data["points3d"][chosen], image[chosen], clutter, rng=rng)
+    source, target, truth, _ = _shuffle(data["points3d"][chosen], image[chosen], clutter, rng=rng)
     request = _request("p3p", source, target, noise=float(data["rms_px"][view]), K=data["K"][view])
     return RealScene("dots", number, request, truth)
 
@@ -134,7 +134,7 @@ def dots(data: Data, number: int) -> RealScene:
 def film(data: Data, number: int) -> RealScene:
     """All tracks against those of one frame."""
     view = number % len(data["points2d"])
-    source, target, truth, _ = _shuffled(data["points3d"], data["points2d"][view], rng=np.random.default_rng(number))
+    source, target, truth, _ = _shuffle(data["points3d"], data["points2d"][view], rng=np.random.default_rng(number))
     request = _request("p3p", source, target, noise=float(data["rms_px"][view]), K=data["K"][view])
     return RealScene("film", number, request, truth)
 
@@ -144,7 +144,7 @@ def facade(data: Data, number: int, *, measured: bool) -> RealScene:
     view, rng = number % 3, np.random.default_rng(number)
     image = data["points2d"][view].astype(float)
     chosen = rng.choice(np.flatnonzero(np.isfinite(image).all(axis=1)), 30, replace=False)
-    source, target, truth, _ = _shuffled(data["points3d"][chosen[:15]], image[chosen[:15]], image[chosen[15:]], rng=rng)
+    source, target, truth, _ = _shuffle(data["points3d"][chosen[:15]], image[chosen[:15]], image[chosen[15:]], rng=rng)
     request = _request("up2p", source, target, noise=float(data["rms_px"][view]), K=data["K"][view]) | {
         "vertical_camera": data["gravity_cam_measured" if measured else "gravity_cam"][view].tolist(),
         "vertical_world": data["gravity_world"].tolist(),
@@ -160,7 +160,7 @@ def facade_pair(data: Data, number: int) -> RealScene:
     image, image2 = data["points2d"][first].astype(float), data["points2d"][second].astype(float)
     both = np.flatnonzero(np.isfinite(image).all(axis=1) & np.isfinite(image2).all(axis=1))
     chosen = rng.choice(both, 12, replace=False)
-    source, target, truth, _ = _shuffled(image[chosen], image2[chosen], rng=rng)
+    source, target, truth, _ = _shuffle(image[chosen], image2[chosen], rng=rng)
     noise = float(np.sqrt(np.mean(data["rms_px"][[first, second]] ** 2)))
     request = _request("3p1", source, target, noise=noise, K=data["K"][first]) | {
         "camera2": _camera(data["K"][second]),
@@ -179,7 +179,7 @@ def boards(data: Data, number: int) -> RealScene:
     first, second = rng.choice(views, 2, replace=False)
     chosen = rng.choice(len(data["points3d"]), 16, replace=False)
     image = np.concatenate([data["points2d"][first][chosen[:8]], data["points2d"][second][chosen[8:]]])
-    source, target, truth, _ = _shuffled(data["points3d"][chosen], image, rng=rng)
+    source, target, truth, _ = _shuffle(data["points3d"][chosen], image, rng=rng)
     noise = float(np.sqrt(np.mean(data["rms_px"][[first, second]] ** 2)))
     request = _request("p3p", source, target, noise=noise, K=data["K"][first]) | {"motions": 2}
     return RealScene("boards", number, request, truth)
@@ -193,7 +193,7 @@ def targets(data: Data, number: int) -> RealScene | None:
     if number >= len(views):
         return None
     view = int(views[number])
-    source, target, truth, _ = _shuffled(data["points3d"], image[view], rng=np.random.default_rng(number))
+    source, target, truth, _ = _shuffle(data["points3d"], image[view], rng=np.random.default_rng(number))
     request = _request("p3p", source, target, noise=float(data["rms"][view]), K=data["K"][view])
     request["camera"]["dist"] = data["dist"].tolist()
     return RealScene("targets", number, request, truth)
@@ -213,7 +213,7 @@ def candidates(data: Data, number: int) -> RealScene:
     return RealScene("candidates", number, request, instances=instances)
 
 
-def _shuffled(
+def _shuffle(
     points: NDArray[Any], image: NDArray[Any], clutter: NDArray[Any] | None = None, *, rng: np.random.Generator
 ) -> tuple[Floats, Floats, Integers, Integers]:
     """Points in random order, detections with clutter in another, the truth, and the order of the points."""

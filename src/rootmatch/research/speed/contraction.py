@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Floats, Integers
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.threads import one_thread
+from rootmatch.jit.threads import use_one_thread
 from rootmatch.research.speed.timing import seconds
 
 BLOCK = 500_000
@@ -27,7 +27,7 @@ def random_pairs(rng: np.random.Generator, n: int, n_target: int, order: int, co
     return np.concatenate(blocks)
 
 
-def planted(seed: int, n: int, n_target: int, order: int, count: int) -> tuple[AffinityTensor, Integers]:
+def planted_tensor(seed: int, n: int, n_target: int, order: int, count: int) -> tuple[AffinityTensor, Integers]:
     """Tensor of ``count`` hyper-edges, including all of the true assignment (n,)."""
     rng = np.random.default_rng(seed)
     truth = rng.permutation(n_target)[:n]
@@ -39,7 +39,7 @@ def planted(seed: int, n: int, n_target: int, order: int, count: int) -> tuple[A
     return AffinityTensor(np.concatenate([true, false])[mixed], weights[mixed], (n, n_target)), truth
 
 
-def add_at(tensor: AffinityTensor, x: Floats) -> Floats:
+def contract_by_add_at(tensor: AffinityTensor, x: Floats) -> Floats:
     """The contraction as one would write it in NumPy, with ``np.add.at``."""
     v, values = np.zeros(x.size), x.ravel()[tensor.indices]
     for p in range(tensor.order):
@@ -47,15 +47,15 @@ def add_at(tensor: AffinityTensor, x: Floats) -> Floats:
     return v.reshape(x.shape)
 
 
-def contraction(hyperedges: int, n: int, repeats: int) -> dict[str, float]:
+def measure_contraction(hyperedges: int, n: int, repeats: int) -> dict[str, float]:
     """Contract a planted tensor of order 3 with n = n', on one thread and on all."""
-    tensor, _ = planted(0, n, n, 3, hyperedges)
+    tensor, _ = planted_tensor(0, n, n, 3, hyperedges)
     x = np.random.default_rng(0).random(tensor.shape)
-    np.testing.assert_allclose(tensor.contract(x), add_at(tensor, x), rtol=1e-9)
+    np.testing.assert_allclose(tensor.contract(x), contract_by_add_at(tensor, x), rtol=1e-9)
     on_all = seconds(lambda: tensor.contract(x), repeats)
-    with one_thread():
+    with use_one_thread():
         on_one = seconds(lambda: tensor.contract(x), repeats)
-    numpy = seconds(lambda: add_at(tensor, x), repeats)
+    numpy = seconds(lambda: contract_by_add_at(tensor, x), repeats)
     return {
         "hyperedges": float(tensor.size),
         "milliseconds_one_thread": 1e3 * on_one,

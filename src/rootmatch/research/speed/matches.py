@@ -15,7 +15,7 @@ FRAMES = 9
 """Frames of a tracked scene, after the first ones."""
 
 
-def whole_match(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
+def measure_matches(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
     """Median time and evaluations and mean accuracy over scenes, after a warm-up scene."""
     spent, accuracy, evaluations = [], [], []
     for seed in (seeds[0], *seeds):
@@ -27,7 +27,7 @@ def whole_match(problem: str, points: int, outliers: int, seeds: range) -> dict[
     return _row(f"{problem} {points} + {outliers}", spent[1:], accuracy[1:], evaluations[1:])
 
 
-def tracked(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
+def measure_tracked(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
     """Time of the median frame of a `Matcher`, with its accuracy."""
     spent, accuracy, evaluations = [], [], []
     for seed in seeds:

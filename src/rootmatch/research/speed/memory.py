@@ -28,14 +28,14 @@ def peak_megabytes() -> float | None:
     return size / (2.0**20 if sys.platform == "darwin" else 2.0**10)
 
 
-def memory(problem: str, points: int, outliers: int) -> dict[str, Any]:
+def measure_memory(problem: str, points: int, outliers: int) -> dict[str, Any]:
     """Peak memory of an exhaustive sweep and of the library alone, in MiB, and bytes per kept hyper-edge."""
     with ProcessPoolExecutor(1) as pool:
-        figures: dict[str, Any] = pool.submit(_measured, problem, points, outliers).result()
+        figures: dict[str, Any] = pool.submit(_measure_sweep, problem, points, outliers).result()
     return figures
 
 
-def _measured(problem: str, points: int, outliers: int) -> dict[str, Any]:
+def _measure_sweep(problem: str, points: int, outliers: int) -> dict[str, Any]:
     """Build the tensor of a scene in this process and look at its memory."""
     scene, tables = scene_and_tables(problem, points, outliers)
     before = peak_megabytes()

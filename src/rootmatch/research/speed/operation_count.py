@@ -26,7 +26,7 @@ _done = 0
 _root = math.sqrt
 
 
-def _counted(value: float) -> Counted:
+def _count_operation(value: float) -> Counted:
     global _done
     _done += 1
     return Counted(value)
@@ -36,22 +36,22 @@ class Counted(float):
     """A number that counts the operations done on it; as in the compiled kernels, nothing raises."""
 
     def __add__(self, other: float) -> Counted:
-        return _counted(float(self) + float(other))
+        return _count_operation(float(self) + float(other))
 
     def __sub__(self, other: float) -> Counted:
-        return _counted(float(self) - float(other))
+        return _count_operation(float(self) - float(other))
 
     def __rsub__(self, other: float) -> Counted:
-        return _counted(float(other) - float(self))
+        return _count_operation(float(other) - float(self))
 
     def __mul__(self, other: float) -> Counted:
-        return _counted(float(self) * float(other))
+        return _count_operation(float(self) * float(other))
 
     def __truediv__(self, other: float) -> Counted:
-        return _counted(_quotient(float(self), float(other)))
+        return _count_operation(_quotient(float(self), float(other)))
 
     def __rtruediv__(self, other: float) -> Counted:
-        return _counted(_quotient(float(other), float(self)))
+        return _count_operation(_quotient(float(other), float(self)))
 
     def __neg__(self) -> Counted:
         return Counted(-float(self))
@@ -70,10 +70,10 @@ def _quotient(a: float, b: float) -> float:
 
 
 def _square_root(x: float) -> Counted:
-    return _counted(_root(float(x)) if float(x) >= 0.0 else math.nan)
+    return _count_operation(_root(float(x)) if float(x) >= 0.0 else math.nan)
 
 
-def _countable(field: NDArray[Any]) -> NDArray[Any]:
+def _as_counting(field: NDArray[Any]) -> NDArray[Any]:
     """The array with counting numbers as elements."""
     out = np.empty(field.shape, object)
     out.ravel()[:] = [Counted(value) for value in field.ravel()]
@@ -85,7 +85,7 @@ def count(problem: str, kind: str, points: int, outliers: int, samples: int) -> 
     global _done
     scene, tables = scene_and_tables(problem, points, outliers)
     order, (n, n_target) = scene.problem.order, (len(scene.source), len(scene.target))
-    tables = type(tables)(*map(_countable, tables))
+    tables = type(tables)(*map(_as_counting, tables))
     residual = KINDS[kind](pairs=1)
     rng = np.random.default_rng(0)
     bases = enumeration.source_bases(n, order)

@@ -10,10 +10,10 @@ import numba
 
 from rootmatch._version import __version__
 from rootmatch.backends.strongest import Progress
-from rootmatch.research.speed.contraction import contraction
+from rootmatch.research.speed.contraction import measure_contraction
 from rootmatch.research.speed.kernels import rates
-from rootmatch.research.speed.matches import tracked, whole_match
-from rootmatch.research.speed.memory import memory
+from rootmatch.research.speed.matches import measure_matches, measure_tracked
+from rootmatch.research.speed.memory import measure_memory
 from rootmatch.research.speed.operation_count import operations
 from rootmatch.research.speed.peak_flops import peak
 
@@ -114,14 +114,14 @@ def run(plan: Plan, progress: Progress | None = None) -> Results:
                 }
             )  # fmt: skip
         step()
-    results.contraction = contraction(*plan.contraction, plan.repeats)
+    results.contraction = measure_contraction(*plan.contraction, plan.repeats)
     step()
     seeds = range(1000, 1000 + plan.scenes)
-    results.matches.append(tracked(*plan.tracked, seeds))
+    results.matches.append(measure_tracked(*plan.tracked, seeds))
     step()
     for case in plan.matches:
-        results.matches.append(whole_match(*case, seeds))
+        results.matches.append(measure_matches(*case, seeds))
         step()
-    results.memory = memory(*plan.memory)
+    results.memory = measure_memory(*plan.memory)
     step()
     return results

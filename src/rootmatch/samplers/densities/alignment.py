@@ -16,7 +16,7 @@ import numpy as np
 
 from rootmatch.algebra.rotation import spread_rotations
 from rootmatch.arrays import Floats
-from rootmatch.jit.threads import in_pieces
+from rootmatch.jit.threads import run_in_pieces
 from rootmatch.samplers.densities.descent_kernels import ascend
 
 
@@ -92,7 +92,7 @@ class Aligned(NamedTuple):
     """(K, 3) of the body's centre in the camera frame."""
 
 
-def aligned(points: Floats, detections: Floats, sigma: float, *, rng: np.random.Generator) -> Aligned:
+def align_densities(points: Floats, detections: Floats, sigma: float, *, rng: np.random.Generator) -> Aligned:
     """Poses at which the projected points are as dense as the detections.
 
     Parameters
@@ -118,8 +118,8 @@ def aligned(points: Floats, detections: Floats, sigma: float, *, rng: np.random.
     false = max(len(detections) - len(points), FALSE * len(detections)) / blob.area
     for level in LEVELS:
         blur = math.hypot(level.blur * size, sigma)
-        found = _climbed(points, detections, found, blob, blur=blur, false=false, level=level)
-        found = _distinct(found, level.kept, math.radians(max(20.0 * level.blur, 0.5)))
+        found = _climb_level(points, detections, found, blob, blur=blur, false=false, level=level)
+        found = _distinct_poses(found, level.kept, math.radians(max(20.0 * level.blur, 0.5)))
     return found
 
 
@@ -136,7 +136,7 @@ def _starts(points: Floats, blob: Blob) -> Aligned:
     return Aligned(onto @ rotation, depth[:, None] * ray)
 
 
-def _climbed(
+def _climb_level(
     points: Floats, detections: Floats, starts: Aligned, blob: Blob, *, blur: float, false: float, level: Level
 ) -> Aligned:
     """Poses after the steps of one level, the most likely first."""
@@ -159,7 +159,7 @@ def _climbed(
             false * cell**2 * len(some) / len(points), level.steps, likelihood[own],
         )  # fmt: skip
 
-    in_pieces(climb, len(rotation))
+    run_in_pieces(climb, len(rotation))
     order = np.argsort(-likelihood, kind="stable")
     order = order[np.isfinite(likelihood[order]) & (position[order, 2] > 0.0)]
     return Aligned(rotation[order], position[order])
@@ -178,7 +178,7 @@ def histogram(detections: Floats, origin: Floats, cell: float, shape: tuple[int,
     return image
 
 
-def _distinct(found: Aligned, most: int, angle: float) -> Aligned:
+def _distinct_poses(found: Aligned, most: int, angle: float) -> Aligned:
     """The first poses whose rotations differ by more than an angle in radians; the rest are met again anyway."""
     kept: list[int] = []
     nearest = 1.0 + 2.0 * math.cos(angle)  # trace of their relative rotation

@@ -8,7 +8,7 @@ from rootmatch.jit.decorators import FASTMATH, driver, part
 
 
 @part
-def _blurred(image, room, taps):  # type: ignore[no-untyped-def]
+def _blur(image, room, taps):  # type: ignore[no-untyped-def]
     """Convolve an image with a symmetric filter along both axes, in place."""
     h, w = image.shape
     middle = taps.size // 2
@@ -33,7 +33,7 @@ def _blurred(image, room, taps):  # type: ignore[no-untyped-def]
 
 
 @part
-def _drawn(points, R, t, origin, cell, seen, place, image):  # type: ignore[no-untyped-def]
+def _draw_points(points, R, t, origin, cell, seen, place, image):  # type: ignore[no-untyped-def]
     """Project points and share each among the four cells about its image."""
     h, w = image.shape
     image[:] = 0.0
@@ -54,7 +54,7 @@ def _drawn(points, R, t, origin, cell, seen, place, image):  # type: ignore[no-u
 
 
 @part
-def _gathered(ratio, seen, place, t, cell, variance, normal, right):  # type: ignore[no-untyped-def]
+def _gather_normal_equations(ratio, seen, place, t, cell, variance, normal, right):  # type: ignore[no-untyped-def]
     """Normal equations (6, 6) of the step towards the mean detection of each point, rotation about the centre first.
 
     ``ratio`` is the blurred image of detections over what is expected: at a point it is the weight of its detections,
@@ -82,7 +82,7 @@ def _gathered(ratio, seen, place, t, cell, variance, normal, right):  # type: ig
 
 
 @part
-def _solved(normal, right):  # type: ignore[no-untyped-def]
+def _solve_damped(normal, right):  # type: ignore[no-untyped-def]
     """Solve slightly damped normal equations in place, by Cholesky; whether they have a solution."""
     for a in range(6):
         normal[a, a] = normal[a, a] * 1.001 + 1e-12
@@ -108,7 +108,7 @@ def _solved(normal, right):  # type: ignore[no-untyped-def]
 
 
 @part
-def _moved(R, t, step, most):  # type: ignore[no-untyped-def]
+def _move_pose(R, t, step, most):  # type: ignore[no-untyped-def]
     """Apply a step to a pose in place: at most ``most`` radians, and that share of the depth."""
     angle = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
     turn = min(angle, most)
@@ -157,8 +157,8 @@ def ascend(points, rotation, position, detections, origin, cell, taps, variance,
     for k in range(rotation.shape[0]):
         R, t = rotation[k], position[k]
         for turn in range(steps + 1):
-            _drawn(points, R, t, origin, cell, seen, place, image)
-            _blurred(image, room, taps)
+            _draw_points(points, R, t, origin, cell, seen, place, image)
+            _blur(image, room, taps)
             total = 0.0
             for r in range(h):
                 for c in range(w):
@@ -172,8 +172,8 @@ def ascend(points, rotation, position, detections, origin, cell, taps, variance,
             likelihood[k] = total
             if turn == steps:
                 break
-            _blurred(image, room, taps)
-            _gathered(image, seen, place, t, cell, variance, normal, step)
-            if not _solved(normal, step):
+            _blur(image, room, taps)
+            _gather_normal_equations(image, seen, place, t, cell, variance, normal, step)
+            if not _solve_damped(normal, step):
                 break
-            _moved(R, t, step, 0.3)
+            _move_pose(R, t, step, 0.3)

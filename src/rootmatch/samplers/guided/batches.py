@@ -40,7 +40,7 @@ def next_batch(batch: int, solved: int | None = None) -> int:
     return min(2 * batch if solved is None else max(batch, int(GROWTH * solved)), LARGEST)
 
 
-def verified_of(solved: int, single: bool) -> int:
+def verification_count(solved: int, single: bool) -> int:
     """Survivors to verify of a batch of ``solved`` minimal sets."""
     if not single:
         return max(LEAST_VERIFIED_OF_MANY, solved // SETS_PER_VERIFIED_OF_MANY)
@@ -49,11 +49,11 @@ def verified_of(solved: int, single: bool) -> int:
     return max(least, solved // SETS_PER_VERIFIED)
 
 
-def verified_of_listed(tried: int) -> int:
+def listed_verification_count(tried: int) -> int:
     """Survivors to verify of so many image triples that were listed."""
     return max(LEAST_VERIFIED, tried // SETS_PER_VERIFIED_OF_SHAPE)
 
 
-def kept_per_chunk(verified: int) -> int:
+def survivors_per_chunk(verified: int) -> int:
     """Survivors that a chunk keeps of a batch of which so many are verified."""
     return max(LEAST_KEPT, int(verified * SURPLUS / CHUNKS))

@@ -18,9 +18,9 @@ from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.enumeration import subsets as every_subset
 from rootmatch.hypergraph.random_tuples import distinct_sets, distinct_tuples
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.threads import in_pieces
+from rootmatch.jit.threads import run_in_pieces
 from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.exhaustive import given_tensor
+from rootmatch.samplers.exhaustive import tensor_of_hyperedges
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import candidate_hyperedges, membership
 from rootmatch.samplers.guided.options import GuidedOptions
@@ -37,7 +37,7 @@ CHANCE_SAMPLES = 4_096
 """Random hyper-edges that estimate the mean weight by chance. Evaluated in half a millisecond."""
 
 
-def sampled_among(
+def sample_clusters(
     task: SamplingTask,
     clusters: Callable[[], HypothesisClusters],
     options: GuidedOptions,
@@ -76,9 +76,11 @@ def sampled_among(
         few = options
         if deadline.is_set:
             few = replace(options, edges=deadline.part(WEIGHED).affordable(options.edges, SECONDS_PER_EDGE))
-        source, target, coverage = hyperedges_among(clusters(), task.shape, task.order, few, rng, deadline=deadline)
-        deadline.cuts(left_out=coverage < 1.0 and few.edges < options.edges)
-        return given_tensor(task, source, target), coverage, len(source)
+        source, target, coverage = list_cluster_hyperedges(
+            clusters(), task.shape, task.order, few, rng, deadline=deadline
+        )
+        deadline.record_cut(left_out=coverage < 1.0 and few.edges < options.edges)
+        return tensor_of_hyperedges(task, source, target), coverage, len(source)
 
     def chance() -> float:
         """Mean weight of random hyper-edges."""
@@ -100,7 +102,7 @@ def sampled_among(
     return SampledTensor(tensor, evaluated + count, coverage, chance, partial=True, **found)
 
 
-def hyperedges_among(
+def list_cluster_hyperedges(
     clusters: HypothesisClusters,
     shape: tuple[int, int],
     order: int,
@@ -123,9 +125,9 @@ def hyperedges_among(
     """
     lists = clusters.lists
     mask = membership(lists, shape[1])
-    subsets, coverage = _subsets(clusters, shape[0], order, options, rng)
+    subsets, coverage = _draw_subsets(clusters, shape[0], order, options, rng)
     nothing = np.empty((0, order), np.int64)
-    counts, counted = _counts(lists, mask, subsets, deadline.part(COUNTED))
+    counts, counted = _count_hyperedges(lists, mask, subsets, deadline.part(COUNTED))
     if len(counted) < len(subsets):
         coverage *= len(counted) / len(subsets)
         subsets = counted
@@ -140,7 +142,7 @@ def hyperedges_among(
     return source, target, coverage
 
 
-def _counts(
+def _count_hyperedges(
     lists: Integers, mask: NDArray[np.uint64], subsets: Integers, deadline: Deadline
 ) -> tuple[Integers, Integers]:
     """How many hyper-edges each cluster has, and of which subsets: all that can be counted by a deadline."""
@@ -156,11 +158,11 @@ def _counts(
         counts, done = counts + some, last
 
     with deadline.within():
-        in_pieces(count, len(subsets))
+        run_in_pieces(count, len(subsets))
     return counts, subsets[np.sort(order[:done])]
 
 
-def _subsets(
+def _draw_subsets(
     clusters: HypothesisClusters, n: int, order: int, options: GuidedOptions, rng: np.random.Generator
 ) -> tuple[Integers, float]:
     """Subsets (S, d) of source points, ascending, and which fraction of all they are.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.directions import tangent_basis_of
+from rootmatch.algebra.directions import tangent_basis_at
 from rootmatch.arrays import Floats, median
 from rootmatch.cameras.stereographic import widest_axis
 from rootmatch.jit.decorators import driver, scalar
@@ -84,10 +84,10 @@ def mean_basis(rays: Floats) -> Floats:
         mean = widest_axis(np.ascontiguousarray(rays.T))
     mean = mean / np.sqrt(mean @ mean)
     x, y, z = mean.tolist()
-    return np.array([*tangent_basis_of(x, y, z), mean])
+    return np.array([*tangent_basis_at(x, y, z), mean])
 
 
-def narrowed(rays: Floats, gate: float) -> float:
+def gate_factor(rays: Floats, gate: float) -> float:
     """Factor on a gate in radians where many of the bearings (3, n') lie within one, 1 where few do."""
     _, *longer = sorted((rays.max(axis=1) - rays.min(axis=1)).tolist())
     area = float(math.prod(longer))
@@ -98,7 +98,7 @@ def narrowed(rays: Floats, gate: float) -> float:
 def grid_of(rays: Floats, sigma: Floats, *, narrow: bool) -> DetectionGrid:
     """Grid of bearings (3, n') with standard deviations (n',) in radians; its gate may be narrower where they crowd."""
     gate = GATE * max(median(sigma), float(sigma.max()) / NOISE_RATIO)
-    return build_grid(rays, gate * narrowed(rays, gate) if narrow else gate)
+    return build_grid(rays, gate * gate_factor(rays, gate) if narrow else gate)
 
 
 def build_grid(rays: Floats, gate: float) -> DetectionGrid:

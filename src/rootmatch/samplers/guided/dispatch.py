@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from rootmatch.jit.dispatch import kernel_of
-from rootmatch.problems.kernels import HypothesisKernels, ListedKernels, kernels_of
+from rootmatch.jit.dispatch import dispatch_to_kernel
+from rootmatch.problems.kernels import HypothesisKernels, ListedKernels, kernel_record
 
 
 def hypothesis_kernels(tables: Any) -> HypothesisKernels:
     """The kernels of some tables, of their class or of their Numba type, which must have them."""
-    kernels = kernels_of(tables).hypotheses
+    kernels = kernel_record(tables).hypotheses
     if kernels is None:
         raise TypeError(f"{tables}: no kernels for a guided search; ask has_hypotheses() first")
     return kernels
@@ -21,7 +21,7 @@ def hypothesis_kernels(tables: Any) -> HypothesisKernels:
 
 def has_hypotheses(tables: type) -> bool:
     """Whether a type of tables has the kernels for a guided search."""
-    return kernels_of(tables).hypotheses is not None
+    return kernel_record(tables).hypotheses is not None
 
 
 def listed_kernels(tables: Any) -> ListedKernels:
@@ -34,7 +34,7 @@ def listed_kernels(tables: Any) -> ListedKernels:
 
 def has_listed(tables: type) -> bool:
     """Whether a type of tables has the kernels for listed image triples."""
-    kernels = kernels_of(tables).hypotheses
+    kernels = kernel_record(tables).hypotheses
     return kernels is not None and kernels.listed is not None
 
 
@@ -44,11 +44,11 @@ def set_coordinates(tables: Any, sets: Any, others: Any) -> Any:
 
 
 # see `HypothesisKernels`
-solve_set = kernel_of(hypothesis_kernels, "solve")
-set_known = kernel_of(hypothesis_kernels, "known")
-set_frame = kernel_of(hypothesis_kernels, "frame")
-predict_set = kernel_of(hypothesis_kernels, "predict")
+solve_set = dispatch_to_kernel(hypothesis_kernels, "solve")
+set_known = dispatch_to_kernel(hypothesis_kernels, "known")
+set_frame = dispatch_to_kernel(hypothesis_kernels, "frame")
+predict_set = dispatch_to_kernel(hypothesis_kernels, "predict")
 # see `ListedKernels`
-gather_listed = kernel_of(listed_kernels, "gather")
-solve_listed = kernel_of(listed_kernels, "solve")
-listed_frame = kernel_of(listed_kernels, "frame")
+gather_listed = dispatch_to_kernel(listed_kernels, "gather")
+solve_listed = dispatch_to_kernel(listed_kernels, "solve")
+listed_frame = dispatch_to_kernel(listed_kernels, "frame")

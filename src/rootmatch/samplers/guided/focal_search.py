@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
+from rootmatch.samplers.guided.candidate_hyperedges import sample_clusters
 from rootmatch.samplers.guided.near_pairs import PairSearch
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.rivals import RIVAL_MISSED, missed_rival
+from rootmatch.samplers.guided.rivals import RIVAL_MISSED, missed_rival_probability
 from rootmatch.samplers.limits import LIMITS
 
 SEARCHED, RESERVE = 0.6, 0.3
@@ -31,7 +31,7 @@ JOINED = 512
 """Strongest hypotheses of all searches together that are clustered: a few for each assignment. A round value."""
 
 
-def focal_tensor(task: SamplingTask, tables: Callable[[], list[Any]], options: GuidedOptions) -> SampledTensor:
+def search_focal_lengths(task: SamplingTask, tables: Callable[[], list[Any]], options: GuidedOptions) -> SampledTensor:
     """Tensor of the hyper-edges among the correspondences that poses at all focal lengths name; see `Guided`.
 
     Searches go on until one has found something and no other can well have missed as good a pose.
@@ -72,12 +72,12 @@ def focal_tensor(task: SamplingTask, tables: Callable[[], list[Any]], options: G
         whole = Together(searches)
     if task.progress is not None:
         task.progress(options.budget, options.budget)
-    return sampled_among(
+    return sample_clusters(
         task, whole.first.clusters, few, whole.first.rng, spent,
         deadline=task.deadline,
         conclusive=whole.found,
         assignments=whole.first.assignments(),
-        missed=missed_rival(whole.first, max(whole.missed(search) for search in searches)),
+        missed=missed_rival_probability(whole.first, max(whole.missed(search) for search in searches)),
     )  # fmt: skip
 
 
@@ -91,7 +91,7 @@ class Together:
         least = evidence[:JOINED][-1] if evidence else 0.0
         first.hypotheses = [batch.take(batch.evidence >= least) for batch in every]
         first.tested = sum(search.tested for search in searches)
-        first._clustered()
+        first._cluster_hypotheses()
         (joined,) = first.hypotheses
         self.found = float(joined.evidence.max(initial=0.0)) > first._false_alarm_level()
         """Whether a hypothesis is beyond what chance reaches in all tests together."""
@@ -102,7 +102,7 @@ class Together:
         """Probability that one of the searches has missed a pose with as many matches as the best one of all."""
         if search.conclusive or search.missed == 0.0:
             return search.missed
-        return search.missed_as(self.best)
+        return search.miss_probability(self.best)
 
     def may_miss(self, search: PairSearch) -> bool:
         """Whether one of the searches is worth going on with: it has not ended by itself, and may have missed one."""

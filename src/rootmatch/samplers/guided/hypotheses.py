@@ -59,7 +59,7 @@ class Hypotheses(NamedTuple):
             first.setdefault(self.best[number].tobytes(), number)
         return np.ascontiguousarray(self.best[list(first.values())[:most]])
 
-    def apart_from_first(self) -> Bools:
+    def differs_from_first(self) -> Bools:
         """Which (K,) have less than `SHARED` of their matches in common with the first one: other poses."""
         common = ((self.best == self.best[:1]) & (self.best >= 0)).sum(axis=1)
         return np.asarray(common < SHARED * (self.best >= 0).sum(axis=1))
@@ -80,13 +80,13 @@ class HypothesisClusters(NamedTuple):
     """Evidence that chance may reach."""
 
 
-def strongest_of(batches: Sequence[Hypotheses]) -> Integers:
+def strongest_assignment(batches: Sequence[Hypotheses]) -> Integers:
     """Assignment (n,) of the hypothesis with the highest evidence."""
     strongest = max(batches, key=lambda batch: float(batch.evidence.max()))
     return np.asarray(strongest.best[strongest.evidence.argmax()])
 
 
-def missed_as_met(best: Integers, drawn: Sequence[Hypotheses]) -> float:
+def recurrence_miss_probability(best: Integers, drawn: Sequence[Hypotheses]) -> float:
     """Probability of not having met a pose that is as easy to meet as that of an assignment (n,).
 
     That was met by some of the minimal sets that were ``drawn``, each a batch, once and then so many times again. Of a

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 
 WORD = 64
 """Clusters per word of the membership mask."""
@@ -128,7 +128,7 @@ def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type:
                 place[p] = 0
                 possible = possible and lists[g, subsets[s, p], 0] >= 0
             while possible:
-                if _once(lists, mask, subsets, place, s, g):
+                if _is_first_occurrence(lists, mask, subsets, place, s, g):
                     if count < source.shape[0]:
                         for p in range(order):
                             source[count, p] = subsets[s, p]
@@ -146,8 +146,8 @@ def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type:
         counts[g] = count - before
 
 
-@internal()
-def _once(lists, mask, subsets, place, s, g):  # type: ignore[no-untyped-def]
+@internal_function()
+def _is_first_occurrence(lists, mask, subsets, place, s, g):  # type: ignore[no-untyped-def]
     """Whether the detections are distinct and no earlier cluster holds all the correspondences."""
     order = subsets.shape[1]
     for p in range(order):

@@ -11,7 +11,7 @@ from rootmatch.samplers.guided.detection_grid import detection_at, field_of
 
 
 @part
-def weakest_of(ratios):  # type: ignore[no-untyped-def]
+def find_weakest(ratios):  # type: ignore[no-untyped-def]
     """Place of the lowest ratio of a chunk, which the next survivor takes."""
     weakest = 0
     for q in range(ratios.size):
@@ -77,7 +77,7 @@ def keep_survivor(survivors, ratios, weakest, ratio, found):  # type: ignore[no-
     ratios[weakest] = ratio
     for p in range(5):
         survivors[weakest, p] = found[p]
-    return weakest_of(ratios)
+    return find_weakest(ratios)
 
 
 @part
@@ -90,7 +90,7 @@ def keep_likeliest(  # type: ignore[no-untyped-def]
     """
     frames, picked = hypotheses
     m, looked = picked.shape[1] - 2, 0
-    weakest = weakest_of(ratios)
+    weakest = find_weakest(ratios)
     for q in range(filled):
         s = picked[q, 0]
         tick += 1
@@ -109,5 +109,5 @@ def keep_likeliest(  # type: ignore[no-untyped-def]
             survivors[weakest, 0], survivors[weakest, 1] = s, picked[q, 1]
             for p in range(m):
                 survivors[weakest, 2 + p] = images[picked[q, 2 + p]]
-            weakest = weakest_of(ratios)
+            weakest = find_weakest(ratios)
     return tick, looked

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.problems.padding import with_sources
+from rootmatch.problems.padding import select_sources
 from rootmatch.samplers.guided.hypotheses import Hypotheses
-from rootmatch.samplers.guided.minimal_sets import widest
+from rootmatch.samplers.guided.minimal_sets import widest_sets
 from rootmatch.samplers.guided.verification import verify
 
 VERIFIED = 64
@@ -65,7 +65,7 @@ class PartialVerification:
         """Hypotheses (K,) of solved triples (K, 3) and their roots and images (K, 4), judged by some points alone."""
         n = len(self.positions)
         every = len(some) == n
-        tables = self.tables if every else with_sources(self.tables, some, n)
+        tables = self.tables if every else select_sources(self.tables, some, n)
         allowed = self.allowed[some] if self.allowed.size and not every else self.allowed
         evidence, best, candidates = verify(tables, np.searchsorted(some, points), images, self.density, allowed)
         if every:
@@ -77,7 +77,7 @@ class PartialVerification:
         return Hypotheses(points, images, evidence, whole, more)
 
 
-def grown(
+def grow_lead(
     lead: Lead, verified: PartialVerification, least: float, solutions: int, rng: np.random.Generator
 ) -> tuple[Hypotheses, int]:
     """Hypotheses of the whole object that a lead grows to, none where it does not, and points looked up for them.
@@ -97,7 +97,7 @@ def grown(
     roots = np.arange(solutions)
     while True:
         last, reach = reach >= n, min(n, int(STRIDE * reach))
-        chosen = widest(verified.positions, np.flatnonzero(best >= 0), 3, WIDE_SETS, rng)
+        chosen = widest_sets(verified.positions, np.flatnonzero(best >= 0), 3, WIDE_SETS, rng)
         points = np.repeat(chosen, solutions, axis=0)
         images = np.column_stack([np.tile(roots, len(chosen)), np.repeat(best[chosen], solutions, axis=0)])
         found = verified(verified.nearest(first, reach), points, images)

@@ -15,14 +15,14 @@ import numpy as np
 
 from rootmatch.arrays import Integers
 from rootmatch.deadline import Deadline, Pace
-from rootmatch.jit.threads import threads_worth
-from rootmatch.problems.kernels import kernels_of
+from rootmatch.jit.threads import worthwhile_threads
+from rootmatch.problems.kernels import kernel_record
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
-from rootmatch.samplers.guided.local_growth import VERIFIED, Lead, PartialVerification, grown
+from rootmatch.samplers.guided.local_growth import VERIFIED, Lead, PartialVerification, grow_lead
 from rootmatch.samplers.guided.local_triples import run_local_tests
-from rootmatch.samplers.guided.minimal_sets import near_others, nearest
+from rootmatch.samplers.guided.minimal_sets import nearest_neighbours, nearest_other_points
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS
 from rootmatch.samplers.guided.search import Search
@@ -102,12 +102,12 @@ class LocalSearch(Search):
         self.wide, self.spent = False, {False: 0, True: 0}
         """Whether the last triples tried were wide ones, and image triples solved of local and of wide ones."""
         self.sure_sets = SETS  # hypotheses grow by them
-        self.neighbours = nearest(self.positions, max(*POINTS, LOOKED_UP))
-        self.near = nearest(self.grid.positions.T, max(IMAGES))
+        self.neighbours = nearest_neighbours(self.positions, max(*POINTS, LOOKED_UP))
+        self.near = nearest_neighbours(self.grid.positions.T, max(IMAGES))
         n, most = self.neighbours.shape[1], LOCAL * (self.n_target - 1)
         sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= most]
         self.levels = [Level(p, q, self.n_target * q * (q - 1), FIRST_WAVE) for p, q in sizes]
-        self.in_parts = self.n > WHOLE and bool(kernels_of(self.tables).source_fields)
+        self.in_parts = self.n > WHOLE and bool(kernel_record(self.tables).source_fields)
         """Whether hypotheses of local triples are verified near their triple first."""
         self.nearby = False
         """Whether those are verified now."""
@@ -145,7 +145,7 @@ class LocalSearch(Search):
             return not self.conclusive
         return self.spent[True] * sum(one.open for one in self.levels) < self.spent[False]
 
-    def _enough(self) -> bool:
+    def _has_enough(self) -> bool:
         """Whether a pose that explains as much as the best one would have been met.
 
         Local triples go on to tell, whatever found it, unless all of them could not; of wide ones see `Search`.
@@ -153,12 +153,12 @@ class LocalSearch(Search):
         if not self.is_beyond_chance():
             return False
         if self.wide:
-            self._reckon()
-            if self._missed_after([len(self._triples(level)) for level in self.levels]) > MISSED:
-                return super()._enough()
+            self._update_miss_probability()
+            if self._miss_probability_after([len(self._triples(level)) for level in self.levels]) > MISSED:
+                return super()._has_enough()
         self.conclusive, self.wide = True, False
         self._grow()
-        self._reckon()
+        self._update_miss_probability()
         return self.missed <= MISSED
 
     def _try_rivals(self) -> None:
@@ -197,15 +197,15 @@ class LocalSearch(Search):
         points = np.ascontiguousarray(triples[level.done : level.done + count])
         near = np.ascontiguousarray(self.near[:, : level.images])
         solved = len(points) * level.cost
-        most = batches.verified_of_listed(solved)
-        others = near_others(points, self.neighbours)
+        most = batches.listed_verification_count(solved)
+        others = nearest_other_points(points, self.neighbours)
         sets = prepare_sets(self.tables, points, others, np.zeros(len(others), np.int64))
         # ever more patient with hidden points
         test = sequential_test(self.clutter, VISIBLE, level.waves, least=self.minimal + 1, normals=False)
         survivors, ratios, counts = run_local_tests(
             self.tables, self.grid, test, sets, near=near, allowed=self.allowed,
-            keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
-            threads=threads_worth(solved // batches.WORTH_A_THREAD),
+            keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
+            threads=worthwhile_threads(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
         self.nearby = self.in_parts
         self._keep(points, survivors, ratios, counts, most)
@@ -237,7 +237,7 @@ class LocalSearch(Search):
                 break
             if any(np.array_equal(best[lead.points], lead.images) for best in known):
                 continue
-            found, looked_up = grown(
+            found, looked_up = grow_lead(
                 lead, self.partly, self._false_alarm_level(), hypothesis_kernels(self.tables).solutions, self.rng
             )
             self.evaluated += looked_up
@@ -253,22 +253,22 @@ class LocalSearch(Search):
         for _ in range(0 if self.in_parts else ROUNDS):
             self.refined_at = -1
             self.refine()
-            before, strongest = strongest, float(self._clustered()[2].evidence[0])
+            before, strongest = strongest, float(self._cluster_hypotheses()[2].evidence[0])
             if strongest <= before + GROWTH:
                 return
 
-    def _reckon(self) -> None:
+    def _update_miss_probability(self) -> None:
         """Find the probability that a pose which explains as much as the best one was met by none of the triples tried.
 
         It is met by as many as the best one is: those with all three points matched, to images near each other.
         """
-        best = self._clustered()[2].best[0]
+        best = self._cluster_hypotheses()[2].best[0]
         if self.best is None or not np.array_equal(best, self.best):
             self.best = best
             self.shares = np.array([self._met(self._triples(level), level.images, best) for level in self.levels])
-        self.missed = self._missed_after([level.done for level in self.levels])
+        self.missed = self._miss_probability_after([level.done for level in self.levels])
 
-    def _missed_after(self, tried: list[int]) -> float:
+    def _miss_probability_after(self, tried: list[int]) -> float:
         """Probability that none of so many triples of each level met a pose that is met as often as the best one."""
         return float(np.prod((1.0 - (1.0 - FAILURE) * self.shares) ** np.array(tried)))
 

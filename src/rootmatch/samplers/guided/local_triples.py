@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.jit.threads import chunk_bounds, in_chunks
+from rootmatch.jit.threads import chunk_bounds, run_in_chunks
 from rootmatch.samplers.guided.detection_grid import DetectionGrid, field_of
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
-from rootmatch.samplers.guided.likelihood_ratio import keep_survivor, likelihood_ratio, weakest_of
+from rootmatch.samplers.guided.likelihood_ratio import find_weakest, keep_survivor, likelihood_ratio
 from rootmatch.samplers.guided.screening import ROOTS, cell_of
 from rootmatch.samplers.guided.sequential_test import QUICK, PreparedSets, SequentialTest, lookups_before_dropped
 from rootmatch.samplers.guided.visible_triples import BLOCK, BLOCK_ROWS
@@ -61,7 +61,7 @@ def run_local_tests(
             frames, hit, picked, stamp, survivors, ratios, counts,
         )  # fmt: skip
 
-    in_chunks(test_some, bounds, threads, max(1, QUICK // near.shape[1] ** 2))
+    run_in_chunks(test_some, bounds, threads, max(1, QUICK // near.shape[1] ** 2))
     return survivors, ratios, counts
 
 
@@ -71,9 +71,9 @@ def _test_some(  # type: ignore[no-untyped-def]
     scratch, block, frames, hit, picked, stamp, survivors, ratios, counts,
 ):  # fmt: skip
     """Tasks ``first … last − 1`` of chunks between ``bounds``; the arrays from ``scratch`` to ``stamp`` are scratch."""
-    tables, grid, flat_cells, sets, near = borrowed((tables, grid, flat_cells, sets, near))
-    allowed, scratch, block, frames, hit = borrowed((allowed, scratch, block, frames, hit))
-    picked, stamp, survivors, ratios, counts = borrowed((picked, stamp, survivors, ratios, counts))
+    tables, grid, flat_cells, sets, near = borrow((tables, grid, flat_cells, sets, near))
+    allowed, scratch, block, frames, hit = borrow((allowed, scratch, block, frames, hit))
+    picked, stamp, survivors, ratios, counts = borrow((picked, stamp, survivors, ratios, counts))
     points_of, others_of, coordinates_of, _, _ = sets
     masked = allowed.shape[0] > 0
     n_target, several = near.shape
@@ -151,7 +151,7 @@ def _test_block(  # type: ignore[no-untyped-def]
     survivors, ratios,
 ):  # fmt: skip
     """Test what the screening leaves of a block, one by one; the last stamp used."""
-    weakest = weakest_of(ratios)
+    weakest = find_weakest(ratios)
     for k in range(filled):
         if hit[1, k] == 0:
             continue

@@ -82,7 +82,7 @@ def distances2(positions: Floats, count: int, rng: np.random.Generator) -> Float
     return np.asarray((places**2).sum(axis=1) - 2.0 * about @ places.T)
 
 
-def in_turn(first: Iterator[Integers], second: Iterator[Integers]) -> Iterator[Integers]:
+def alternate(first: Iterator[Integers], second: Iterator[Integers]) -> Iterator[Integers]:
     """Waves of two sources in turn, until the first one ends."""
     for wave in first:
         yield wave
@@ -105,7 +105,7 @@ def width(positions: Floats, sets: Integers) -> Floats:
     return np.asarray(np.sqrt(area2 / np.maximum(longest, 1e-300)))
 
 
-def widest(positions: Floats, members: Integers, size: int, count: int, rng: np.random.Generator) -> Integers:
+def widest_sets(positions: Floats, members: Integers, size: int, count: int, rng: np.random.Generator) -> Integers:
     """Up to ``count`` wide sets (≤ count, size) among some of the points."""
     if math.comb(len(members), size) <= DRAWN_IN_CLUSTER:
         drawn = subsets(len(members), size)
@@ -115,7 +115,7 @@ def widest(positions: Floats, members: Integers, size: int, count: int, rng: np.
     return sets[np.argsort(-width(positions, sets), kind="stable")[:count]]
 
 
-def nearest(positions: Floats, most: int) -> Integers:
+def nearest_neighbours(positions: Floats, most: int) -> Integers:
     """The nearest of the points (n, 2 or 3) to each, itself left out, nearest first: (n, at most ``most``)."""
     from scipy.spatial import cKDTree  # slow to import, and only large objects need it
 
@@ -125,7 +125,7 @@ def nearest(positions: Floats, most: int) -> Integers:
     return np.ascontiguousarray(np.take_along_axis(found, others, axis=1).astype(np.int64))
 
 
-def near_others(triples: Integers, neighbours: Integers) -> Integers:
+def nearest_other_points(triples: Integers, neighbours: Integers) -> Integers:
     """The ``neighbours`` (n, k) of the first point of triples (T, 3), nearest first, without their own: (T, k − 2)."""
     near = neighbours[triples[:, 0]]
     own = (near[:, :, None] == triples[:, None, :]).any(axis=2)
@@ -133,7 +133,7 @@ def near_others(triples: Integers, neighbours: Integers) -> Integers:
     return np.ascontiguousarray(np.take_along_axis(near, order, axis=1))
 
 
-def others_of(sets: Integers, n: int) -> Integers:
+def remaining_points(sets: Integers, n: int) -> Integers:
     """The points (S, n − m) that are not in each set, ascending."""
     free = np.ones((len(sets), n), np.bool_)
     free[np.arange(len(sets))[:, None], sets] = False

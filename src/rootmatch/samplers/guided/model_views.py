@@ -8,11 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
-from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE, near_others, nearest, width
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
+from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE, nearest_neighbours, nearest_other_points, width
 from rootmatch.samplers.guided.sequential_test import PreparedSets, prepare_sets
 from rootmatch.samplers.guided.triangle_shapes import NARROW, add_near_shapes, shape_tables
-from rootmatch.samplers.guided.visibility import LOST, covering_order, detected_views, facing_points, sphere, within
+from rootmatch.samplers.guided.visibility import (
+    LOST,
+    covering_order,
+    detected_views,
+    facing_points,
+    sets_within_views,
+    sphere,
+)
 from rootmatch.samplers.guided.visible_triples import VisibleSets
 
 PREPARED = 4096
@@ -65,7 +72,7 @@ class ModelViews:
         if number not in self._waves:
             first, last = self.edges[number]
             points = self.ordered[first:last].copy()  # what is read-only is another type to a kernel
-            together = within(points, self.visible).astype(np.float32).T @ self.visible.astype(np.float32)
+            together = sets_within_views(points, self.visible).astype(np.float32).T @ self.visible.astype(np.float32)
             np.put_along_axis(together, points, -1.0, axis=1)
             others = np.argsort(-together, axis=1, kind="stable")[:, : together.shape[1] - 3]
             prepared = prepare_sets(tables, points, np.ascontiguousarray(others), np.zeros(len(points), np.int64))
@@ -80,7 +87,7 @@ class ModelViews:
         """So many of the `local` triples, whose others are near them; ``tables`` as in `wave`."""
         if number not in self._local_waves:
             points = self.local[number * LARGEST_WAVE : (number + 1) * LARGEST_WAVE].copy()
-            others = near_others(points, self.neighbours)
+            others = nearest_other_points(points, self.neighbours)
             prepared = prepare_sets(tables, points, others, np.zeros(len(points), np.int64))
             # their images are narrow, and those have shapes as from afar
             far = slice(0, DIRECTIONS)
@@ -92,7 +99,7 @@ class ModelViews:
     @cached_property
     def neighbours(self) -> Integers:
         """The points near each, nearest first."""
-        return nearest(self.positions, LOOKED_UP)
+        return nearest_neighbours(self.positions, LOOKED_UP)
 
     @cached_property
     def local(self) -> Integers:
@@ -102,18 +109,18 @@ class ModelViews:
         triples = np.empty((n, len(pairs), 3), np.int64)
         triples[:, :, 0], triples[:, :, 1:] = np.arange(n)[:, None], self.neighbours[:, pairs]
         every = triples.reshape(-1, 3)
-        shown = within(every, self.visible).mean(axis=0)
+        shown = sets_within_views(every, self.visible).mean(axis=0)
         worth = (shown * width(self.positions, every)).reshape(n, -1)
         order = np.argsort(-worth, axis=1, kind="stable")
         turns = np.take_along_axis(triples, order[..., None], axis=1).transpose(1, 0, 2)
         ordered = np.concatenate([rng.permutation(turn) for turn in turns])
-        return ordered[within(ordered, self.visible).any(axis=0)]
+        return ordered[sets_within_views(ordered, self.visible).any(axis=0)]
 
     def local_met(self, matched: int) -> Integers:
         """How many of the `local` triples of the first waves are within each view with ``matched`` points, (W, V)."""
         if matched not in self._local_met:
             views = detected_views(matched, self.normals, self.view_cosine)
-            inside = within(self.local, views)
+            inside = sets_within_views(self.local, views)
             starts = np.arange(0, len(self.local), LARGEST_WAVE)
             self._local_met[matched] = np.add.reduceat(inside, starts, axis=1, dtype=np.int64).cumsum(axis=1).T
         return self._local_met[matched]
@@ -134,7 +141,7 @@ class ModelViews:
         views, met = self._views[matched], self._met[matched]
         while len(met) <= waves:
             first, last = self.edges[len(met) - 1]
-            met.append(met[-1] + within(self.ordered[first:last], views).sum(axis=1))
+            met.append(met[-1] + sets_within_views(self.ordered[first:last], views).sum(axis=1))
         return float((LOST ** met[waves]).mean())
 
 
@@ -149,7 +156,7 @@ def _cameras(positions: Floats, normals: Floats, view_cosine: Floats | None) -> 
     return cameras, np.asarray((along > least) | ~normals.any(axis=1))
 
 
-@kept_by_values(8)
+@cache_by_values(8)
 def model_views(positions: Floats, normals: Floats, view_cosine: Floats | None = None) -> ModelViews:
     """`ModelViews` of points and normals (n, 3), kept for the last few objects."""
     return ModelViews(positions, normals, view_cosine)

@@ -14,15 +14,15 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.deadline import Deadline
 from rootmatch.samplers.base import SamplingTask
-from rootmatch.samplers.guided.hypotheses import strongest_of
+from rootmatch.samplers.guided.hypotheses import strongest_assignment
 from rootmatch.samplers.guided.local_search import LEAST, LOOKED_UP, POINTS, VISIBLE
-from rootmatch.samplers.guided.minimal_sets import near_others, nearest
+from rootmatch.samplers.guided.minimal_sets import nearest_neighbours, nearest_other_points
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.refinement import begin_with
+from rootmatch.samplers.guided.refinement import verify_known
 from rootmatch.samplers.guided.rivals import LITTLE, RIVAL_MISSED
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest, prepare_sets, sequential_test
-from rootmatch.samplers.guided.visibility import LOST, TriedSets, missed_at_random
+from rootmatch.samplers.guided.visibility import LOST, TriedSets, random_miss_probability
 
 WAVE = 8
 """Near pairs that are tried together: few, as a hundred are often enough. A round value."""
@@ -38,7 +38,9 @@ class PairSearch(Search):
 
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
-        self.neighbours = nearest(self.positions, LOOKED_UP) if self.n >= LEAST else np.empty((self.n, 0), np.int64)
+        self.neighbours = (
+            nearest_neighbours(self.positions, LOOKED_UP) if self.n >= LEAST else np.empty((self.n, 0), np.int64)
+        )
         self.pairs = self._near_pairs()
         self.near, self.waves = False, 0
         """Whether the pairs that are tried are near ones, and how many waves of others were tried."""
@@ -52,10 +54,10 @@ class PairSearch(Search):
         """Evidence of the strongest hypothesis that was solved anew."""
         self._going: Iterator[None] | None = None
 
-    def missed_as(self, best: Integers) -> float:
+    def miss_probability(self, best: Integers) -> float:
         """Probability that a pose which would have been met as often as an assignment was met by no pair."""
         near = (1.0 - (1.0 - LOST) * self._met(best)) ** self.done[True]
-        return near * missed_at_random(self._matched(best), self.n, self.minimal, self.done[False])
+        return near * random_miss_probability(self._matched(best), self.n, self.minimal, self.done[False])
 
     def _met(self, best: Integers) -> float:
         """Share of all near pairs that meet an assignment."""
@@ -105,12 +107,12 @@ class PairSearch(Search):
         wide = matched * (matched - 1) / (self.n * (self.n - 1))
         return share * self.done[True] * self.spent[False] >= wide * self.done[False] * self.spent[True]
 
-    def _prepared(self, points: Integers, arrangements: int) -> PreparedSets:
+    def _prepare_sets(self, points: Integers, arrangements: int) -> PreparedSets:
         """See `Search`; near pairs look up their neighbours."""
         if not self.near:
-            return super()._prepared(points, arrangements)
+            return super()._prepare_sets(points, arrangements)
         offset = self.rng.integers(0, arrangements, len(points))
-        return prepare_sets(self.tables, points, near_others(points, self.neighbours), offset)
+        return prepare_sets(self.tables, points, nearest_other_points(points, self.neighbours), offset)
 
     def _test(self, wave: int, seen: float = np.inf) -> SequentialTest:
         """See `Search`."""
@@ -126,21 +128,21 @@ class PairSearch(Search):
         super()._verify(points, images)
         self.hypotheses[before:] = [batch.strongest(KEPT) for batch in self.hypotheses[before:] if len(batch.evidence)]
 
-    def _none_missed(self, tried: TriedSets | None, sets_done: int) -> bool:
+    def _has_missed_none(self, tried: TriedSets | None, sets_done: int) -> bool:
         """See `Search`: by wide pairs, as what is seen need not be near."""
-        return super()._none_missed(tried, self.done[False])
+        return super()._has_missed_none(tried, self.done[False])
 
-    def _enough(self) -> bool:
+    def _has_enough(self) -> bool:
         """See `Search`; also where a pose that explains as much as what was found elsewhere would have been met."""
         self._look_closer()
         own = self.is_beyond_chance()
         if own:
             self.refine()
-            self.best = self._clustered()[2].best[0] if self.best is None else self.best
-        if self.best is not None and (missed := self.missed_as(self.best)) <= RIVAL_MISSED:
+            self.best = self._cluster_hypotheses()[2].best[0] if self.best is None else self.best
+        if self.best is not None and (missed := self.miss_probability(self.best)) <= RIVAL_MISSED:
             self.missed = missed
             return True
-        return own and super()._enough()
+        return own and super()._has_enough()
 
     def _try_rivals(self) -> None:
         """See `Search`; what the search itself may spend now says nothing of what they may."""
@@ -150,7 +152,7 @@ class PairSearch(Search):
     def _look_closer(self) -> None:
         """Solve wide pairs of the strongest hypothesis anew, if none before was as strong: near ones are vague."""
         if self._most_evidence() > self.strongest:
-            begin_with(self, strongest_of(self.hypotheses)[None])
+            verify_known(self, strongest_assignment(self.hypotheses)[None])
             self.strongest = self._most_evidence()
 
     def _most_evidence(self) -> float:

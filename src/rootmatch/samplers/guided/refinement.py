@@ -12,7 +12,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
 from rootmatch.samplers.guided.hypotheses import Hypotheses
-from rootmatch.samplers.guided.minimal_sets import widest
+from rootmatch.samplers.guided.minimal_sets import widest_sets
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
@@ -51,19 +51,19 @@ def refining_sets(
     """
     taken = leaders[: beyond_chance or max(CLUSTERS, int(CLUSTER_PART * len(leaders)))]
     minimal, most = hypotheses.points.shape[1], (solutions, count)
-    return _widest_of(hypotheses.best[taken], minimal, positions, most, rng)
+    return _widest_sets_of_matches(hypotheses.best[taken], minimal, positions, most, rng)
 
 
-def begin_with(search: Search, assignments: Integers) -> None:
+def verify_known(search: Search, assignments: Integers) -> None:
     """Verify wide minimal sets of assignments (K, n) that are known before a search, of each its own."""
     solutions = hypothesis_kernels(search.tables).solutions
     rng = np.random.default_rng(search.n)  # the search draws the same sets whatever is known
-    points, images = _widest_of(assignments, search.minimal, search.positions, (solutions, SETS), rng)
+    points, images = _widest_sets_of_matches(assignments, search.minimal, search.positions, (solutions, SETS), rng)
     if len(points):
         search._verify(points, images)
 
 
-def _widest_of(
+def _widest_sets_of_matches(
     assignments: Integers, minimal: int, positions: Floats, most: tuple[int, int], rng: np.random.Generator
 ) -> tuple[Integers, Integers]:
     """See `refining_sets`, of the matches of some assignments (K, n); ``most``: its ``solutions`` and ``count``."""
@@ -71,7 +71,7 @@ def _widest_of(
     points, images = [np.empty((0, minimal), np.int64)], [np.empty((0, minimal), np.int64)]
     for assignment in assignments:
         (matched,) = (assignment >= 0).nonzero()
-        chosen = widest(positions, matched, minimal, count, rng)
+        chosen = widest_sets(positions, matched, minimal, count, rng)
         points.append(np.repeat(chosen, solutions, axis=0))
         images.append(np.repeat(assignment[chosen], solutions, axis=0))
     stacked = np.concatenate(points)

@@ -18,7 +18,7 @@ from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE, width
-from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, views_of_parts, within
+from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED, TriedSets, sets_within_views, views_of_parts
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
@@ -58,34 +58,34 @@ def try_rivals(search: Search) -> None:
     Copies are rare: a crowd of other detections is worth a search for them as long as what came before, which does not
     count if that ends it.
     """
-    best = search._clustered()[2].best[0]
+    best = search._cluster_hypotheses()[2].best[0]
     own = np.sort(best[best >= 0])
-    search.missed = search._missed_among(own, fewest_of_its_own(search, len(own)), known=best)
+    search.missed = search._missed_among(own, least_own_detections(search, len(own)), known=best)
     search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
     free = np.ones(search.n_target, np.bool_)
     free[own] = False
     (rest,) = np.nonzero(free)
-    shown = fewest_elsewhere(search, len(own))
-    if shown[-1] <= len(rest) <= CROWD and not search._spent():
+    shown = least_other_detections(search, len(own))
+    if shown[-1] <= len(rest) <= CROWD and not search._is_spent():
         missed = search._missed_among(rest, shown)
-        if not search._spent():
+        if not search._is_spent():
             search.missed = max(search.missed, missed)
 
 
-def allowed_to(search: Search, images: Integers) -> Bools:
+def allowed_pairs(search: Search, images: Integers) -> Bools:
     """The possible correspondences (n, n') with some detections."""
     mask = np.zeros(search.shape, np.bool_)
     mask[:, images] = True
     return mask & search.allowed if search.allowed.size else mask
 
 
-def fewest_of_its_own(search: Search, matched: int) -> tuple[int]:
+def least_own_detections(search: Search, matched: int) -> tuple[int]:
     """Detections of a hypothesis with so many that a rival explains at least: it has to be as probable."""
     share = SAME * matched if search.normals and search.single else max(RIVAL * matched, matched - LACKS)
     return (max(search.minimal + 1, math.ceil(share)),)
 
 
-def fewest_elsewhere(search: Search, matched: int) -> tuple[int, int]:
+def least_other_detections(search: Search, matched: int) -> tuple[int, int]:
     """Other detections that a rival of a hypothesis with so many explains at least.
 
     The first number is of one that shows nearly as much, which must not be missed. The second is of one that chance
@@ -95,7 +95,9 @@ def fewest_elsewhere(search: Search, matched: int) -> tuple[int, int]:
     return as_much, min(as_much, max(2 * search.minimal, search.fewest))
 
 
-def missed_among(search: Search, images: Integers, shown: Sequence[int], known: Integers | None = None) -> float:
+def rival_miss_probability(
+    search: Search, images: Integers, shown: Sequence[int], known: Integers | None = None
+) -> float:
     """Probability of having missed a rival among some detections, after all minimal sets with them that it takes.
 
     It explains ``shown[0]`` of them at least; if there is a second number, one that explains so many is hardly missed
@@ -108,14 +110,14 @@ def missed_among(search: Search, images: Integers, shown: Sequence[int], known: 
         tried, wanted = TriedSets(partial(views_of_parts, positions=search.positions), LOST_OF_ALL), True
     least = shown[-1]
     test = search._test(0, least)
-    for points in _wanted(search, tried, least) if wanted else search._waves():
-        sets, met = search._prepared(points, len(arrangements)), 0
+    for points in _rival_waves(search, tried, least) if wanted else search._waves():
+        sets, met = search._prepare_sets(points, len(arrangements)), 0
         first, tasks = 0, len(points) * len(arrangements)
         while first < tasks and (block := pace.block(min(tasks - first, _block(search, images, known)))):
             last = first + block
             met += search._try(sets, test, arrangements, first=first, last=last, images=images, known=known)
             first = last
-            if search._spent():
+            if search._is_spent():
                 break
         if first == tasks:
             tried.add(points)
@@ -124,7 +126,7 @@ def missed_among(search: Search, images: Integers, shown: Sequence[int], known: 
         missed = tried.missed(shown[0])
         enough = missed <= MISSED or (wanted and missed <= RIVAL_MISSED and not _looks_like_itself(search))
         enough = enough and (len(shown) == 1 or tried.missed(least) <= RIVAL_MISSED)
-        if enough or search._spent() or (wanted and tried.lost > VAIN):
+        if enough or search._is_spent() or (wanted and tried.lost > VAIN):
             return missed
     return tried.missed(shown[0]) if wanted else 0.0
 
@@ -164,23 +166,23 @@ def verify_rivals(search: Search, found: Survivors, known: Integers | None) -> i
         search._verify(found.points[:1], found.images[:1])
         found = found.take(slice(1, None))
         if len(search.hypotheses) > before:
-            found = found.apart_from(search.hypotheses[-1].best[0])
+            found = found.without_assignment(search.hypotheses[-1].best[0])
     return met
 
 
-def missed_rival(search: Search, missed: float) -> float:
+def missed_rival_probability(search: Search, missed: float) -> float:
     """Probability that there is a rival that a search has missed, by the one of having missed it if there is one."""
     return missed if _looks_like_itself(search) else EXISTS * missed
 
 
 def _looks_like_itself(search: Search) -> bool:
     """Whether another pose than that of the best hypothesis is beyond chance."""
-    hypotheses = search._clustered()[2]
+    hypotheses = search._cluster_hypotheses()[2]
     beyond = hypotheses.evidence > search._false_alarm_level()
-    return bool((beyond & hypotheses.apart_from_first()).any())
+    return bool((beyond & hypotheses.differs_from_first()).any())
 
 
-def _wanted(search: Search, tried: TriedSets, least: int) -> Iterator[Integers]:
+def _rival_waves(search: Search, tried: TriedSets, least: int) -> Iterator[Integers]:
     """Waves of few minimal sets that miss hardly any pose which shows so many points, any of them.
 
     The widest sets are often of the same few points: where one of these is hidden, all of them fail. So sets are drawn
@@ -194,7 +196,7 @@ def _wanted(search: Search, tried: TriedSets, least: int) -> Iterator[Integers]:
             if len(wave) % TAKEN == 0:
                 places = rng.random((DRAWN, search.n)) + ~views[np.argpartition(-needed, DRAWN)[:DRAWN]]
                 sets = np.sort(np.argpartition(places, size, axis=1)[:, :size], axis=1)
-                covers, wide = within(sets, views).astype(np.float32), width(search.positions, sets)
+                covers, wide = sets_within_views(sets, views).astype(np.float32), width(search.positions, sets)
             best = int((wide * (needed @ covers)).argmax())
             wave.append(sets[best])
             needed *= 1.0 - (1.0 - tried.lost) * covers[:, best]

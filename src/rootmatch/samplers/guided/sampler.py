@@ -9,18 +9,18 @@ import numpy as np
 from rootmatch.deadline import checkpoint
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
+from rootmatch.samplers.guided.candidate_hyperedges import sample_clusters
 from rootmatch.samplers.guided.dispatch import has_hypotheses
-from rootmatch.samplers.guided.focal_search import focal_tensor
+from rootmatch.samplers.guided.focal_search import search_focal_lengths
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.refinement import begin_with
-from rootmatch.samplers.guided.rivals import missed_rival
+from rootmatch.samplers.guided.refinement import verify_known
+from rootmatch.samplers.guided.rivals import missed_rival_probability
 from rootmatch.samplers.guided.search import Search
-from rootmatch.samplers.guided.vague_vertical import triples_for
-from rootmatch.samplers.guided.visible_search import search_of
+from rootmatch.samplers.guided.vague_vertical import task_by_triples
+from rootmatch.samplers.guided.visible_search import choose_search
 from rootmatch.samplers.limits import LIMITS
-from rootmatch.samplers.point_sets.sampler import point_set_tensor
-from rootmatch.samplers.two_views.sampler import two_view_tensor
+from rootmatch.samplers.point_sets.sampler import sample_point_sets
+from rootmatch.samplers.two_views.sampler import sample_two_views
 
 SEARCHED, RESERVE, REFINED = 0.8, 0.2, 0.5
 """Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of its second
@@ -76,17 +76,17 @@ class Guided(GuidedOptions):
             If the problem's minimal sets make no hypotheses.
         """
         if task.clouds is not None:
-            return point_set_tensor(task, task.clouds, self)
+            return sample_point_sets(task, task.clouds, self)
         if task.views is not None:
-            return two_view_tensor(task, self)
+            return sample_two_views(task, self)
         if task.at_focal_lengths is not None and searches_focal_lengths(task):
-            return focal_tensor(task, task.at_focal_lengths, self)
+            return search_focal_lengths(task, task.at_focal_lengths, self)
         Capability.GUIDED.require(has_hypotheses(type(task.tables)), task.problem)
-        by_triples = triples_for(task)
-        search = self._searched(task, by_triples or task)
+        by_triples = task_by_triples(task)
+        search = self._run_search(task, by_triples or task)
         assignments = search.assignments() if search.single else None
         if by_triples is not None and assignments is not None and not search.is_beyond_chance():
-            evaluated, search = search.evaluated, self._searched(task, task)
+            evaluated, search = search.evaluated, self._run_search(task, task)
             search.evaluated += evaluated
             assignments = np.concatenate([search.assignments(), assignments])
         if task.progress is not None:
@@ -95,23 +95,23 @@ class Guided(GuidedOptions):
 
         # where a conclusive search knows no rivals a pose may decide alone, and nobody asks for hyper-edges
         alone = search.single and search.conclusive and len(clusters.evidence) == 1
-        return sampled_among(
+        return sample_clusters(
             task, lambda: clusters, self, search.rng, search.evaluated,
             later=alone,
             deadline=task.deadline,
             conclusive=search.conclusive,
             assignments=assignments,
-            missed=missed_rival(search, search.missed),
+            missed=missed_rival_probability(search, search.missed),
             unmet=search.missed,
         )  # fmt: skip
 
-    def _searched(self, task: SamplingTask, searched: SamplingTask) -> Search:
+    def _run_search(self, task: SamplingTask, searched: SamplingTask) -> Search:
         """The search of a task, at its end; ``searched``: the same by the same minimal sets, or by others."""
         checkpoint(SECONDS_PER_PAIR * searched.shape[1] ** 2)
-        search = search_of(searched, self, task.deadline.part(SEARCHED, RESERVE))
+        search = choose_search(searched, self, task.deadline.part(SEARCHED, RESERVE))
         with search.deadline.within():
             if task.found_before is not None:
-                begin_with(search, task.found_before)
+                verify_known(search, task.found_before)
             search.run()
         with task.deadline.part(REFINED).within():
             search.refine()

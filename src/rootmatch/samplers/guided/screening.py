@@ -62,23 +62,23 @@ def cell_of(whole, field, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def rotated(frame, a, b, c):  # type: ignore[no-untyped-def]
+def rotate_by_frame(frame, a, b, c):  # type: ignore[no-untyped-def]
     """A direction of the set's frame in the camera's frame."""
     _, _, _, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
     return a * ex + b * fx + c * gx, a * ey + b * fy + c * gy, a * ez + b * fz + c * gz
 
 
 @scalar
-def away(frame, normal, x, y, z):  # type: ignore[no-untyped-def]
+def facing_excess(frame, normal, x, y, z):  # type: ignore[no-untyped-def]
     """Above 0 where a normal is beyond its view angle, for a point with the unit bearing (x, y, z)."""
-    u, v, w = rotated(frame, normal[0], normal[1], normal[2])
+    u, v, w = rotate_by_frame(frame, normal[0], normal[1], normal[2])
     return u * x + v * y + w * z + normal[3]
 
 
 @scalar
-def predicted_cell(whole, field, frame, point):  # type: ignore[no-untyped-def]
+def predict_cell(whole, field, frame, point):  # type: ignore[no-untyped-def]
     """Cell that a point with these coordinates in the set's frame projects to."""
-    x, y, z = rotated(frame, point[0], point[1], point[2])
+    x, y, z = rotate_by_frame(frame, point[0], point[1], point[2])
     return cell_of(whole, field, x + frame[0], y + frame[1], z + frame[2])
 
 
@@ -89,12 +89,12 @@ def position(coordinates, r):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def cells_of_two(tables, grid, field, before, one, two, scratch, root, cells):  # type: ignore[no-untyped-def]
+def find_two_cells(tables, grid, field, before, one, two, scratch, root, cells):  # type: ignore[no-untyped-def]
     """Cells of two points at one root for every last image, and how many solutions there are; 0 where there is none."""
     whole, found = grid.whole, 0
     for k in range(scratch.shape[1]):
         real, frame = set_frame(tables, grid, before, k, scratch, root)
-        first, second = predicted_cell(whole, field, frame, one), predicted_cell(whole, field, frame, two)
+        first, second = predict_cell(whole, field, frame, one), predict_cell(whole, field, frame, two)
         cells[0, k] = first if real else np.int32(0)
         cells[1, k] = second if real else np.int32(0)
         found += real
@@ -131,7 +131,7 @@ def list_meeting(  # type: ignore[no-untyped-def]
             continue
         real += 1
         for r in range(lookups):
-            cells[0, r] = predicted_cell(whole, field, frame, position(coordinates, r))
+            cells[0, r] = predict_cell(whole, field, frame, position(coordinates, r))
         every = np.int16(NOBODY)
         for r in range(lookups):
             every &= flat_cells[places[0, r]]
@@ -148,9 +148,9 @@ def list_facing(tables, grid, normals, before, own, bearings, scratch, root, pas
         real, frame = set_frame(tables, grid, before, k, scratch, root)
         if normals:
             x, y, z = grid.rays[0, k], grid.rays[1, k], grid.rays[2, k]
-            real = real & (away(frame, own[:4], bearings[0], bearings[1], bearings[2]) <= 0.0)
-            real = real & (away(frame, own[4:8], bearings[3], bearings[4], bearings[5]) <= 0.0)
-            real = real & (away(frame, own[8:], x, y, z) <= 0.0)
+            real = real & (facing_excess(frame, own[:4], bearings[0], bearings[1], bearings[2]) <= 0.0)
+            real = real & (facing_excess(frame, own[4:8], bearings[3], bearings[4], bearings[5]) <= 0.0)
+            real = real & (facing_excess(frame, own[8:], x, y, z) <= 0.0)
         passed[count] = k
         count += real
     return count
@@ -213,7 +213,7 @@ def screen(  # type: ignore[no-untyped-def]
         for pair in range((lookups + 1) // 2 if lookups < ALONG else 0):
             one = position(coordinates, 2 * pair)
             two = position(coordinates, min(2 * pair + 1, lookups - 1))
-            real = cells_of_two(tables, grid, field, before, one, two, scratch, root, cells)
+            real = find_two_cells(tables, grid, field, before, one, two, scratch, root, cells)
             count = int(list_met(flat_cells, places, met, pair > 0, passed))
         found += real
         for q in range(count):

@@ -16,19 +16,30 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.hypergraph import enumeration
-from rootmatch.jit.threads import threads_worth
-from rootmatch.problems.padding import padded
+from rootmatch.jit.threads import worthwhile_threads
+from rootmatch.problems.padding import pad_tables
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches, rivals
 from rootmatch.samplers.guided.crowding import CROWDING
 from rootmatch.samplers.guided.detection_grid import grid_of
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
-from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters, missed_as_met, strongest_of
+from rootmatch.samplers.guided.hypotheses import (
+    Hypotheses,
+    HypothesisClusters,
+    recurrence_miss_probability,
+    strongest_assignment,
+)
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
-from rootmatch.samplers.guided.minimal_sets import in_turn, minimal_sets, others_of, sets_of_parts
+from rootmatch.samplers.guided.minimal_sets import alternate, minimal_sets, remaining_points, sets_of_parts
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
-from rootmatch.samplers.guided.rivals import RIVALS_KEPT, allowed_to, missed_among, try_rivals, verify_rivals
+from rootmatch.samplers.guided.rivals import (
+    RIVALS_KEPT,
+    allowed_pairs,
+    rival_miss_probability,
+    try_rivals,
+    verify_rivals,
+)
 from rootmatch.samplers.guided.sequential_test import (
     VISIBLE,
     VISIBLE_OF_MANY,
@@ -38,10 +49,16 @@ from rootmatch.samplers.guided.sequential_test import (
     run_sequential_tests,
     sequential_test,
 )
-from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level, fewest_told
+from rootmatch.samplers.guided.stopping import false_alarm_level, has_found_enough, least_telling_matches
 from rootmatch.samplers.guided.survivors import Survivors
-from rootmatch.samplers.guided.verification import CANDIDATES, shares_of, verify
-from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, detected_views, missed_at_random
+from rootmatch.samplers.guided.verification import CANDIDATES, allowed_shares, verify
+from rootmatch.samplers.guided.visibility import (
+    MISSED,
+    TriedSets,
+    covering_waves,
+    detected_views,
+    random_miss_probability,
+)
 
 VERIFIED = 10_000_000
 """Pairs of a prediction and a detection that are compared between two looks at the time: some milliseconds."""
@@ -71,7 +88,7 @@ class Search:
         self.tables, self.options, self.progress = tables, options, task.progress
         self.budget = options.budget  # less for the last part of a search
         self.n, self.n_target = self.shape = task.shape
-        self.padded = padded(tables, self.n_target)
+        self.padded = pad_tables(tables, self.n_target)
         self.single = motions == 1
         self.motions = math.inf if motions == "auto" else float(motions)
         self.minimal = task.order - 1
@@ -80,13 +97,15 @@ class Search:
         self.normals = bool(tables.normals[:3].any())
         self.grid = grid_of(tables.rays, np.sqrt(tables.variance), narrow=not self.normals)
         self.density = CROWDING * self.grid.density
-        share = max(float(shares_of(self.allowed, self.n).mean()), 1.0 / (self.n * self.n_target))  # one pair at least
+        share = max(
+            float(allowed_shares(self.allowed, self.n).mean()), 1.0 / (self.n * self.n_target)
+        )  # one pair at least
         self.clutter = float(self.density.mean()) * math.pi * self.grid.gate2 * share
         """Mean number of clutter detections within a gate, of those that a point may have."""
         self.possible = share**self.minimal
         """Share of the images of a minimal set that its points may have, as if they may have theirs independently."""
         sets = self.possible * math.comb(self.n, self.minimal) * math.perm(self.n_target, self.minimal)
-        self.fewest = min(fewest_told(self.density, tables.variance, self.minimal, sets), *self.shape)
+        self.fewest = min(least_telling_matches(self.density, tables.variance, self.minimal, sets), *self.shape)
         """Fewest matches that tell a pose from chance: a search need not go on for one that has fewer."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.positions = np.ascontiguousarray(tables.points.T)
@@ -106,13 +125,13 @@ class Search:
         for _ in self._steps():
             if self.progress is not None:
                 self.progress(min(self.evaluated, self.budget), self.budget)
-            if not self.deadline.passed() and self._enough():
+            if not self.deadline.passed() and self._has_enough():
                 self.conclusive = True  # also by the batch that spends the budget
                 break
-            if self._spent():
+            if self._is_spent():
                 return
             if len(self.hypotheses) > batches.APART:
-                self._clustered()
+                self._cluster_hypotheses()
         # what is beyond chance and looks like itself has more poses than a batch verifies
         if self.conclusive and self.is_beyond_chance():
             self._try_rivals()
@@ -126,7 +145,7 @@ class Search:
         pace = Pace(self.deadline, batches.CHUNKS)
         tried, sets_done, solved = self._tried(), 0, 0
         for wave, points in enumerate(self._waves()):
-            sets = self._prepared(points, len(arrangements))
+            sets = self._prepare_sets(points, len(arrangements))
             test = self._test(wave)
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
@@ -143,7 +162,7 @@ class Search:
                 sets_done += len(points)
                 if tried is not None:
                     tried.add(points)
-                if self._none_missed(tried, sets_done):
+                if self._has_missed_none(tried, sets_done):
                     self.conclusive = True
                     return
         if whole:
@@ -154,7 +173,7 @@ class Search:
         if self.normals:
             return covering_waves(self.positions, self.facing, self.minimal, self.view_cosine)
         wide = minimal_sets(self.positions, self.minimal, self.rng)
-        return in_turn(wide, sets_of_parts(self.positions, self.minimal, self.rng)) if self.single else wide
+        return alternate(wide, sets_of_parts(self.positions, self.minimal, self.rng)) if self.single else wide
 
     def _tried(self) -> TriedSets | None:
         """Record of the sets tried, which tells when nothing was missed; None without normals or for motions."""
@@ -162,29 +181,31 @@ class Search:
             return None
         return TriedSets(partial(detected_views, normals=self.facing, view_cosine=self.view_cosine))
 
-    def _none_missed(self, tried: TriedSets | None, sets_done: int) -> bool:
+    def _has_missed_none(self, tried: TriedSets | None, sets_done: int) -> bool:
         """Whether a pose that explains as many points as the best one would have been met by the sets tried."""
         by_chance = self.options.stopping.in_part and not self.is_beyond_chance()
-        matched = self.minimal + 1 if by_chance else self._most_matched()
+        matched = self.minimal + 1 if by_chance else self._best_match_count()
         if tried is not None:
             self.missed = tried.missed(matched)
         elif not self.single or not (by_chance or (matched := max(matched, self.fewest)) > self.minimal + 1):
             return False
         else:
-            self.missed = missed_at_random(matched, self.n, self.minimal, sets_done)
+            self.missed = random_miss_probability(matched, self.n, self.minimal, sets_done)
             if self.hypotheses and not by_chance:
-                self.missed = min(self.missed, missed_as_met(strongest_of(self.hypotheses), self.drawn))
+                self.missed = min(
+                    self.missed, recurrence_miss_probability(strongest_assignment(self.hypotheses), self.drawn)
+                )
         return self.missed <= MISSED
 
-    def _most_matched(self) -> int:
+    def _best_match_count(self) -> int:
         """Points that the hypothesis with the highest evidence matches, or a minimal set and one more."""
-        return int((strongest_of(self.hypotheses) >= 0).sum()) if self.hypotheses else self.minimal + 1
+        return int((strongest_assignment(self.hypotheses) >= 0).sum()) if self.hypotheses else self.minimal + 1
 
-    def _prepared(self, points: Integers, arrangements: int) -> PreparedSets:
+    def _prepare_sets(self, points: Integers, arrangements: int) -> PreparedSets:
         """Minimal sets with what all their images share, each beginning elsewhere in the arrangements."""
         offset = self.rng.integers(0, arrangements, len(points))
         # in random order: were the first points all hidden, or of another motion, the test would end too soon
-        others = self.rng.permuted(others_of(points, self.n), axis=1)
+        others = self.rng.permuted(remaining_points(points, self.n), axis=1)
         return prepare_sets(self.tables, points, others, offset)
 
     def _test(self, wave: int, seen: float = math.inf) -> SequentialTest:
@@ -193,20 +214,20 @@ class Search:
         visible = min(visible, seen / self.n)
         return sequential_test(self.clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
 
-    def _spent(self) -> bool:
+    def _is_spent(self) -> bool:
         return self.evaluated >= self.budget or self.deadline.passed()
 
-    def _enough(self) -> bool:
-        """Whether the search may stop; see `enough_found`."""
+    def _has_enough(self) -> bool:
+        """Whether the search may stop; see `has_found_enough`."""
         if not self.is_beyond_chance():
             return False
         self.refine()
         if self.normals and self.single:
             return True  # another pose is sought among its rivals
-        leaders, _, hypotheses = self._clustered()
+        leaders, _, hypotheses = self._cluster_hypotheses()
         if self.single and (hypotheses.best[0] >= 0).sum() >= self.options.stopping.complete * min(self.shape):
             return True
-        return enough_found(
+        return has_found_enough(
             hypotheses, leaders, self._false_alarm_level(), shape=self.shape,
             motions=self.motions, solved=self.solved, possible=self.possible, options=self.options.stopping,
         )  # fmt: skip
@@ -216,7 +237,7 @@ class Search:
         evidence = max((float(batch.evidence.max(initial=-math.inf)) for batch in self.hypotheses), default=-math.inf)
         return evidence > self._false_alarm_level()
 
-    _try_rivals, _missed_among = try_rivals, missed_among
+    _try_rivals, _missed_among = try_rivals, rival_miss_probability
 
     def _false_alarm_level(self) -> float:
         return false_alarm_level(self.tested, self.options.stopping)
@@ -239,12 +260,12 @@ class Search:
         """
         columns = self.n_target if images is None else len(images)
         solved = int(self.possible * (last - first) * (columns - self.minimal + 1))
-        most = batches.verified_of(solved, self.single) if images is None else RIVALS_KEPT
+        most = batches.verification_count(solved, self.single) if images is None else RIVALS_KEPT
         survivors, ratios, counts = run_sequential_tests(
             self.padded, self.grid, test, sets, arrangements,
-            first=first, last=last, allowed=self.allowed if images is None else allowed_to(self, images),
-            keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
-            threads=threads_worth(solved // batches.WORTH_A_THREAD), images=images,
+            first=first, last=last, allowed=self.allowed if images is None else allowed_pairs(self, images),
+            keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
+            threads=worthwhile_threads(solved // batches.WORTH_A_THREAD), images=images,
         )  # fmt: skip
         if images is None:
             self._keep(sets.points, survivors, ratios, counts, most)
@@ -286,7 +307,7 @@ class Search:
             return
         again, self.refined_at = self.refined_at >= 0, self.solved
         solutions = hypothesis_kernels(self.tables).solutions
-        leaders, _, hypotheses = self._clustered()
+        leaders, _, hypotheses = self._cluster_hypotheses()
         beyond_chance = int((hypotheses.evidence[leaders] > self._false_alarm_level()).sum())
         if again and self.single and 0 < beyond_chance == self.refined_clusters:
             return  # no rivals since
@@ -300,7 +321,7 @@ class Search:
 
     def clusters(self) -> HypothesisClusters:
         """The clusters at the end; where one is beyond chance, it and its rivals."""
-        leaders, lists, hypotheses = self._clustered()
+        leaders, lists, hypotheses = self._cluster_hypotheses()
         evidence, level = hypotheses.evidence[leaders], self._false_alarm_level()
         if self.single and len(leaders) and evidence[0] > level:
             own = self._rivals(evidence)
@@ -312,11 +333,11 @@ class Search:
 
         Where one is beyond chance, it and its rivals.
         """
-        _, _, hypotheses = self._clustered()
+        _, _, hypotheses = self._cluster_hypotheses()
         level, evidence = self._false_alarm_level(), hypotheses.evidence
         near = evidence > evidence.max(initial=0.0) - LAG
         if not near.all():
-            near |= (evidence > level) & hypotheses.apart_from_first()
+            near |= (evidence > level) & hypotheses.differs_from_first()
         if len(evidence) and evidence[0] > level:
             near &= self._rivals(evidence)
         return hypotheses.assignments(near, self.options.hypotheses)
@@ -325,7 +346,7 @@ class Search:
         """Which hypotheses, strongest first, come near the first one."""
         return evidence > min(self._false_alarm_level(), RIVAL_EVIDENCE * float(evidence[0]))
 
-    def _clustered(self) -> tuple[Integers, Integers, Hypotheses]:
+    def _cluster_hypotheses(self) -> tuple[Integers, Integers, Hypotheses]:
         """Leaders (G,) and candidates (G, n, c) of the clusters of all hypotheses, and these, strongest first."""
         if self._known is not None and len(self.hypotheses) == 1 and self.hypotheses[0] is self._known[2]:
             return self._known

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver
-from rootmatch.jit.threads import chunk_bounds, in_chunks
-from rootmatch.problems.padding import padded_places, padded_rows, target_columns, with_targets
+from rootmatch.jit.threads import chunk_bounds, run_in_chunks
+from rootmatch.problems.padding import pad_rows, padded_places, select_targets, target_columns
 from rootmatch.samplers.guided.detection_grid import DetectionGrid
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels, set_coordinates, set_known, solve_set
 from rootmatch.samplers.guided.likelihood_ratio import keep_likeliest
@@ -179,7 +179,7 @@ def run_sequential_tests(
 
     bounds = chunk_bounds(first, last, chunks)
 
-    groups = [_solved_together(tables, grid, sets, allowed, images=images, own=own) for own in _classes(sets, allowed)]
+    groups = [_group_of_sets(tables, grid, sets, allowed, images=images, own=own) for own in _classes(sets, allowed)]
 
     def test_some(first_task: int, last_task: int) -> None:
         for group in groups:
@@ -201,7 +201,7 @@ def run_sequential_tests(
             survivors, ratios, counts,
         )  # fmt: skip
 
-    in_chunks(test_some, bounds, threads, max(1, QUICK // max(n_target, 1)))
+    run_in_chunks(test_some, bounds, threads, max(1, QUICK // max(n_target, 1)))
     return survivors, ratios, counts
 
 
@@ -229,14 +229,14 @@ def _classes(sets: PreparedSets, allowed: Bools) -> list[Integers]:
     return [np.flatnonzero(label.ravel() == k) for k in range(len(rows))] if len(rows) <= CLASSES else [every]
 
 
-def _solved_together(
+def _group_of_sets(
     tables: Any, grid: DetectionGrid, sets: PreparedSets, allowed: Bools, *, images: Integers | None, own: Integers
 ) -> _Group:
     """What the sets ``own`` are solved with; ``images``: the only detections, all by default."""
     n_target = grid.positions.shape[1]
     columns = target_columns(tables, n_target)
     if images is None and not allowed.size:
-        solved_grid = grid._replace(rays=padded_rows(grid.rays, columns))
+        solved_grid = grid._replace(rays=pad_rows(grid.rays, columns))
         return _Group(own, np.arange(n_target), n_target, tables, solved_grid)
     chosen = np.arange(n_target) if images is None else images
     width = len(chosen)
@@ -244,7 +244,7 @@ def _solved_together(
         of_last = allowed[sets.points[own, -1]].any(axis=0)[chosen]
         chosen, width = chosen[np.argsort(~of_last, kind="stable")], int(of_last.sum())
     places = chosen[padded_places(len(chosen))]
-    fewer = with_targets(tables, places, columns)
+    fewer = select_targets(tables, places, columns)
     return _Group(own, chosen, width, fewer, grid._replace(rays=np.take(grid.rays, places, axis=1)))
 
 
@@ -267,10 +267,10 @@ def _test_some(  # type: ignore[no-untyped-def]
     ``scratch`` (2 s, columns) with s solutions of a set, ``work``, ``hypotheses``, ``stamp`` (n',) and j (m,) are
     scratch, made outside, as each array made in jitted code costs compile time.
     """
-    tables, solved_grid, grid, images = borrowed((tables, solved_grid, grid, images))
-    flat_cells, sets, members, arrangements, allowed = borrowed((flat_cells, sets, members, arrangements, allowed))
-    scratch, work, hypotheses, stamp, j = borrowed((scratch, work, hypotheses, stamp, j))
-    survivors, ratios, counts = borrowed((survivors, ratios, counts))
+    tables, solved_grid, grid, images = borrow((tables, solved_grid, grid, images))
+    flat_cells, sets, members, arrangements, allowed = borrow((flat_cells, sets, members, arrangements, allowed))
+    scratch, work, hypotheses, stamp, j = borrow((scratch, work, hypotheses, stamp, j))
+    survivors, ratios, counts = borrow((survivors, ratios, counts))
     points_of, others_of, coordinates_of, normals_of, offset = sets
     count, m = points_of.shape
     masked = allowed.shape[0] > 0

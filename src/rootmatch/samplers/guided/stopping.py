@@ -37,7 +37,7 @@ def false_alarm_level(tested: int, options: StoppingOptions) -> float:
     return math.log(max(tested, 1)) + options.beyond_chance
 
 
-def fewest_told(density: Floats, variance: Floats, minimal: int, sets: float) -> int:
+def least_telling_matches(density: Floats, variance: Floats, minimal: int, sets: float) -> int:
     """Fewest matches of a pose that is not expected among so many minimal sets by chance.
 
     A match beyond a minimal set is worth at most what it is exactly where it is predicted, of the detection in the
@@ -56,7 +56,7 @@ def fewest_told(density: Floats, variance: Floats, minimal: int, sets: float) ->
     return minimal + math.ceil((math.log(sets) + TRUSTED) / worth) if worth > 0.0 else len(density)
 
 
-def enough_found(
+def has_found_enough(
     hypotheses: Hypotheses,
     leaders: Integers,
     level: float,

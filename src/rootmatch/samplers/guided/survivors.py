@@ -35,7 +35,7 @@ class Survivors(NamedTuple):
         """A subset of the survivors."""
         return Survivors(self.sets[which], self.points[which], self.images[which], self.ratios[which])
 
-    def apart_from(self, assignment: Integers) -> Survivors:
+    def without_assignment(self, assignment: Integers) -> Survivors:
         """Survivors that an assignment (n,) does not have."""
         return self.take((assignment[self.points] != self.images[:, 1:]).any(axis=1))
 

@@ -18,7 +18,7 @@ and pairs only if nothing is beyond chance. With .6 half of all right pairs of a
 and with 5.8 none (masts 50 m apart, seeds from 1000). A round value."""
 
 
-def triples_for(task: SamplingTask) -> SamplingTask | None:
+def task_by_triples(task: SamplingTask) -> SamplingTask | None:
     """The task for a search by triples, if one by pairs may miss an object as wide as all detections; else None."""
     if task.without_vertical is None or task.motions != 1:
         return None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, scalar
 from rootmatch.problems.limits import GATE
 from rootmatch.samplers.guided.dispatch import predict_set
@@ -61,13 +61,13 @@ def verify(
     )  # fmt: skip
     share = n_target / n
     visible = np.array([*VISIBLE, share] if share < VISIBLE[-1] else VISIBLE)
-    gate2, shares = GATE**2, shares_of(allowed, n)
+    gate2, shares = GATE**2, allowed_shares(allowed, n)
     roots, sets = images[:, 0].copy(), images[:, 1:].copy()
     _verify(tables, points, roots, sets, density, shares, gate2, allowed, visible, *scratch, evidence, best, candidates)
     return evidence, best, candidates
 
 
-def shares_of(allowed: Bools, n: int) -> Floats:
+def allowed_shares(allowed: Bools, n: int) -> Floats:
     """Share (n,) of the detections that each point may have, by (n, n') of them or (0, 0) for all."""
     return np.asarray(allowed.mean(axis=1)) if allowed.size else np.ones(n)
 
@@ -78,10 +78,10 @@ def _verify(  # type: ignore[no-untyped-def]
     evidence, best, candidates,
 ):  # fmt: skip
     """Fill in evidence, best and candidates; the arrays before them are scratch."""
-    tables, points, images, allowed, out = borrowed((tables, points, images, allowed, out))
-    roots, visible, owner, strength, distances = borrowed((roots, visible, owner, strength, distances))
-    shares = borrowed(shares)
-    evidence, best, candidates, density, beyond = borrowed((evidence, best, candidates, density, beyond))
+    tables, points, images, allowed, out = borrow((tables, points, images, allowed, out))
+    roots, visible, owner, strength, distances = borrow((roots, visible, owner, strength, distances))
+    shares = borrow(shares)
+    evidence, best, candidates, density, beyond = borrow((evidence, best, candidates, density, beyond))
     rays, variance = tables.rays, tables.variance
     count, m = points.shape
     n, n_target = best.shape[1], owner.size

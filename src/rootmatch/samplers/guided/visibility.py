@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, kept_by_values
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.samplers.guided.minimal_sets import EVENNESS, FIRST_WAVE, LARGEST_WAVE, LISTED, distances2, width
@@ -68,8 +68,8 @@ def _cosines(normals: Floats) -> Floats:
     return np.where(length > 0.0, cosine, 2.0)
 
 
-@kept_by_values(64)
-def seen_together(normals: Floats, view_cosine: Floats | None = None) -> float:
+@cache_by_values(64)
+def covisible_share(normals: Floats, view_cosine: Floats | None = None) -> float:
     """Share of all triples of points that a view shows, of those views that show three: 1 on one side of a plate.
 
     Parameters as for `facing_points`.
@@ -80,7 +80,7 @@ def seen_together(normals: Floats, view_cosine: Floats | None = None) -> float:
     return float(triples.mean()) / (n * (n - 1) * (n - 2)) if len(triples) else 0.0
 
 
-@kept_by_values(64)
+@cache_by_values(64)
 def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = None) -> Bools:
     """Points (V, n) that may be detected together where ``matched`` are, in each view that can show so many.
 
@@ -99,7 +99,7 @@ def detected_views(matched: int, normals: Floats, view_cosine: Floats | None = N
     return views
 
 
-@kept_by_values(64)
+@cache_by_values(64)
 def views_of_parts(matched: int, positions: Floats) -> Bools:
     """Points (PARTS, n) that may be detected together where ``matched`` are and no normals tell which.
 
@@ -114,7 +114,7 @@ def views_of_parts(matched: int, positions: Floats) -> Bools:
     return views
 
 
-def within(sets: Integers, views: Bools) -> Bools:
+def sets_within_views(sets: Integers, views: Bools) -> Bools:
     """Which sets (S, m) are wholly visible in which views (V, n): (V, S)."""
     inside = views[:, sets[:, 0]]
     for p in range(1, sets.shape[1]):
@@ -136,7 +136,7 @@ def covering_waves(
         done, wave = done + wave, min(2 * wave, LARGEST_WAVE)
 
 
-@kept_by_values(8)
+@cache_by_values(8)
 def covering_order(positions: Floats, normals: Floats, size: int, view_cosine: Floats | None = None) -> Integers:
     """All sets (S, size) of `covering_waves`, one after the other."""
     n = len(positions)
@@ -149,7 +149,7 @@ def covering_order(positions: Floats, normals: Floats, size: int, view_cosine: F
         sets = np.unique(distinct_sets(rng, LISTED, n, size), axis=0)
     wide = width(positions, sets) * rng.uniform(EVENNESS, 1.0, len(sets))
     worth = (wide / max(float(wide.max()), 1e-300)).astype(np.float32)
-    covers = np.ascontiguousarray(within(sets, views).T).astype(np.float32)
+    covers = np.ascontiguousarray(sets_within_views(sets, views).T).astype(np.float32)
     needed = np.ones(VIEWS, np.float32)
     free = np.ones(len(sets), np.bool_)
     first = []
@@ -169,7 +169,7 @@ def covering_order(positions: Floats, normals: Floats, size: int, view_cosine: F
     return ordered
 
 
-def missed_at_random(matched: int, n: int, size: int, sets: float) -> float:
+def random_miss_probability(matched: int, n: int, size: int, sets: float) -> float:
     """Probability that none of so many sets met a pose with ``matched`` of n points detected, any of them."""
     inside = math.comb(matched, size) / math.comb(n, size)
     lost = LOST if matched < n else LOST_OF_ALL
@@ -203,7 +203,7 @@ class TriedSets:
         views = self.views(matched)
         if not self.sets:
             return np.ones(len(views))
-        return np.asarray(self.lost ** within(np.concatenate(self.sets), views).sum(axis=1))
+        return np.asarray(self.lost ** sets_within_views(np.concatenate(self.sets), views).sum(axis=1))
 
     def missed(self, matched: int) -> float:
         """The same, of any view."""

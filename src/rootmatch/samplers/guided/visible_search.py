@@ -11,7 +11,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Deadline, Pace, checkpoint
-from rootmatch.jit.threads import threads_worth
+from rootmatch.jit.threads import worthwhile_threads
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.crowding import crowding
@@ -19,13 +19,13 @@ from rootmatch.samplers.guided.dispatch import has_listed
 from rootmatch.samplers.guided.local_search import CROWDED, IMAGES, LEAST, LOCAL, LocalSearch
 from rootmatch.samplers.guided.model_views import LARGEST_WAVE, model_views
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.rivals import RIVAL_MISSED, allowed_to
+from rootmatch.samplers.guided.rivals import RIVAL_MISSED, allowed_pairs
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.triangle_shapes import CELLS, image_cells
-from rootmatch.samplers.guided.visibility import DETECTED, FACING, FAILURE, MISSED, seen_together
-from rootmatch.samplers.guided.visible_triples import Ring, VisibleSets, rings_of, run_visible_tests
+from rootmatch.samplers.guided.visibility import DETECTED, FACING, FAILURE, MISSED, covisible_share
+from rootmatch.samplers.guided.visible_triples import Ring, VisibleSets, make_rings, run_visible_tests
 
 MOST_DETECTIONS = 256
 """Detections beyond which the cells of their triples take too much memory: 34 MB."""
@@ -71,7 +71,7 @@ class LocalSets(NamedTuple):
     """Probability (W,) of having missed one after each wave."""
 
 
-def sizes_of(images: Integers) -> list[int]:
+def ring_sizes(images: Integers) -> list[int]:
     """Detections near each of some that rings are made of: all, and halves of them down to some that cost little."""
     sizes = [len(images) - 1]
     while len(images) * (sizes[0] // 2) ** 2 >= LEAST_RING:
@@ -85,7 +85,7 @@ def ranks_triples(task: SamplingTask) -> bool:
     return task.motions == 1 and normals and has_listed(type(task.tables)) and task.shape[1] <= MOST_DETECTIONS
 
 
-def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) -> Search:
+def choose_search(task: SamplingTask, options: GuidedOptions, deadline: Deadline) -> Search:
     """The search that suits a task.
 
     Where nearly all points are seen together their normals tell a search nothing; the judge of what it finds has them.
@@ -94,7 +94,7 @@ def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) ->
     tables = task.tables
     normals = bool(tables.normals[:3].any())
     if normals and task.motions == 1:
-        if seen_together(np.ascontiguousarray(tables.normals[:3].T), task.view_cosine) < TOGETHER:
+        if covisible_share(np.ascontiguousarray(tables.normals[:3].T), task.view_cosine) < TOGETHER:
             listed = task.shape[1] ** 3 <= SHAPES_PER_SOLVED * options.budget
             return (VisibleSearch if listed and ranks_triples(task) else Search)(task, options, deadline)
         task, normals = replace(task, tables=tables._replace(normals=np.zeros_like(tables.normals))), False
@@ -117,26 +117,28 @@ class VisibleSearch(Search):
         self.cells = image_cells(np.ascontiguousarray(self.grid.rays))
         same, met = np.eye(self.n_target, dtype=np.bool_), np.zeros(CELLS, np.bool_)
         met[self.cells[~(same | same[:, None] | same[:, :, None])]] = True
-        self.every = rings_of(np.arange(self.n_target), self.grid.positions, [self.n_target - 1])[0]
+        self.every = make_rings(np.arange(self.n_target), self.grid.positions, [self.n_target - 1])[0]
         self.met = np.flatnonzero(met)
         """The shapes that any image triple has."""
 
     def _steps(self) -> Iterator[None]:
         """See `Search`: triples of points that are visible together, with all images of a shape that they can have."""
-        yield from self._in_rings(np.arange(self.n_target), self.allowed)
+        yield from self._search_rings(np.arange(self.n_target), self.allowed)
         self.conclusive = 0.0 < self.missed <= MISSED  # not where all listed triples were tried before that
 
-    def _in_rings(self, images: Integers, allowed: Bools, shown: Sequence[int] = ()) -> Iterator[None]:
+    def _search_rings(self, images: Integers, allowed: Bools, shown: Sequence[int] = ()) -> Iterator[None]:
         """Try triples with some images until a pose that explains so many points can hardly have been missed.
 
-        ``shown``: see `missed_among`; those that the strongest hypothesis explains, by default. Images that lie close
+        ``shown``: see `rival_miss_probability`; those that the strongest hypothesis explains, by default. Images that lie close
         together are few, so their triples come first, as many as their cost allows: those of an object that fills the
         image are not much later, and those of a small one far sooner.
         """
-        turns = [Turn(ring, math.sqrt(ring.cost)) for ring in rings_of(images, self.grid.positions, sizes_of(images))]
+        turns = [
+            Turn(ring, math.sqrt(ring.cost)) for ring in make_rings(images, self.grid.positions, ring_sizes(images))
+        ]
         batch, pace, waves = batches.FIRST, Pace(self.deadline), len(self.views.edges)
         while True:
-            matched = shown[0] if shown else max(self._most_matched(), LEAST_MATCHED)
+            matched = shown[0] if shown else max(self._best_match_count(), LEAST_MATCHED)
             limits = ((matched, MISSED), *((least, RIVAL_MISSED) for least in shown[1:]))
             done = min(turn.wave for turn in turns)
             self.missed = self.views.missed(matched, done) if done < waves else 0.0
@@ -165,16 +167,16 @@ class VisibleSearch(Search):
         Rivals that have the detections of a pose which is ``known`` are met by local triples as it is, or by wide ones
         if those cost less.
         """
-        mask, least = allowed_to(self, images), shown[0]
-        local = None if known is None else self._local_of(images, least, known)
+        mask, least = allowed_pairs(self, images), shown[0]
+        local = None if known is None else self._find_local_sets(images, least, known)
         before = self.missed
-        for _ in self._in_rings(images, mask, shown) if local is None else self._locally(local, mask, least):
-            if self._spent():
+        for _ in self._search_rings(images, mask, shown) if local is None else self._search_locally(local, mask, least):
+            if self._is_spent():
                 break
         missed, self.missed = self.missed, before
         return missed
 
-    def _local_of(self, images: Integers, least: int, known: Integers) -> LocalSets | None:
+    def _find_local_sets(self, images: Integers, least: int, known: Integers) -> LocalSets | None:
         """How local triples may meet all rivals of a known pose with its images; None where wide ones cost less."""
         number, most = 0, math.perm(len(images), self.minimal)
         while number < len(self.views.edges) and self.views.missed(least, number) > MISSED:
@@ -184,7 +186,7 @@ class VisibleSearch(Search):
         if not sizes:
             return None
         own = self.views.local[(known[self.views.local] >= 0).all(axis=1)]
-        for ring in (rings_of(images, self.grid.positions, [size])[0] for size in sizes):
+        for ring in (make_rings(images, self.grid.positions, [size])[0] for size in sizes):
             near = ring.near[np.searchsorted(images, known[own[:, 0]])]
             met = (near[:, None] == known[own[:, 1:], None]).any(axis=2).all(axis=1)
             lost = 1.0 - (1.0 - FAILURE) * float(met.mean()) if len(own) else 1.0
@@ -194,7 +196,7 @@ class VisibleSearch(Search):
                 cost, found = enough * LARGEST_WAVE * ring.cost, LocalSets(ring, missed[:enough])
         return found
 
-    def _locally(self, local: LocalSets, allowed: Bools, least: int) -> Iterator[None]:
+    def _search_locally(self, local: LocalSets, allowed: Bools, least: int) -> Iterator[None]:
         """Try local triples until a pose that explains so many points can hardly have been missed."""
         pace, self.missed = Pace(self.deadline), 1.0
         for number, missed in enumerate(local.missed.tolist()):
@@ -252,12 +254,12 @@ class VisibleSearch(Search):
         if not sets.shapes[first:last, self.met].any():
             self.evaluated += tasks // SHAPES_PER_SOLVED
             return
-        most = batches.verified_of_listed(tasks)
+        most = batches.listed_verification_count(tasks)
         survivors, ratios, counts = run_visible_tests(
             self.tables, self.grid, self._test(0, seen), sets, self.cells,
             ring=ring, first=first, last=last, allowed=allowed,
-            keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
-            threads=threads_worth(tasks // (SHAPES_PER_SOLVED * batches.WORTH_A_THREAD)),
+            keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
+            threads=worthwhile_threads(tasks // (SHAPES_PER_SOLVED * batches.WORTH_A_THREAD)),
         )  # fmt: skip
         self.evaluated += tasks // SHAPES_PER_SOLVED
         self._keep(sets.prepared.points, survivors, ratios, counts, most)

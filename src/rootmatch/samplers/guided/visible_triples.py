@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.jit.threads import chunk_bounds, in_chunks
+from rootmatch.jit.threads import chunk_bounds, run_in_chunks
 from rootmatch.samplers.guided.detection_grid import DetectionGrid
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
-from rootmatch.samplers.guided.likelihood_ratio import keep_survivor, likelihood_ratio, weakest_of
-from rootmatch.samplers.guided.screening import ROOTS, away
+from rootmatch.samplers.guided.likelihood_ratio import find_weakest, keep_survivor, likelihood_ratio
+from rootmatch.samplers.guided.screening import ROOTS, facing_excess
 from rootmatch.samplers.guided.sequential_test import QUICK, PreparedSets, SequentialTest
 
 BLOCK = 64
@@ -56,7 +56,7 @@ class Ring(NamedTuple):
         return int(len(self.images) * (most * (most - 1) - least * (least - 1)))
 
 
-def rings_of(images: Integers, positions: Floats, sizes: Sequence[int]) -> list[Ring]:
+def make_rings(images: Integers, positions: Floats, sizes: Sequence[int]) -> list[Ring]:
     """Rings of so many detections about each of some ``images`` (L,), ascending; ``positions`` (2, n') of all."""
     place = positions[:, images]
     distance2 = ((place[:, :, None] - place[:, None]) ** 2).sum(axis=0)
@@ -102,7 +102,7 @@ def run_visible_tests(
             np.array(bounds), scratch, block, passed, picked, row, stamp, survivors, ratios, counts,
         )  # fmt: skip
 
-    in_chunks(test_some, bounds, threads, max(1, QUICK // max(ring.near.shape[1], 1) ** 2))
+    run_in_chunks(test_some, bounds, threads, max(1, QUICK // max(ring.near.shape[1], 1) ** 2))
     return survivors, ratios, counts
 
 
@@ -115,9 +115,9 @@ def _test_some(  # type: ignore[no-untyped-def]
 
     The arrays from ``scratch`` to ``stamp`` are scratch.
     """
-    tables, grid, sets, shapes, cells, ring = borrowed((tables, grid, sets, shapes, cells, ring))
-    allowed, scratch, block, passed = borrowed((allowed, scratch, block, passed))
-    picked, row, stamp, survivors, ratios, counts = borrowed((picked, row, stamp, survivors, ratios, counts))
+    tables, grid, sets, shapes, cells, ring = borrow((tables, grid, sets, shapes, cells, ring))
+    allowed, scratch, block, passed = borrow((allowed, scratch, block, passed))
+    picked, row, stamp, survivors, ratios, counts = borrow((picked, row, stamp, survivors, ratios, counts))
     points_of, others_of, coordinates_of, own_of, _ = sets
     masked = allowed.shape[0] > 0
     images, near, inner = ring
@@ -178,11 +178,11 @@ def _test_block(  # type: ignore[no-untyped-def]
     for root in range(ROOTS):
         for k in range(filled):
             real, frame = listed_frame(tables, i, block, k, scratch, root)
-            real = real & (away(frame, front[:4], block[0, k], block[1, k], block[2, k]) <= 0.0)
-            real = real & (away(frame, front[4:8], block[3, k], block[4, k], block[5, k]) <= 0.0)
-            real = real & (away(frame, front[8:], block[6, k], block[7, k], block[8, k]) <= 0.0)
+            real = real & (facing_excess(frame, front[:4], block[0, k], block[1, k], block[2, k]) <= 0.0)
+            real = real & (facing_excess(frame, front[4:8], block[3, k], block[4, k], block[5, k]) <= 0.0)
+            real = real & (facing_excess(frame, front[8:], block[6, k], block[7, k], block[8, k]) <= 0.0)
             passed[root, k] = real
-    tested, looked, weakest = 0, 0, weakest_of(ratios)
+    tested, looked, weakest = 0, 0, find_weakest(ratios)
     for k in range(filled):
         for root in range(ROOTS):
             if not passed[root, k]:

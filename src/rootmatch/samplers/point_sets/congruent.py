@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import frames_of_triangles
+from rootmatch.algebra.rotation import triangle_frames
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.deadline import in_force
+from rootmatch.deadline import active_deadline
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.points import PointClouds, distances
-from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
-from rootmatch.samplers.point_sets.motions import WIDE, Motions, fitted_motions, joined_motions
-from rootmatch.samplers.point_sets.shown_parts import area
+from rootmatch.problems.pose_fit.point_set_fit import fit_point_sets
+from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions
+from rootmatch.samplers.point_sets.shown_parts import squared_areas
 from rootmatch.samplers.point_sets.triangles import TURNED, Triangles
 
 GATE = 4.5
@@ -74,36 +74,38 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | Non
         Possible correspondences.
     """
     clouds = clouds.with_means
-    source, target = _alike(clouds, allowed)
+    source, target = _congruent_triples(clouds, allowed)
     cut = len(source) == MOST_MOTIONS
-    found = grown(clouds, labelled_by(clouds, _motions(clouds, source, target, mirror), allowed), mirror, allowed)
+    found = grow_labellings(
+        clouds, label_by_motions(clouds, _motions(clouds, source, target, mirror), allowed), mirror, allowed
+    )
     most = int((found >= 0).sum(axis=1).max(initial=2))
     if mirror or most >= min(len(clouds.source), len(clouds.target)):
         return Labellings(found, found[:0], len(source), cut)
-    mirrored = labelled_by(clouds, _motions(clouds, source, target, True)[-1:], allowed, most + 1)
-    return Labellings(found, grown(clouds, mirrored, True, allowed), 2 * len(source), cut)
+    mirrored = label_by_motions(clouds, _motions(clouds, source, target, True)[-1:], allowed, most + 1)
+    return Labellings(found, grow_labellings(clouds, mirrored, True, allowed), 2 * len(source), cut)
 
 
-def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | None) -> Integers:
+def grow_labellings(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | None) -> Integers:
     """Labellings (K, n) of three points or more, and those by the motions that are fitted to them."""
     found = found[(found >= 0).sum(axis=1) >= 3][:MOST_FITTED]
     if not len(found):
         return found
     clouds = clouds.with_means
-    fit = fitted_point_sets(clouds, found, mirror)
-    again = _in_parts(clouds, len(found), lambda some: fit.take(some).squares(), NEAR, allowed)
-    every = _distinct([found, again], 3)
+    fit = fit_point_sets(clouds, found, mirror)
+    again = _label_in_parts(clouds, len(found), lambda some: fit.take(some).squares(), NEAR, allowed)
+    every = _distinct_labellings([found, again], 3)
     if len(every) <= MOST_KEPT:
         return every
-    return np.asarray(every[np.argsort(-_telling(clouds, every, mirror), kind="stable")[:MOST_KEPT]])
+    return np.asarray(every[np.argsort(-_labelling_information(clouds, every, mirror), kind="stable")[:MOST_KEPT]])
 
 
-def _telling(clouds: PointClouds, labellings: Integers, mirror: bool) -> Floats:
+def _labelling_information(clouds: PointClouds, labellings: Integers, mirror: bool) -> Floats:
     """What labellings (K, n) tell, (K,): log-likelihood ratios of matches near their motions against chance.
 
     Where points repeat, some motion brings many of them roughly to targets, and fewer exactly.
     """
-    moved, own = (fit := fitted_point_sets(clouds, labellings, mirror)).places
+    moved, own = (fit := fit_point_sets(clouds, labellings, mirror)).places
     at = np.maximum(labellings, 0)
     variance = own + (fit.scale**2)[:, None] * clouds.source_variance + clouds.target_variance[at]
     size, n_target = clouds.target.shape[1], len(clouds.target)
@@ -115,12 +117,12 @@ def _telling(clouds: PointClouds, labellings: Integers, mirror: bool) -> Floats:
     return np.asarray(np.where(labellings >= 0, np.maximum(ratio, 0.0), 0.0).sum(axis=1))
 
 
-def _alike(clouds: PointClouds, allowed: Bools | None) -> tuple[Integers, Integers]:
+def _congruent_triples(clouds: PointClouds, allowed: Bools | None) -> tuple[Integers, Integers]:
     """Triples of source points and of targets (H, 3) of the same shape, those of the widest source points first."""
     near, rng = distances(clouds.source), np.random.default_rng(0)
-    triples = _widest_first(near)
+    triples = _triangles_widest_first(near)
     found, seen = [(triples[:0], triples[:0])], 0
-    with in_force().within():
+    with active_deadline().within():
         others = Triangles(clouds.target, clouds.target_variance, clouds.scaled, GATE)
         for start in range(0, len(triples), TOGETHER):
             some = triples[start : start + TOGETHER]
@@ -134,7 +136,7 @@ def _alike(clouds: PointClouds, allowed: Bools | None) -> tuple[Integers, Intege
     return first, second
 
 
-def _widest_first(near: Floats) -> Integers:
+def _triangles_widest_first(near: Floats) -> Integers:
     """Triples (T, 3) of points with such distances (n, n) by falling area, not on a line, the longest side first.
 
     Few pairs of targets are as far apart as that, and a scale is best known from it.
@@ -142,7 +144,7 @@ def _widest_first(near: Floats) -> Integers:
     triples = subsets(len(near), 3)
     a, b, c = triples.T
     sides = np.stack([near[a, b], near[b, c], near[a, c]])
-    wide = area(near, triples)
+    wide = squared_areas(near, triples)
     order = np.argsort(-wide, kind="stable")[: int(np.count_nonzero(wide > 1e-12 * sides.max(axis=0) ** 4))]
     turned = TURNED[np.argmax(sides[:, order], axis=0)]
     return np.take_along_axis(triples[order], turned, axis=1)
@@ -152,9 +154,9 @@ def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bo
     """The motions of triples onto triples; in space, where three points have no handedness, reflections as well."""
     first, second = clouds.source[source], clouds.target[target]
     if clouds.source.shape[1] == 2:
-        return [fitted_motions(first, second, clouds.scaled, mirror)]
+        return [fit_motions(first, second, clouds.scaled, mirror)]
     centre, centre2 = first.mean(axis=1), second.mean(axis=1)
-    frame, frame2 = (np.nan_to_num(frames_of_triangles(one)) for one in (first, second))
+    frame, frame2 = (np.nan_to_num(triangle_frames(one)) for one in (first, second))
     scale = np.ones(len(first))
     if clouds.scaled:
         own, other = (((first - centre[:, None]) ** 2), ((second - centre2[:, None]) ** 2))
@@ -166,28 +168,32 @@ def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bo
     return motions
 
 
-def labelled_by(clouds: PointClouds, kinds: list[Motions], allowed: Bools | None, least: int | None = None) -> Integers:
+def label_by_motions(
+    clouds: PointClouds, kinds: list[Motions], allowed: Bools | None, least: int | None = None
+) -> Integers:
     """Distinct labellings (H, n) by motions of triples, of the first of them where a deadline passes.
 
     ``least``: fewest matches; three by default, but where a motion explains more than twice as many points, those that
     explain no more than the triple that names them are of no account.
     """
-    motions = joined_motions(kinds)
+    motions = concatenate_motions(kinds)
     step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
     explained = np.zeros(len(motions.scale), np.int64)
     for first in range(0, len(explained), step):
-        if first and in_force().passed():
+        if first and active_deadline().passed():
             break
         part = slice(first, first + step)
         explained[part] = motions.take(part).explained(clouds, WIDE, allowed)
     if least is None:
         least = 3 + int(explained.max(initial=0) > 6)
     motions = motions.take(np.flatnonzero(explained >= least))
-    labelled = _in_parts(clouds, len(motions.scale), lambda some: motions.take(some).squares(clouds), WIDE, allowed)
-    return _distinct([labelled], least)
+    labelled = _label_in_parts(
+        clouds, len(motions.scale), lambda some: motions.take(some).squares(clouds), WIDE, allowed
+    )
+    return _distinct_labellings([labelled], least)
 
 
-def _in_parts(
+def _label_in_parts(
     clouds: PointClouds,
     count: int,
     squares: Callable[[Integers], tuple[Floats, Floats]],
@@ -198,13 +204,13 @@ def _in_parts(
     step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
     every = [np.empty((0, len(clouds.source)), np.int64)]
     for first in range(0, count, step):
-        if first and in_force().passed():
+        if first and active_deadline().passed():
             break
-        every.append(_labelled(*squares(np.arange(first, min(first + step, count))), gate, allowed))
+        every.append(_mutual_labelling(*squares(np.arange(first, min(first + step, count))), gate, allowed))
     return np.concatenate(every)
 
 
-def _labelled(squared: Floats, variance: Floats, gate: float, allowed: Bools | None) -> Integers:
+def _mutual_labelling(squared: Floats, variance: Floats, gate: float, allowed: Bools | None) -> Integers:
     """Labellings (H, n): correspondences within the gate that are the nearest of both of their points."""
     deviation = squared / variance
     deviation[deviation > gate**2] = np.inf
@@ -216,7 +222,7 @@ def _labelled(squared: Floats, variance: Floats, gate: float, allowed: Bools | N
     return np.where(mutual & possible, forward, -1)
 
 
-def _distinct(parts: list[Integers], least: int) -> Integers:
+def _distinct_labellings(parts: list[Integers], least: int) -> Integers:
     """Distinct labellings with enough matches, those with the most matches first."""
     every = np.concatenate(parts)
     matched = (every >= 0).sum(axis=1)

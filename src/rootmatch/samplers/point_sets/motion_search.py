@@ -19,7 +19,7 @@ from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.guided.visibility import MISSED
-from rootmatch.samplers.point_sets.motions import WIDE, Motions, fitted_motions, joined_motions
+from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions
 from rootmatch.samplers.point_sets.shown_parts import ShownParts
 from rootmatch.samplers.point_sets.triangles import GATE, Triangles
 
@@ -92,15 +92,15 @@ class MotionSearch:
     @property
     def missed(self) -> float:
         """Probability that a motion which explains as much as the best one was never met."""
-        return self._missed(self.hypotheses[0].evidence) if self.hypotheses else 1.0
+        return self._miss_probability(self.hypotheses[0].evidence) if self.hypotheses else 1.0
 
     @property
     def is_over(self) -> bool:
         """Whether a motion beyond chance with as much evidence as the best one can hardly have been missed."""
         best = self.hypotheses[0].evidence if self.hypotheses else 0.0
-        return self._missed(max(best, self.level)) < MISSED
+        return self._miss_probability(max(best, self.level)) < MISSED
 
-    def _missed(self, evidence: float) -> float:
+    def _miss_probability(self, evidence: float) -> float:
         """Probability that a motion with so much evidence, by matches that noise puts off their places, was not met."""
         matched = 3 + math.ceil(evidence / max(self.most - 0.5 * self.dimension, 1e-9))
         return math.prod(part.missed(matched) for part in self.parts)
@@ -116,7 +116,7 @@ class MotionSearch:
         while self.tried < TRIPLES and self.evaluated < budget and not self.deadline.passed():
             for side in sides:
                 self._try(side, self.parts[side].triples(count))
-                if any(part.exhausted for part in self.parts):
+                if any(part.is_exhausted for part in self.parts):
                     return
                 if self.task.motions == 1 and self.is_over:
                     return
@@ -150,7 +150,7 @@ class MotionSearch:
             checkpoint()
             part = slice(start, start + step)
             every.append(
-                fitted_motions(clouds.source[sources[part]], clouds.target[images[part]], clouds.scaled, clouds.mirror)
+                fit_motions(clouds.source[sources[part]], clouds.target[images[part]], clouds.scaled, clouds.mirror)
             )
             counts[part] = every[-1].explained(clouds, WIDE, self.allowed)
         # the best ones of each triple
@@ -160,7 +160,7 @@ class MotionSearch:
         chosen = order[(rank < REFINED) & (counts[order] > 3)]
         if not len(chosen):
             return
-        chosen, at, motions = chosen[np.argsort(-counts[chosen], kind="stable")], 0, joined_motions(every)
+        chosen, at, motions = chosen[np.argsort(-counts[chosen], kind="stable")], 0, concatenate_motions(every)
         together = 1  # few at first: where one of them is right, hardly any other is of account
         while at < len(chosen):
             next_ones = chosen[at : at + together].tolist()
@@ -184,7 +184,7 @@ class MotionSearch:
         for gate in np.geomspace(WIDE, GATE, ROUNDS).tolist():
             checkpoint()
             squared, variance = motions.squares(clouds)
-            images, mutual = _mutual(self._ratios(squared, variance, gate))
+            images, mutual = _mutual_best(self._ratios(squared, variance, gate))
             enough = mutual.sum(axis=1) > 3
             if not enough.any():
                 return
@@ -192,9 +192,9 @@ class MotionSearch:
             own = np.take_along_axis(variance[enough], images[..., None], axis=2)[..., 0]
             sources = np.broadcast_to(clouds.source, (len(images), *clouds.source.shape))
             weight = np.where(mutual, 1.0 / own, 0.0)
-            motions = fitted_motions(sources, clouds.target[images], clouds.scaled, clouds.mirror, weight)
+            motions = fit_motions(sources, clouds.target[images], clouds.scaled, clouds.mirror, weight)
         every = self._ratios(*motions.squares(clouds), GATE)
-        for ratios, images, mutual in zip(every, *_mutual(every), strict=True):
+        for ratios, images, mutual in zip(every, *_mutual_best(every), strict=True):
             self._keep(ratios, np.where(mutual, images, -1))
 
     def _keep(self, ratios: Floats, assignment: Integers) -> None:
@@ -240,7 +240,7 @@ def _turn(corners: Floats) -> Floats:
     return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
 
-def _mutual(ratios: Floats) -> tuple[Integers, Bools]:
+def _mutual_best(ratios: Floats) -> tuple[Integers, Bools]:
     """The best target of each point, (H, n), by ratios (H, n, n'), and whether the point is the best of that, too."""
     forward, back = ratios.argmax(axis=2), ratios.argmax(axis=1)
     mutual = np.take_along_axis(back, forward, axis=1) == np.arange(ratios.shape[1])

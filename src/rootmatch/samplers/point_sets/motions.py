@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.problems.points import PointClouds, squared_distances_to
+from rootmatch.problems.points import PointClouds, pairwise_squared_distances
 
 WIDE = 8.0
 """Deviation in σ within which a point counts for the motion of a triple, whose own error it covers too."""
@@ -33,7 +33,7 @@ class Motions(NamedTuple):
         """Squared distances (H, n, n') of targets from moved source points, and variances of a coordinate of these."""
         moved = clouds.source @ self.linear.swapaxes(-1, -2) + self.shift[:, None]
         variance = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
-        return squared_distances_to(moved, clouds.target), variance
+        return pairwise_squared_distances(moved, clouds.target), variance
 
     def explained(self, clouds: PointClouds, gate: float, allowed: Bools | None) -> Integers:
         """How many points (H,) of the set with fewer of them are within a gate in σ of one of the other set."""
@@ -51,12 +51,12 @@ class Motions(NamedTuple):
         return np.asarray(np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1)))
 
 
-def joined_motions(parts: Sequence[Motions]) -> Motions:
+def concatenate_motions(parts: Sequence[Motions]) -> Motions:
     """Several motions as one."""
     return Motions._make(np.concatenate(each) for each in zip(*parts, strict=True))
 
 
-def fitted_motions(source: Floats, target: Floats, scaled: bool, mirror: bool, weight: Floats | None = None) -> Motions:
+def fit_motions(source: Floats, target: Floats, scaled: bool, mirror: bool, weight: Floats | None = None) -> Motions:
     """Least-squares motions of points (H, m, k) onto points (H, m, k), with weights (H, m) if any (Umeyama 1991)."""
     share = np.full(source.shape[:2], 1.0 / source.shape[1])
     if weight is not None:

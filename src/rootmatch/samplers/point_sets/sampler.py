@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
+from rootmatch.samplers.guided.candidate_hyperedges import sample_clusters
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.point_sets.motion_search import MotionSearch
 
@@ -14,13 +14,13 @@ CHANCE_SAMPLES = 100_000
 """Random hyper-edges that estimate the mean weight by chance: three constraints agree far more rarely than one."""
 
 
-def point_set_tensor(task: SamplingTask, clouds: PointClouds, options: GuidedOptions) -> SampledTensor:
+def sample_point_sets(task: SamplingTask, clouds: PointClouds, options: GuidedOptions) -> SampledTensor:
     """Tensor of the hyper-edges among the correspondences that motions name; see `rootmatch.Guided`."""
     deadline = task.deadline.part(SEARCHED).at_most(options.max_seconds)
     search = MotionSearch(task, clouds, deadline)
     with deadline.within():
         search.run(options.budget)
-    sampled = sampled_among(
+    sampled = sample_clusters(
         task, search.clusters, options, search.rng, search.evaluated,
         later=task.motions == 1,
         chance_samples=CHANCE_SAMPLES,

@@ -47,7 +47,7 @@ class ShownParts:
     def __init__(self, points: Floats, near: Floats, rng: np.random.Generator) -> None:
         self.points, self.near, self.rng = points, near, rng
         self.count = len(points)
-        self._order = self._placed(ORDERS)[1].argsort(axis=1).argsort(axis=1).astype(np.int32)
+        self._order = self._draw_places(ORDERS)[1].argsort(axis=1).argsort(axis=1).astype(np.int32)
         """(ORDERS, n) place of each point in each order."""
         self._last: list[NDArray[np.int32]] = []
         self._odds: list[Floats] = []
@@ -56,7 +56,7 @@ class ShownParts:
             self._waiting = subsets(self.count, 3)[rng.permutation(math.comb(self.count, 3))]
 
     @property
-    def exhausted(self) -> bool:
+    def is_exhausted(self) -> bool:
         """Whether every triple was yielded."""
         return self._waiting is not None and not len(self._waiting)
 
@@ -64,17 +64,17 @@ class ShownParts:
         """The next so many triples (T, 3), or fewer."""
         if self._waiting is not None:
             # the widest of the next few, so that wide ones come first but none of the parts waits for long
-            wide = np.argsort(-area(self.near, self._waiting[: DRAWS * count]), kind="stable")[:count]
+            wide = np.argsort(-squared_areas(self.near, self._waiting[: DRAWS * count]), kind="stable")[:count]
             taken = self._waiting[wide]
             self._waiting = np.delete(self._waiting, wide, axis=0)
             return taken
         shown = np.exp(self.rng.uniform(math.log(min(FEWEST, self.count)), math.log(self.count + 1.0), count))
-        anywhere, drawn = self._placed(count)
+        anywhere, drawn = self._draw_places(count)
         shown = np.where(anywhere, self.count, shown.astype(np.int64))
         order = drawn.argsort(axis=1)
         place = _distinct_below(self.rng, np.repeat(shown, DRAWS)).reshape(count, -1)
         chosen = np.take_along_axis(order, place, axis=1).reshape(count * DRAWS, 3)
-        best = area(self.near, chosen).reshape(count, DRAWS).argmax(axis=1)
+        best = squared_areas(self.near, chosen).reshape(count, DRAWS).argmax(axis=1)
         return np.asarray(chosen.reshape(count, DRAWS, 3)[np.arange(count), best])
 
     def add(self, triples: Integers, share: Floats) -> None:
@@ -86,12 +86,12 @@ class ShownParts:
         """Probability that none of the triples tried led to a motion with so many matches, whichever points."""
         if not self._last:
             return 1.0
-        if self.exhausted and all((odds < math.log(2.0 * LOST)).all() for odds in self._odds):
+        if self.is_exhausted and all((odds < math.log(2.0 * LOST)).all() for odds in self._odds):
             return 0.0
         met = np.concatenate(self._last, axis=1) < matched
         return float(np.exp(met @ np.concatenate(self._odds)).mean())
 
-    def _placed(self, count: int) -> tuple[NDArray[np.bool_], Floats]:
+    def _draw_places(self, count: int) -> tuple[NDArray[np.bool_], Floats]:
         """Whether parts (count,) have no place; numbers (count, n), the lowest of the points that are shown first."""
         anywhere = self.rng.random(count) < ANYWHERE
         place = self.near[self.rng.integers(0, self.count, count)]
@@ -110,7 +110,7 @@ def _distinct_below(rng: np.random.Generator, below: Integers) -> Integers:
     return np.stack([first, second, third], axis=1)
 
 
-def area(near: Floats, triples: Integers) -> Floats:
+def squared_areas(near: Floats, triples: Integers) -> Floats:
     """16 times the squared areas (T,) of triples (T, 3) of points with such distances (Heron), 0 on a line."""
     a, b, c = triples.T
     low, middle, high = np.sort(np.stack([near[a, b], near[b, c], near[a, c]]), axis=0)

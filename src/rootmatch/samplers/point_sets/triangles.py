@@ -74,7 +74,7 @@ class Triangles:
         """
         side, low, count = self._first_sides(triples, near, variance)
         turned = np.take_along_axis(triples, TURNED[side], axis=1)
-        row, place = expanded(low, np.minimum(count, PAIRS))
+        row, place = expand_ranges(low, np.minimum(count, PAIRS))
         if (count > PAIRS).any():
             many = count[row] > PAIRS
             place[many] = low[row[many]] + rng.integers(0, count[row[many]])
@@ -89,7 +89,7 @@ class Triangles:
         for start in range(0, len(row), step):
             checkpoint()
             rows = row[start : start + step]
-            some, corners, seen = self._third(turned[rows], pair[start : start + step], near, variance)
+            some, corners, seen = self._find_third_corners(turned[rows], pair[start : start + step], near, variance)
             compared += seen
             found.append((rows[some], corners))
         number, corners = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -117,7 +117,7 @@ class Triangles:
         every = np.arange(len(side))
         return side, low[every, side], count[every, side]
 
-    def _third(
+    def _find_third_corners(
         self, triples: Integers, pair: Integers, near: Floats, variance: Floats
     ) -> tuple[Integers, Integers, int]:
         """Which of the triples (P, 3), whose first two corners may be pairs (P, 2), have which triangles (H, 3)."""
@@ -136,7 +136,7 @@ class Triangles:
         window = self.gate * np.sqrt(noise + self.widest)
         low = np.searchsorted(self.rising, self.lift * k + np.maximum(side - window, 0.0))
         high = np.searchsorted(self.rising, self.lift * k + np.minimum(side + window, 0.75 * self.lift), "right")
-        row, place = expanded(low, np.maximum(high - low, 0))
+        row, place = expand_ranges(low, np.maximum(high - low, 0))
         m = self.beside[place]
         right = (self.far[k[row], m] - side[row]) ** 2 <= self.gate**2 * (noise[row] + z[m])
         row, m = row[right], m[right]
@@ -148,7 +148,7 @@ class Triangles:
         return alike[row], np.stack([k[row], l[row], m], axis=1), seen
 
 
-def expanded(low: Integers, count: Integers) -> tuple[Integers, Integers]:
+def expand_ranges(low: Integers, count: Integers) -> tuple[Integers, Integers]:
     """Each row with each of so many (R,) numbers from ``low`` (R,) on: rows and numbers (sum of the counts,)."""
     row = np.repeat(np.arange(len(low)), count)
     begin = np.cumsum(count) - count

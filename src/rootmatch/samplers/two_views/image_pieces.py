@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rootmatch.arrays import Integers
-from rootmatch.deadline import checkpoint, in_force
+from rootmatch.deadline import active_deadline, checkpoint
 from rootmatch.jit.threads import GROWTH, LONGEST
 
 
-def in_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:
+def run_image_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:
     """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
 
     None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
 
     Raises `OutOfTime` if the deadline in force passes before all is begun.
     """
-    deadline, size = in_force(), 1
+    deadline, size = active_deadline(), 1
     for begin, end in ranges.tolist():
         while begin < end:
             checkpoint()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.algebra.vector import cross, dot, rotated_about_y
+from rootmatch.algebra.vector import cross, dot, rotate_vector_about_y
 from rootmatch.jit.decorators import kernel, scalar
 
 SUPPORT = 8.0
@@ -23,13 +23,13 @@ BLUNT = 2.5066
 
 
 @scalar
-def line_of(c, s, t, q):  # type: ignore[no-untyped-def]
+def epipolar_line(c, s, t, q):  # type: ignore[no-untyped-def]
     """What a source bearing q says of every detection, for the rotation (c, s) and the unit baseline t.
 
     Returns its rotated bearing u, the unit normal of the epipolar plane, the vectors whose products with a detection
     are its parallax and how far it lies ahead, and the sine of the angle between u and t.
     """
-    u = rotated_about_y(c, s, q)
+    u = rotate_vector_about_y(c, s, q)
     k = dot(t, u)
     sine = math.sqrt(max(1.0 - k * k, 1e-12))
     n = cross(t, u)
@@ -41,7 +41,7 @@ def line_of(c, s, t, q):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def place(across, forward, x, y, z, sine, own):  # type: ignore[no-untyped-def]
+def depth_along_line(across, forward, x, y, z, sine, own):  # type: ignore[no-untyped-def]
     """Whether a detection may be in front of both cameras, its inverse distance, and the parallax behind it.
 
     The parallax, times the sine of the angle to the baseline, is never below its noise of variance ``own``.
@@ -70,7 +70,7 @@ def likelihood_ratio(normal, across, forward, sine, x, y, z, own, blur, inverse_
         Over the detections in a steradian.
     """
     e = normal[0] * x + normal[1] * y + normal[2] * z
-    front, size, _, ahead = place(across, forward, x, y, z, sine, own)
+    front, size, _, ahead = depth_along_line(across, forward, x, y, z, sine, own)
     weight = 1.0 / (own + blur)
     g = max(1.0 - e * e * weight / SUPPORT, 0.0)
     g = g * g
@@ -90,7 +90,7 @@ def point_ratio(c, s, t, q, own, views, blur, inverse_scale, inverse_density, po
 
     ``own`` is the variance of the source bearing, ``possible`` (n',) 1 or 0.
     """
-    _, normal, across, forward, sine = line_of(c, s, t, q)
+    _, normal, across, forward, sine = epipolar_line(c, s, t, q)
     target, variance = views.target, views.target_variance
     x, y, z = target[0], target[1], target[2]
     total = 0.0

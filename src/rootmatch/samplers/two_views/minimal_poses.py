@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.algebra.vector import column, cross, dot, rotated_about_y
+from rootmatch.algebra.vector import column, cross, dot, rotate_vector_about_y
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.three_plus_one.normalised_residual import longest_cross, roots
 from rootmatch.problems.three_plus_one.quartic import branch, coefficients, stem
-from rootmatch.samplers.two_views.likelihood import line_of, place
+from rootmatch.samplers.two_views.likelihood import depth_along_line, epipolar_line
 
 ROOTS = 4
 """Most solutions of a minimal set."""
@@ -21,17 +21,17 @@ which is 0 where there is no solution."""
 
 
 @scalar
-def nearest_sign(t, u, k):  # type: ignore[no-untyped-def]
+def parallax_sign(t, u, k):  # type: ignore[no-untyped-def]
     """Parallax of a correspondence, whose sign says which of t and −t has it in front."""
     return dot(t, k) - dot(t, u) * dot(u, k)
 
 
 @scalar
-def seen(c, s, t, q, p, own, gate2):  # type: ignore[no-untyped-def]
+def fits_pose(c, s, t, q, p, own, gate2):  # type: ignore[no-untyped-def]
     """Whether a correspondence fits a pose, and its inverse distance."""
-    _, normal, across, forward, sine = line_of(c, s, t, q)
+    _, normal, across, forward, sine = epipolar_line(c, s, t, q)
     e = dot(normal, p)
-    front, size, _, _ = place(across, forward, p[0], p[1], p[2], sine, own)
+    front, size, _, _ = depth_along_line(across, forward, p[0], p[1], p[2], sine, own)
     return front & (e * e < gate2 * own), size
 
 
@@ -41,14 +41,14 @@ def triple_pose(c, s, a, k, b, l, d, m, ak, bl, dm, gate2, spread):  # type: ign
 
     Their inverse distances must lie within a factor ``spread``; the scale is the middle one.
     """
-    u1, u2, u3 = rotated_about_y(c, s, a), rotated_about_y(c, s, b), rotated_about_y(c, s, d)
+    u1, u2, u3 = rotate_vector_about_y(c, s, a), rotate_vector_about_y(c, s, b), rotate_vector_about_y(c, s, d)
     t, _ = longest_cross(cross(u1, k), cross(u2, l), cross(u3, m))
-    side = nearest_sign(t, u1, k) + nearest_sign(t, u2, l) + nearest_sign(t, u3, m)
+    side = parallax_sign(t, u1, k) + parallax_sign(t, u2, l) + parallax_sign(t, u3, m)
     sign = 1.0 if side > 0.0 else -1.0
     t = (sign * t[0], sign * t[1], sign * t[2])
-    fits1, r1 = seen(c, s, t, a, k, ak, gate2)
-    fits2, r2 = seen(c, s, t, b, l, bl, gate2)
-    fits3, r3 = seen(c, s, t, d, m, dm, gate2)
+    fits1, r1 = fits_pose(c, s, t, a, k, ak, gate2)
+    fits2, r2 = fits_pose(c, s, t, b, l, bl, gate2)
+    fits3, r3 = fits_pose(c, s, t, d, m, dm, gate2)
     high, low = max(r1, max(r2, r3)), min(r1, min(r2, r3))
     fits = fits1 & fits2 & fits3 & (high < spread * low)
     return t, (r1 + r2 + r3 - high - low if fits else 0.0)
@@ -91,7 +91,7 @@ def triple_poses(views, i, first, second, gate2, spread, panel):  # type: ignore
 @scalar
 def flat_line(c, s, q, p):  # type: ignore[no-untyped-def]
     """The baseline in the plane across y that one correspondence leaves, not scaled: across R q × p."""
-    u = rotated_about_y(c, s, q)
+    u = rotate_vector_about_y(c, s, q)
     return u[0] * p[1] - u[1] * p[0], 0.0, u[2] * p[1] - u[1] * p[2]
 
 
@@ -124,11 +124,11 @@ def pair_pose(c, s, a, k, b, l, ak, bl, gate2, spread):  # type: ignore[no-untyp
     longer = vv > ww
     scale = 1.0 / math.sqrt(max(vv, ww))
     t = (scale * (v[0] if longer else w[0]), 0.0, scale * (v[2] if longer else w[2]))
-    side = nearest_sign(t, rotated_about_y(c, s, a), k) + nearest_sign(t, rotated_about_y(c, s, b), l)
+    side = parallax_sign(t, rotate_vector_about_y(c, s, a), k) + parallax_sign(t, rotate_vector_about_y(c, s, b), l)
     sign = 1.0 if side > 0.0 else -1.0
     t = (sign * t[0], 0.0, sign * t[2])
-    fits1, r1 = seen(c, s, t, a, k, ak, gate2)
-    fits2, r2 = seen(c, s, t, b, l, bl, gate2)
+    fits1, r1 = fits_pose(c, s, t, a, k, ak, gate2)
+    fits2, r2 = fits_pose(c, s, t, b, l, bl, gate2)
     fits = fits1 & fits2 & (max(r1, r2) < spread * min(r1, r2))
     return t, (math.sqrt(r1 * r2) if fits else 0.0)
 

@@ -11,9 +11,9 @@ import math
 
 from rootmatch.algebra.elimination import solve_in_place
 from rootmatch.algebra.vector import column, combination, cross, dot, slope_about_y, tangent_basis
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, kernel
-from rootmatch.samplers.two_views.likelihood import likelihood_ratio, line_of, place
+from rootmatch.samplers.two_views.likelihood import depth_along_line, epipolar_line, likelihood_ratio
 
 LEAST_SHARE = 1e-3
 """Share below which a pair of points moves no pose."""
@@ -32,7 +32,7 @@ def all_ratios(views, pose, judge, blur, ratios):  # type: ignore[no-untyped-def
     t = (pose[2], pose[3], pose[4])
     inverse_scale = 1.0 / pose[5]
     for i in range(ratios.shape[0]):
-        _, normal, across, forward, sine = line_of(pose[0], pose[1], t, column(views.source, i))
+        _, normal, across, forward, sine = epipolar_line(pose[0], pose[1], t, column(views.source, i))
         own = views.source_variance[i]
         to = ratios[i]
         allowed = possible[i]
@@ -55,7 +55,7 @@ def add_square(normal, side, j0, j1, j2, j3, value, weight):  # type: ignore[no-
 
 
 @kernel
-def step(views, pose, blur, breadth2, ratios, rows, columns, normal, side):  # type: ignore[no-untyped-def]
+def refinement_step(views, pose, blur, breadth2, ratios, rows, columns, normal, side):  # type: ignore[no-untyped-def]
     """Move a pose once, by pairs with their shares of ``ratios``; the sums of these are ``rows`` and ``columns``."""
     c, s = pose[0], pose[1]
     t = (pose[2], pose[3], pose[4])
@@ -69,7 +69,7 @@ def step(views, pose, blur, breadth2, ratios, rows, columns, normal, side):  # t
         for b in range(DIMENSIONS):
             normal[a, b] = 0.0
     for i in range(ratios.shape[0]):
-        u, plane, across, forward, sine = line_of(c, s, t, column(views.source, i))
+        u, plane, across, forward, sine = epipolar_line(c, s, t, column(views.source, i))
         turned = slope_about_y(u)
         for n in range(ratios.shape[1]):
             share = ratios[i, n] / (1.0 + rows[i] + columns[n] - ratios[i, n])
@@ -84,7 +84,7 @@ def step(views, pose, blur, breadth2, ratios, rows, columns, normal, side):  # t
                 normal, side, inverse * dot(t, moved), inverse * dot(first, product),
                 inverse * dot(second, product), 0.0, dot(plane, p), share / (own + blur),
             )  # fmt: skip
-            _, size, parallax, ahead = place(across, forward, p[0], p[1], p[2], sine, own)
+            _, size, parallax, ahead = depth_along_line(across, forward, p[0], p[1], p[2], sine, own)
             k, pu, pt = dot(t, u), dot(p, u), dot(p, t)
             turned_k, turned_p = dot(t, turned), dot(p, turned)
             root = parallax * parallax + own * sine * sine
@@ -133,8 +133,8 @@ def refine_poses(views, judge, blurs, breadth2, start, end, poses, ratios, sums,
     sums, normal, side : (n + n',), (4, 4) and (4,) arrays
         Scratch.
     """
-    views, judge, blurs, poses = borrowed((views, judge, blurs, poses))
-    ratios, sums, normal, side = borrowed((ratios, sums, normal, side))
+    views, judge, blurs, poses = borrow((views, judge, blurs, poses))
+    ratios, sums, normal, side = borrow((ratios, sums, normal, side))
     n, n_target = ratios.shape[1], ratios.shape[2]
     rows, columns = sums[:n], sums[n:]
     for index in range(start, end):
@@ -151,4 +151,4 @@ def refine_poses(views, judge, blurs, breadth2, start, end, poses, ratios, sums,
                 for k in range(n_target):
                     rows[i] += ratios[index, i, k]
                     columns[k] += ratios[index, i, k]
-            step(views, poses[index], blur, breadth2, ratios[index], rows, columns, normal, side)
+            refinement_step(views, poses[index], blur, breadth2, ratios[index], rows, columns, normal, side)

@@ -12,13 +12,13 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
-from rootmatch.hypergraph.assignment import largest_total
-from rootmatch.jit.threads import LONGEST, in_threads, threads_worth
+from rootmatch.hypergraph.assignment import maximise_total
+from rootmatch.jit.threads import LONGEST, run_in_threads, worthwhile_threads
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.two_views.covering_sets import CoveringSets
 from rootmatch.samplers.two_views.detection_density import detection_density
-from rootmatch.samplers.two_views.image_pieces import in_pieces
+from rootmatch.samplers.two_views.image_pieces import run_image_pieces
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, RelativeHypothesis
@@ -126,7 +126,7 @@ class PoseSearch:
             self.conclusive = bool(self.hypotheses)
             if self.task.progress is not None:
                 self.task.progress(min(self.solved, self.budget), self.budget)
-            if self._enough() or self._spent():
+            if self._has_enough() or self._is_spent():
                 return
 
     @property
@@ -134,40 +134,40 @@ class PoseSearch:
         """Probability that another pose explains as many points as the likeliest one, and was never met."""
         if not self.hypotheses:
             return 1.0
-        return self._unmet() * (1.0 if self.repeated else REPEATED)
+        return self._unmet_probability() * (1.0 if self.repeated else REPEATED)
 
-    def _unmet(self) -> float:
+    def _unmet_probability(self) -> float:
         """Probability that a pose which explains as many points as the likeliest one was not met, if there is one."""
         return self.covering.missed(int((self.hypotheses[0].assignment >= 0).sum()))
 
-    def _spent(self) -> bool:
+    def _is_spent(self) -> bool:
         spent = self.sets >= MOST_SETS or self.solved >= self.budget
         return spent or self.cut or self.deadline.passed()
 
-    def _agreed(self) -> bool:
+    def _do_sets_agree(self) -> bool:
         """Whether several minimal sets have led to the likeliest assignment."""
         if not self.hypotheses:
             return False
         first = self.hypotheses[0]
-        led = {other.minimal_set for other in self.hypotheses if other.like(first)}
+        led = {other.minimal_set for other in self.hypotheses if other.is_like(first)}
         return len(led) >= AGREEING
 
-    def _enough(self) -> bool:
+    def _has_enough(self) -> bool:
         """Whether the sets agree on a pose, and no other one that is beyond chance too can well have been missed."""
-        if not self._agreed():
+        if not self._do_sets_agree():
             return False
-        if self.hypotheses[0].evidence <= self._chance():
+        if self.hypotheses[0].evidence <= self._chance_evidence():
             return True
-        return self._unmet() <= (RIVALLED if self.repeated else MISSED)
+        return self._unmet_probability() <= (RIVALLED if self.repeated else MISSED)
 
-    def _chance(self) -> float:
+    def _chance_evidence(self) -> float:
         """Evidence that one of the poses tested reaches by chance."""
         return math.log(max(self.tested, 1))
 
     @property
     def repeated(self) -> bool:
         """Whether a pose that has nothing to do with the likeliest one is no accident: the scene looks like itself."""
-        enough = self._chance() - math.log(REPEATED)
+        enough = self._chance_evidence() - math.log(REPEATED)
         return any(one.evidence > enough and one.shared(self.hypotheses[0]) <= OTHER for one in self.hypotheses)
 
     def _try(self, sets: Integers) -> None:
@@ -185,7 +185,7 @@ class PoseSearch:
 
         def piece(begin: int, stop: int) -> None:
             """Some of the images of all sets."""
-            threads = threads_worth(min(shares, int(each * (stop - begin) * count / WORTH_A_THREAD)))
+            threads = worthwhile_threads(min(shares, int(each * (stop - begin) * count / WORTH_A_THREAD)))
             ends = np.linspace(begin, stop, threads + 1).astype(np.int64).tolist()
 
             def work(start: int, end: int) -> None:
@@ -197,12 +197,12 @@ class PoseSearch:
                             columns, poses[share], evidence[share], counts[share],
                         )  # fmt: skip
 
-            in_threads(work, threads, threads)
+            run_in_threads(work, threads, threads)
 
         try:
             reserve = LONGEST + 2.0 * SECONDS_PER_RATIO * count * POSES_REFINED * self.n * self.n_target
-            with self.deadline.part(SOLVED, reserve).enforced():
-                in_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
+            with self.deadline.part(SOLVED, reserve).enforce():
+                run_image_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
             self.covering.add(sets)
         except OutOfTime:
             self.cut = True
@@ -235,15 +235,15 @@ class PoseSearch:
         for first in range(0, len(poses), step):
             some = slice(first, first + step)
             checkpoint(SECONDS_PER_RATIO * len(poses[some]) * self.n * self.n_target)
-            for ratios, number in zip(self._refined(poses[some]), which[some].tolist(), strict=True):
+            for ratios, number in zip(self._refine_ratios(poses[some]), which[some].tolist(), strict=True):
                 checkpoint()
-                value, assignment = self._assigned(ratios)
+                value, assignment = self._assign_likeliest(ratios)
                 if (assignment >= 0).sum() > self.minimal:
                     self.hypotheses.append(RelativeHypothesis(value, assignment, ratios.copy(), number))
                     self.hypotheses.sort(key=lambda one: -one.evidence)
                     del self.hypotheses[POSES:]
 
-    def _refined(self, poses: Floats) -> Floats:
+    def _refine_ratios(self, poses: Floats) -> Floats:
         """Likelihood ratios (K, n, n') at poses (K, FIELDS), refined on all points."""
         poses = np.ascontiguousarray(poses)
         ratios = np.zeros((len(poses), self.n, self.n_target))
@@ -255,14 +255,14 @@ class PoseSearch:
                 self.views, self.judge, blurs, BREADTH**2, start, end, poses, ratios, sums, normal, side
             )  # fmt: skip
 
-        in_threads(work, len(poses), threads_worth(len(poses) // 8))
+        run_in_threads(work, len(poses), worthwhile_threads(len(poses) // 8))
         return ratios
 
-    def _assigned(self, ratios: Floats) -> tuple[float, Integers]:
+    def _assign_likeliest(self, ratios: Floats) -> tuple[float, Integers]:
         """The likeliest assignment (n,) and its log-likelihood ratio against clutter."""
         with np.errstate(divide="ignore"):
             gain = np.maximum(np.log(ratios * (VISIBLE / (1.0 - VISIBLE))), 0.0)
-        assignment = largest_total(gain, 0.0)
+        assignment = maximise_total(gain, 0.0)
         matched = np.flatnonzero(assignment >= 0)
         return self.n * math.log(1.0 - VISIBLE) + float(gain[matched, assignment[matched]].sum()), assignment
 
@@ -291,7 +291,7 @@ class PoseSearch:
             total += weight
         expected /= total
         # a point is left out where it more probably has no image than this one, by far
-        return largest_total(expected, LEAST_SHARE)
+        return maximise_total(expected, LEAST_SHARE)
 
     def clusters(self) -> HypothesisClusters:
         """The strongest hypotheses that differ, each with the detections that its points may have."""

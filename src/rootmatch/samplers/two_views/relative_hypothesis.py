@@ -13,7 +13,7 @@ SAME, OTHER = 0.7, 0.3
 with one another. Round values."""
 
 
-def shared(assignments: Integers, other: Integers) -> Floats:
+def shared_match_share(assignments: Integers, other: Integers) -> Floats:
     """Share (…,) of the matches of assignments (…, n) that another one (n,) has too."""
     matched = assignments >= 0
     common = ((assignments == other) & matched).sum(axis=-1)
@@ -35,8 +35,8 @@ class RelativeHypothesis:
 
     def shared(self, other: RelativeHypothesis) -> float:
         """Share of the matches that another assignment has too."""
-        return float(shared(self.assignment, other.assignment))
+        return float(shared_match_share(self.assignment, other.assignment))
 
-    def like(self, other: RelativeHypothesis) -> bool:
+    def is_like(self, other: RelativeHypothesis) -> bool:
         """Whether two assignments have so much in common that they come from one pose."""
         return self.shared(other) >= SAME

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
+from rootmatch.samplers.guided.candidate_hyperedges import sample_clusters
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.two_views.pose_search import PoseSearch
 
@@ -15,14 +15,14 @@ EDGES = 60_000
 """Most hyper-edges that are evaluated."""
 
 
-def two_view_tensor(task: SamplingTask, options: GuidedOptions) -> SampledTensor:
+def sample_two_views(task: SamplingTask, options: GuidedOptions) -> SampledTensor:
     """Tensor of the hyper-edges among the correspondences that relative poses name; see `rootmatch.Guided`."""
     deadline = task.deadline.part(SEARCHED, RESERVE).at_most(options.max_seconds)
     search = PoseSearch(task, deadline, options.budget)
     with deadline.within():
         search.run()
     single = task.motions == 1
-    return sampled_among(
+    return sample_clusters(
         task, search.clusters, replace(options, edges=min(options.edges, EDGES)), search.rng, search.evaluated,
         # the poses are judged by themselves, and nobody may ask for hyper-edges
         later=single and bool(search.hypotheses),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rootmatch.algebra.vector import column
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, kernel
 from rootmatch.samplers.two_views.likelihood import point_ratio
 from rootmatch.samplers.two_views.minimal_poses import ROOTS, pair_poses, triple_poses
@@ -89,8 +89,8 @@ def search_triples(  # type: ignore[no-untyped-def]
     counts : (S, 3) int64 array
         Added to: minimal sets solved, poses judged, points looked up.
     """
-    views, judge, sets, orders, panel, columns = borrowed((views, judge, sets, orders, panel, columns))
-    poses, evidence, counts, limits = borrowed((poses, evidence, counts, limits))
+    views, judge, sets, orders, panel, columns = borrow((views, judge, sets, orders, panel, columns))
+    poses, evidence, counts, limits = borrow((poses, evidence, counts, limits))
     n_target = columns.shape[0]
     possible = judge[1]
     for index in range(start, end):
@@ -113,8 +113,8 @@ def search_pairs(  # type: ignore[no-untyped-def]
     views, judge, sets, orders, limits, start, end, begin, stop, panel, columns, poses, evidence, counts
 ):
     """Search sets of two source points (S, 2), as `search_triples`, for planar motion; images are first · n' + last."""
-    views, judge, sets, orders, panel, columns = borrowed((views, judge, sets, orders, panel, columns))
-    poses, evidence, counts, limits = borrowed((poses, evidence, counts, limits))
+    views, judge, sets, orders, panel, columns = borrow((views, judge, sets, orders, panel, columns))
+    poses, evidence, counts, limits = borrow((poses, evidence, counts, limits))
     n_target = columns.shape[0]
     possible = judge[1]
     for index in range(start, end):

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 from rootmatch.solvers.ascent.pair_table import place_of_pair
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
@@ -70,8 +70,8 @@ def objective(index: SubsetIndex, state: State, penalty: float) -> float:
     return float(state.total[0]) - penalty * math.comb(int(state.size[0]), index.indices.shape[1])
 
 
-@internal()
-def completion(indices, subset, e):  # type: ignore[no-untyped-def]
+@internal_function()
+def completing_correspondence(indices, subset, e):  # type: ignore[no-untyped-def]
     """The correspondence that hyper-edge e has beyond the d−1 of a subset, or −1 if it does not contain these."""
     order = indices.shape[1]
     rest, common = -1, 0
@@ -87,7 +87,7 @@ def completion(indices, subset, e):  # type: ignore[no-untyped-def]
     return rest if common == order - 1 else -1
 
 
-@internal()
+@internal_function()
 def next_pick(pick, length, count):  # type: ignore[no-untyped-def]
     """Step to the next combination of `length` out of `count` numbers; False after the last."""
     q = length - 1
@@ -101,7 +101,7 @@ def next_pick(pick, length, count):  # type: ignore[no-untyped-def]
     return True
 
 
-@internal()
+@internal_function()
 def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
     """Add correspondence a, whose points are free, or remove it."""
     image, owner, members, size, inside = state.image, state.owner, state.members, state.size, state.inside
@@ -160,7 +160,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
                 if entries[t] >> edge_bits != tag:
                     continue
                 e = entries[t] & mask
-                c = completion(indices, subset, e)
+                c = completing_correspondence(indices, subset, e)
                 if c < 0:
                     continue
                 h = sign * weights[e]
@@ -186,7 +186,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
         total[0] -= gains[a] + index.unary[a]
 
 
-@internal()
+@internal_function()
 def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: int) -> Any:
     """Weight Q of the hyper-edges made of c, c2 and members other than those of source points i and j."""
     order, source = index.indices.shape[1], index.source
@@ -227,7 +227,7 @@ def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: i
                     if entries[t] >> edge_bits != tag:
                         continue
                     e = entries[t] & mask
-                    rest, h = np.int64(completion(indices, subset, e)), weights[e]
+                    rest, h = np.int64(completing_correspondence(indices, subset, e)), weights[e]
                 if rest == c2:
                     total += h
                 elif order > 2 and rest >= 0 and inside[rest]:

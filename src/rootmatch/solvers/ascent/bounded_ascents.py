@@ -9,7 +9,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, Pace
-from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
+from rootmatch.jit.threads import GROWTH, LONGEST, run_in_threads, worthwhile_threads
 from rootmatch.solvers.ascent.assignment_state import State, empty_state, objective
 from rootmatch.solvers.ascent.climb import Ascended, climb, climb_from, state_of
 from rootmatch.solvers.ascent.options import AscentOptions
@@ -52,7 +52,7 @@ class BoundedAscents:
         return float(max(self.moving, self.dearest * SECONDS_PER_READ))
 
     @property
-    def dear(self) -> bool:
+    def is_expensive(self) -> bool:
         """Whether an ascent takes so long that it is made in steps."""
         return self.whole_ascent > LONGEST
 
@@ -60,8 +60,8 @@ class BoundedAscents:
         """The state of an assignment; the last one is kept."""
         if self.state.image.tobytes() != image.tobytes():
             # What most of it has in common with the last one need not be looked up again.
-            near = self.dear and self._is_near(image)
-            self.state = state_of(self.index, image, self.state if near else None, at_once=not self.dear)
+            near = self.is_expensive and self._is_near(image)
+            self.state = state_of(self.index, image, self.state if near else None, at_once=not self.is_expensive)
         return self.state
 
     def _is_near(self, image: Integers) -> bool:
@@ -99,13 +99,13 @@ class BoundedAscents:
             if size == 0:
                 break
             some = bases[len(images) : len(images) + size]
-            threads = threads_worth(int(size * self.effort))
+            threads = worthwhile_threads(int(size * self.effort))
             if self.whole_ascent > SHORT * self.deadline.left():
                 size = 1
-            if size == 1 and (self.dear or self.whole_ascent > SHORT * self.deadline.left()):
-                found = self.in_steps(root, some[0], penalty, exchanges=exchanges)
-            elif self.dear:
-                found = self.several_in_steps(root, some, penalty, exchanges=exchanges, threads=threads)
+            if size == 1 and (self.is_expensive or self.whole_ascent > SHORT * self.deadline.left()):
+                found = self.ascend_one_in_steps(root, some[0], penalty, exchanges=exchanges)
+            elif self.is_expensive:
+                found = self.ascend_in_steps(root, some, penalty, exchanges=exchanges, threads=threads)
             else:
                 found = climb_from(
                     self.index, root, some, penalty=penalty, limit=self.options.limit, exchanges=exchanges,
@@ -127,7 +127,7 @@ class BoundedAscents:
         self.moves += sum(moves)
         self.cut += sum(one >= self.options.limit for one in moves)
 
-    def several_in_steps(
+    def ascend_in_steps(
         self, root: State, bases: Integers, penalty: float, *, exchanges: bool, threads: int
     ) -> Ascended:
         """Ascents as of `climb_from`, between whose steps an interrupt is seen."""
@@ -136,14 +136,14 @@ class BoundedAscents:
 
         def ascend(first: int, last: int) -> None:
             for k in range(first, last):
-                one = self.in_steps(root, bases[k], penalty, exchanges=exchanges, stopped=stopped)
+                one = self.ascend_one_in_steps(root, bases[k], penalty, exchanges=exchanges, stopped=stopped)
                 for each, (value,) in zip(found, one, strict=True):
                     each[k] = value
 
-        in_threads(ascend, len(bases), threads, stopped=stopped)
+        run_in_threads(ascend, len(bases), threads, stopped=stopped)
         return found
 
-    def in_steps(
+    def ascend_one_in_steps(
         self, root: State, base: Integers, penalty: float, *, exchanges: bool, stopped: Event | None = None
     ) -> Ascended:
         """One ascent as of `climb_from`, a few moves at a time: it ends where it is at the deadline, or if stopped."""

@@ -23,10 +23,10 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
-from rootmatch.jit.threads import in_pieces, in_threads
+from rootmatch.jit.internal import internal_function
+from rootmatch.jit.threads import run_in_pieces, run_in_threads
 from rootmatch.solvers.ascent.assignment_state import State, change, empty_state, joint_weight, room_for_state
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
@@ -49,7 +49,7 @@ class Ascended(NamedTuple):
     reads: Integers  # (B,) subsets looked up and entries of the index read, to reach the base too
 
 
-@internal()
+@internal_function()
 def _best_move(unary, state, entry_cost, exit_refund):  # type: ignore[no-untyped-def]
     """Largest change of f by one correspondence: (change, entering a or −1, leaving a or −1).
 
@@ -88,7 +88,7 @@ def _best_move(unary, state, entry_cost, exit_refund):  # type: ignore[no-untype
     return best, entering, leaving
 
 
-@internal()
+@internal_function()
 def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
     """The first pair of points, from number `begin` on and round to it, whose exchange adds more than `least`.
 
@@ -129,9 +129,9 @@ def _ascend(  # type: ignore[no-untyped-def]
     `dues` (n + 1,) is the penalty that one more correspondence costs an assignment of each size; `begins` (B,) the
     number of the pair of points at which the search for exchanges begins, and where it has come to.
     """
-    index, root, state = borrowed((index, root, state))
-    bases, dues, images, totals, sizes, moves = borrowed((bases, dues, images, totals, sizes, moves))
-    reads, begins = borrowed((reads, begins))
+    index, root, state = borrow((index, root, state))
+    bases, dues, images, totals, sizes, moves = borrow((bases, dues, images, totals, sizes, moves))
+    reads, begins = borrow((reads, begins))
     n, n_target, unary = index.n, index.n_target, index.unary
     image, owner, gains, total, size = state.image, state.owner, state.gains, state.total, state.size
     for s in range(first, last):
@@ -243,7 +243,7 @@ def state_of(index: SubsetIndex, image: Integers, root: State | None = None, *, 
     """
     state, begins = empty_state(index), np.ones(1, np.int64)
     if at_once:
-        with NEVER.enforced():
+        with NEVER.enforce():
             _climb(index, state if root is None else root, state, image[None].copy(), begins, penalty=0.0, limit=0)
         return state
     base = (state if root is None else root).image[None].copy()
@@ -255,9 +255,9 @@ def state_of(index: SubsetIndex, image: Integers, root: State | None = None, *, 
         base[0, entering[first:last]] = image[entering[first:last]]
         _climb(index, state, state, base, begins, penalty=0.0, limit=0)
 
-    with NEVER.enforced():  # what it is asked for is to be handed on, deadline or not
+    with NEVER.enforce():  # what it is asked for is to be handed on, deadline or not
         _climb(index, state if root is None else root, state, base, begins, penalty=0.0, limit=0)
-        in_pieces(enter, len(entering))
+        run_in_pieces(enter, len(entering))
     return state
 
 
@@ -287,7 +287,7 @@ def _climb(
             images, totals, sizes, moves, reads, begins,
         )  # fmt: skip
 
-    in_threads(ascend, count, threads, PARTS)
+    run_in_threads(ascend, count, threads, PARTS)
     return Ascended(images, totals - _penalties(penalty, n, order)[sizes], moves, reads)
 
 

@@ -16,8 +16,8 @@ from rootmatch.solvers.ascent.assignment_state import State
 from rootmatch.solvers.ascent.bounded_ascents import SECONDS_PER_GAIN, BoundedAscents
 from rootmatch.solvers.ascent.options import AscentOptions
 from rootmatch.solvers.ascent.random_walk_start import WALK, random_walk_start
-from rootmatch.solvers.ascent.start_ranking import candidates
-from rootmatch.solvers.ascent.start_selection import covered, forced, next_starts, packed
+from rootmatch.solvers.ascent.start_ranking import rank_candidates
+from rootmatch.solvers.ascent.start_selection import are_cores_covered, force_cores, next_starts, pack_cores
 from rootmatch.solvers.ascent.stopping import PATIENCE_AFTER_WALK, patience, stands_out
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 from rootmatch.solvers.base import Alternatives, Solution
@@ -90,7 +90,7 @@ class MultiStart:
     @cached_property
     def ranked(self) -> tuple[NDArray[np.int32], Floats]:
         """Candidates, (P, d), and their ranks."""
-        return candidates(self.index, POOL * self.starts, RANKED)
+        return rank_candidates(self.index, POOL * self.starts, RANKED)
 
     @property
     def candidates(self) -> NDArray[np.int32]:
@@ -119,7 +119,7 @@ class MultiStart:
         """Assignments found, (F, n)."""
         return np.array([image for image, _ in self.found.values()], np.int64).reshape(-1, self.index.n)
 
-    def from_walk(self) -> None:
+    def start_from_walk(self) -> None:
         """Step 1; without a walk from nothing, of which unary weights alone may make something."""
         steps = self.options.walk
         balancing = WALK.balancing * SECONDS_PER_GAIN
@@ -127,7 +127,7 @@ class MultiStart:
         start = random_walk_start(self.index, steps) if steps else self.empty.image
         self.climb(self.empty, start[None], "walk")
 
-    def from_cores(self) -> None:
+    def start_from_cores(self) -> None:
         """Steps 2 and 3, in rounds: cores are grown, and ascents made from them."""
         after_walk = min(PATIENCE_AFTER_WALK, self.patience)
         open_ = self.promise >= HOPELESS * self.value
@@ -148,13 +148,13 @@ class MultiStart:
             cores, core_values = self.as_cores([pair for key, pair in new.items() if key not in grown])
             grown.update(new)
             before = self.value
-            useful = (core_values > HOPELESS * before) & ~covered(cores, self.known())
+            useful = (core_values > HOPELESS * before) & ~are_cores_covered(cores, self.known())
             if useful.any():
                 self.climb(self.empty, cores[useful], "cores")
             idle = 0 if self.value > before else idle + len(chosen)
             tried += len(chosen)
             size = min(2 * size, LARGEST_ROUND)
-        self.cores, self.core_values = self.as_cores(_ranked(grown))
+        self.cores, self.core_values = self.as_cores(_sort_by_value(grown))
 
     def as_cores(self, grown: Alternatives) -> tuple[Integers, Floats]:
         """Assignments (C, n) that were grown, and their objectives (C,)."""
@@ -170,7 +170,7 @@ class MultiStart:
         values = [value for _, value in self.found.values()]
         return stands_out(values, sum(self.reached.values()))
 
-    def from_rivals(self) -> None:
+    def start_from_rivals(self) -> None:
         """The rest of step 3, whether or not the best assignment is settled: its rivals."""
         order = self.candidates.shape[1]
         open_ = self.promise >= HOPELESS * self.value
@@ -181,19 +181,19 @@ class MultiStart:
         if rivals.size:
             self.climb(self.empty, self.alone(rivals), "rivals")
 
-    def from_packed_cores(self) -> None:
+    def start_from_packed_cores(self) -> None:
         """The first half of step 4: the cores that contradict none that scores better."""
-        start = packed(self.cores, self.index.n, self.index.n_target)
+        start = pack_cores(self.cores, self.index.n, self.index.n_target)
         # No move leads on from an optimum.
         if start.tobytes() not in self.found:
             self.climb(self.empty, start[None], "packed cores")
 
-    def from_best(self) -> None:
+    def start_from_best(self) -> None:
         """The second half of step 4."""
         first = 0
         while first < len(self.cores) and not self.ascents.left_out:
-            root = self.state_of_best()
-            bases, first = forced(
+            root = self.best_state()
+            bases, first = force_cores(
                 root, self.cores, self.core_values, first, forced_gain=FORCED_GAIN, count=LARGEST_ROUND
             )
             if len(bases):
@@ -203,22 +203,22 @@ class MultiStart:
         """Step 5, until the best assignment itself has been through it."""
         while self.best.tobytes() not in self.polished:
             least = POLISHED_SCORE * self.value
-            near = [image for image, value in _ranked(self.found) if value >= least]
+            near = [image for image, value in _sort_by_value(self.found) if value >= least]
             waiting = [image for image in near if image.tobytes() not in self.polished][:POLISHED]
             if not waiting:  # a deadline came before any ascent
                 return
             self.polished.update(image.tobytes() for image in waiting)
             # That of the best one, which stands first, is not left out: one of exchanges is all that may lead on.
-            self.climb(self.state_of_best(), np.array(waiting), "polish", exchanges=True, due=1)
+            self.climb(self.best_state(), np.array(waiting), "polish", exchanges=True, due=1)
 
-    def state_of_best(self) -> State:
+    def best_state(self) -> State:
         """The state of the best assignment, kept while it is the best."""
         return self.ascents.state_at(self.best)
 
     def solution(self) -> Solution:
         """The best assignment found, its alternatives and statistics."""
         index, best, ascents = self.index, self.best, self.ascents
-        gains = np.maximum(self.state_of_best().gains + index.unary, 0.0).reshape(index.n, index.n_target)
+        gains = np.maximum(self.best_state().gains + index.unary, 0.0).reshape(index.n, index.n_target)
         total = gains.sum(axis=1, keepdims=True)
         total[total <= 0.0] = 1.0
         soft = gains / total
@@ -254,7 +254,7 @@ class MultiStart:
         # Cores are assignments too, which stopped short of being drawn into the best one.
         for core, value in zip(self.cores, self.core_values.tolist(), strict=True):
             self.found.setdefault(core.tobytes(), (core, value))
-        ranked = _ranked(self.found)
+        ranked = _sort_by_value(self.found)
         images = np.concatenate([image for image, _ in ranked]).reshape(len(ranked), -1)
         moved = (images >= 0) & (images != self.best)
         matters = (moved & (self.best >= 0) & claimed).any(axis=1)
@@ -265,7 +265,7 @@ class MultiStart:
         return [ranked[number] for number in sorted(chosen)]
 
 
-def _ranked(kept: dict[bytes, tuple[Integers, float]]) -> Alternatives:
+def _sort_by_value(kept: dict[bytes, tuple[Integers, float]]) -> Alternatives:
     """Assignments and values, best first; equal ones in an order of their own."""
     return [pair for _, pair in sorted(kept.items(), key=lambda item: (-item[1][1], item[0]))]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 
 SPARSEST = 2
 """Pairs of the table for each that a hyper-edge has, at most."""
@@ -27,17 +27,17 @@ LARGEST = 1 << 23
 With so many pairs at most there are fewer than 2^16 correspondences, which is what 16 bits hold."""
 
 
-def worth_a_table(size: int, order: int, correspondences: int) -> bool:
+def is_table_worthwhile(size: int, order: int, correspondences: int) -> bool:
     """Whether E hyper-edges of some order among n n' correspondences are looked up in a table of pairs."""
-    return order == 3 and 3 * size <= LARGEST and pairs_of(correspondences) <= SPARSEST * 3 * size
+    return order == 3 and 3 * size <= LARGEST and pair_total(correspondences) <= SPARSEST * 3 * size
 
 
-def pairs_of(correspondences: int) -> int:
+def pair_total(correspondences: int) -> int:
     """Number of pairs of correspondences."""
     return correspondences * (correspondences - 1) // 2
 
 
-@internal()
+@internal_function()
 def place_of_pair(a, b):  # type: ignore[no-untyped-def]
     """Place of a pair among all pairs; a and b are uint32, in any order.
 
@@ -48,7 +48,7 @@ def place_of_pair(a, b):  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True)
-def _fill(indices, weights, start, others, held, sums, marginals):  # type: ignore[no-untyped-def]
+def _fill_pair_table(indices, weights, start, others, held, sums, marginals):  # type: ignore[no-untyped-def]
     """Counting sort of the pairs of all hyper-edges (E, 3), into the arrays of a `PairTable`.
 
     `start` is one longer than there. `start`, `sums` and `marginals` are all 0 at first.
@@ -95,7 +95,7 @@ def _fill(indices, weights, start, others, held, sums, marginals):  # type: igno
         marginals[high] = total
 
 
-@internal()
+@internal_function()
 def add_own_weights(indices, weights, rank, best):  # type: ignore[no-untyped-def]
     """Add each hyper-edge's weight to its support; `best` (n n'), −1 as given, becomes the first of the highest."""
     for e in range(indices.shape[0]):
@@ -130,8 +130,8 @@ class PairTable(NamedTuple):
 
 def pair_table(indices: NDArray[np.int32], weights: Floats, correspondences: int) -> PairTable:
     """The table of hyper-edges (E, 3)."""
-    pairs = pairs_of(correspondences)
+    pairs = pair_total(correspondences)
     start, sums, marginals = np.zeros(pairs + 2, np.uint32), np.zeros(pairs), np.zeros(correspondences)
     others, held = np.empty(indices.size, np.uint16), np.empty(indices.size)
-    _fill(indices, weights, start, others, held, sums, marginals)
+    _fill_pair_table(indices, weights, start, others, held, sums, marginals)
     return PairTable(start[:-1], others, held, sums, marginals)

@@ -25,7 +25,7 @@ WALK = ReweightedWalk()
 
 
 @lru_cache(maxsize=16)
-def _walk_of(steps: int) -> ReweightedWalk:
+def _walk_with_steps(steps: int) -> ReweightedWalk:
     """The walk of so many steps: match after match the same, and checking its options takes longer than the walk."""
     return replace(WALK, iterations=steps)
 
@@ -39,7 +39,7 @@ def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
     shape = (index.n, index.n_target)
     if not index.paired:
         tensor = AffinityTensor.unchecked(index.indices, index.weights, shape, index.unary.reshape(shape))
-        return discretise(_walk_of(steps).walked(tensor)[0])
+        return discretise(_walk_with_steps(steps).run_walk(tensor)[0])
     count = index.unary.size
     most = max(HEAVIEST, count // HEAVIEST_PART)
     x = np.full(count, 1.0 / count)
@@ -47,7 +47,7 @@ def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
     v = index.marginals / count**2
     for _ in range(steps):
         w = v + index.unary
-        moved = WALK.stepped(w, x.reshape(shape))
+        moved = WALK.walk_step(w, x.reshape(shape))
         if moved is None:
             break
         new = moved[0].ravel()
@@ -62,12 +62,12 @@ def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
         if change < WALK.tolerance:
             break
         v = np.zeros(count)
-        _contract_among(index, x, chosen, v)
+        _contract_chosen(index, x, chosen, v)
     return discretise(x.reshape(shape))
 
 
 @driver(nogil=True)
-def _contract_among(index, x, chosen, v):  # type: ignore[no-untyped-def]
+def _contract_chosen(index, x, chosen, v):  # type: ignore[no-untyped-def]
     """Add the contraction of all hyper-edges by x (n n',), which is 0 but at `chosen`, ascending, to v (n n',)."""
     start, others, held = index.start, index.others, index.held
     one = np.uint32(1)

@@ -52,13 +52,13 @@ class MultiStartAscent(AscentOptions):
         """Solve with an index that was built before."""
         search = MultiStart(self, index, deadline)
         with deadline.within():
-            search.from_walk()
+            search.start_from_walk()
         with deadline.within():
             if not search.dominates():
-                search.from_cores()
-                search.from_rivals()
-                search.from_packed_cores()
+                search.start_from_cores()
+                search.start_from_rivals()
+                search.start_from_packed_cores()
                 search.polish()
-                search.from_best()
+                search.start_from_best()
             search.polish()
         return search.solution()

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.threads import in_threads, threads_worth
+from rootmatch.jit.threads import run_in_threads, worthwhile_threads
 from rootmatch.solvers.ascent.subset_index import SubsetIndex, ranked_hyperedges, total_hash
 
 SHARES = 16
@@ -21,7 +21,7 @@ WORTH_A_THREAD = 20_000
 """Hyper-edges to rank that are worth a thread: some milliseconds."""
 
 
-def candidates(index: SubsetIndex, count: int, most_reads: int) -> tuple[NDArray[np.int32], Floats]:
+def rank_candidates(index: SubsetIndex, count: int, most_reads: int) -> tuple[NDArray[np.int32], Floats]:
     """Hyper-edges to start from, (P, d), and their ranks, best first: ``count``, and the best of each correspondence.
 
     All hyper-edges are ranked, or the heaviest ones if there are more entries in the index than may be read.
@@ -51,8 +51,10 @@ def rank_heaviest(index: SubsetIndex, most_reads: int) -> tuple[Integers, Floats
     for share in range(SHARES):
         some = heavy[share::SHARES]
         rank, read = np.empty(len(some)), np.empty(len(some), np.int64)
-        in_threads(
-            partial(_rank_by_look_up, index, some, rank, read), len(some), threads_worth(len(some) // WORTH_A_THREAD)
+        run_in_threads(
+            partial(_rank_by_lookup, index, some, rank, read),
+            len(some),
+            worthwhile_threads(len(some) // WORTH_A_THREAD),
         )
         numbers.append(some)
         ranks.append(rank)
@@ -77,10 +79,10 @@ def heaviest(weights: Floats, count: int) -> Integers:
 
 
 @driver(nogil=True)
-def _rank_by_look_up(index, numbers, rank, read, first, last):  # type: ignore[no-untyped-def]
+def _rank_by_lookup(index, numbers, rank, read, first, last):  # type: ignore[no-untyped-def]
     """Ranks of the hyper-edges numbers[first … last − 1], and how many entries were read for each."""
-    index = borrowed(index)
-    numbers, rank, read = borrowed((numbers, rank, read))
+    index = borrow(index)
+    numbers, rank, read = borrow((numbers, rank, read))
     indices, weights, keys, start, entries = index.indices, index.weights, index.keys, index.start, index.entries
     order = indices.shape[1]
     down, tag_down = np.uint64(index.bucket_shift), np.uint64(index.tag_shift)

@@ -24,7 +24,7 @@ def next_starts(
     return chosen[: int(_select(candidates, open_, images, n_target, least, chosen))]
 
 
-def within(candidates: NDArray[np.int32], images: Assignments, n_target: int, least: int) -> Bools:
+def lies_within_assignments(candidates: NDArray[np.int32], images: Assignments, n_target: int, least: int) -> Bools:
     """Which candidates have at least `least` correspondences in one of some assignments (B, n)."""
     outside = np.ones(len(candidates), np.bool_)
     _select(candidates, outside, images, n_target, least, np.empty(0, np.int64))
@@ -70,7 +70,7 @@ def _select(candidates, open_, images, n_target, least, chosen):  # type: ignore
     return count
 
 
-def covered(cores: Assignments, known: Assignments) -> Bools:
+def are_cores_covered(cores: Assignments, known: Assignments) -> Bools:
     """Which cores (B, n) lie in one of the known assignments (F, n)."""
     out = np.zeros(len(cores), np.bool_)
     for image in known:
@@ -78,7 +78,7 @@ def covered(cores: Assignments, known: Assignments) -> Bools:
     return out
 
 
-def packed(cores: Assignments, n: int, n_target: int) -> Assignments:
+def pack_cores(cores: Assignments, n: int, n_target: int) -> Assignments:
     """The assignment (n,) of all cores, in order, that contradict none that was taken before."""
     image, owner = np.full(n, -1), np.full(n_target, -1)
     for core in cores:
@@ -89,7 +89,7 @@ def packed(cores: Assignments, n: int, n_target: int) -> Assignments:
     return image
 
 
-def forced(
+def force_cores(
     state: State, cores: Assignments, values: Floats, first: int, *, forced_gain: float, count: int
 ) -> tuple[Assignments, int]:
     """The assignment of a state with one core forced into it, up to `count` times, from core `first` on.

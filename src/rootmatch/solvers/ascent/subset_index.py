@@ -25,9 +25,9 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph.contraction import CHUNK as WORTH_A_THREAD
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
-from rootmatch.jit.threads import in_threads, threads_worth
-from rootmatch.solvers.ascent.pair_table import add_own_weights, pair_ranks, pair_table, worth_a_table
+from rootmatch.jit.internal import internal_function
+from rootmatch.jit.threads import run_in_threads, worthwhile_threads
+from rootmatch.solvers.ascent.pair_table import add_own_weights, is_table_worthwhile, pair_ranks, pair_table
 
 PART_BITS = 17
 """2^17 buckets are sorted at a time: their counters, half a megabyte, stay in the cache of one core."""
@@ -78,7 +78,7 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     size = tensor.shape[0] * tensor.shape[1]
     unary = np.zeros(size) if tensor.unary is None else tensor.unary.reshape(-1)
     source = np.repeat(np.arange(tensor.shape[0]), tensor.shape[1])
-    if bucket_bits is None and worth_a_table(tensor.size, tensor.order, size):
+    if bucket_bits is None and is_table_worthwhile(tensor.size, tensor.order, size):
         table = pair_table(tensor.indices, tensor.weights, size)
         return SubsetIndex(
             tensor.indices, tensor.weights, unary, table.marginals, source,
@@ -115,7 +115,7 @@ def _random_keys(count: int) -> NDArray[np.uint64]:
 _kept_keys = lru_cache(maxsize=16)(_random_keys)  # a small problem shares them with the next of its size
 
 
-@internal()
+@internal_function()
 def total_hash(indices, keys, e):  # type: ignore[no-untyped-def]
     """Sum of the keys of a hyper-edge; less one of them it is the hash of a subset."""
     total = np.uint64(0)
@@ -165,7 +165,7 @@ def _sort_by_parts(
     Counters of a part stay in the cache, whereas those of all buckets would not; and threads never meet.
     """
     edges, order = indices.shape
-    threads = threads_worth(edges // WORTH_A_THREAD)
+    threads = worthwhile_threads(edges // WORTH_A_THREAD)
     chunks, parts = max(threads, edges // CHUNK), 1 << (bits - PART_BITS)
     bounds = np.array([chunk * edges // chunks for chunk in range(chunks + 1)])
     place = np.zeros((chunks, parts), np.int64)
@@ -174,7 +174,7 @@ def _sort_by_parts(
         for chunk in range(first, last):
             _count_parts(indices, keys, bucket_shift, bounds[chunk], bounds[chunk + 1], place[chunk])
 
-    in_threads(count, chunks, threads)
+    run_in_threads(count, chunks, threads)
     # Part by part, and within each chunk by chunk.
     counts = place.T.flatten()
     before = np.cumsum(counts) - counts
@@ -190,10 +190,10 @@ def _sort_by_parts(
                 indices, keys, bucket_shift, tag_shift, edge_bits, bounds[chunk], bounds[chunk + 1], place[chunk], moved
             )
 
-    in_threads(move, chunks, threads)
+    run_in_threads(move, chunks, threads)
     start, entries = np.empty((1 << bits) + 1, np.uint32), np.empty(edges * order, np.uint32)
     start[1 << bits] = first_of[-1]
-    in_threads(lambda first, last: _sort_parts(moved, first_of, first, last, start, entries), parts, threads)
+    run_in_threads(lambda first, last: _sort_parts(moved, first_of, first, last, start, entries), parts, threads)
     return start, entries
 
 

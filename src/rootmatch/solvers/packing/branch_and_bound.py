@@ -8,7 +8,7 @@ from rootmatch.jit.decorators import driver
 
 
 @driver(nogil=True)
-def search(elements, loss, price, slot_price, most, budget, nodes):  # type: ignore[no-untyped-def]
+def branch_and_bound_packing(elements, loss, price, slot_price, most, budget, nodes):  # type: ignore[no-untyped-def]
     """The disjoint sets that lose least against a bound, if they lose less than `budget`.
 
     With prices y ≥ 0 of the elements and z of each of the `most` slots, the value of a packing is Σ y + `most` z less

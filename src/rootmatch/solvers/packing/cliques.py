@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 
 
 def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> NDArray[np.int32] | None:
@@ -68,7 +68,7 @@ def _join(ordered, starts, n_target, found):  # type: ignore[no-untyped-def]
     return count
 
 
-@internal()
+@internal_function()
 def _contains(ordered, starts, wanted):  # type: ignore[no-untyped-def]
     """Whether a hyper-edge is among the sorted ones."""
     d = wanted.size

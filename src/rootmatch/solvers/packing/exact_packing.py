@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.solvers.packing.branch_and_bound import search
-from rootmatch.solvers.packing.tabu_search import pack
+from rootmatch.solvers.packing.branch_and_bound import branch_and_bound_packing
+from rootmatch.solvers.packing.tabu_search import search_packing
 
 CLOSED = 1e-9
 """Loss, relative to the bound, that is rounding."""
@@ -84,24 +84,26 @@ def best_packing(elements: Integers, values: Floats, relaxed: Relaxation, most: 
         Most nodes of branch and bound, after which the best packing found so far is returned.
     """
     # the better the start, the quicker is branch and bound
-    chosen: Bools = pack(elements, values, len(relaxed.price), most, start, PATIENCE)
-    better = packing_above(float(values[chosen].sum()), elements, relaxed, most, nodes)
+    chosen: Bools = search_packing(elements, values, len(relaxed.price), most, start, PATIENCE)
+    better = find_packing_above(float(values[chosen].sum()), elements, relaxed, most, nodes)
     return better if better.any() else chosen
 
 
-def packing_above(least: float, elements: Integers, relaxed: Relaxation, most: int, nodes: int) -> Bools:
+def find_packing_above(least: float, elements: Integers, relaxed: Relaxation, most: int, nodes: int) -> Bools:
     """Disjoint sets (G,) of the largest total value found within a number of nodes; none if it is not above `least`."""
     chosen = np.zeros(len(relaxed.loss), np.bool_)
     budget = relaxed.bound - least - CLOSED * relaxed.bound
     left = np.flatnonzero(relaxed.loss < budget)
     if len(left) == 0:
         return chosen
-    found, _, _ = search(elements[left], relaxed.loss[left], relaxed.price, relaxed.slot_price, most, budget, nodes)
+    found, _, _ = branch_and_bound_packing(
+        elements[left], relaxed.loss[left], relaxed.price, relaxed.slot_price, most, budget, nodes
+    )
     chosen[left[found]] = True
     return chosen
 
 
-def rounded(elements: Integers, values: Floats, relaxed: Relaxation, most: int) -> Bools:
+def round_relaxation(elements: Integers, values: Floats, relaxed: Relaxation, most: int) -> Bools:
     """Disjoint sets (G,), those first that the relaxation gives the largest part."""
     chosen = np.zeros(len(values), np.bool_)
     used, held = np.zeros(len(relaxed.price), np.bool_), 0

@@ -13,7 +13,14 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.packing.cliques import cliques
-from rootmatch.solvers.packing.hyperedge_groups import Groups, HyperedgeGroups, distinct, match_cost, sizes, without_one
+from rootmatch.solvers.packing.hyperedge_groups import (
+    Groups,
+    HyperedgeGroups,
+    distinct_groups,
+    drop_each_member,
+    group_sizes,
+    match_cost,
+)
 
 SECONDS_PER_GROUP = 1e-4
 """Time to extend a group in all ways and to evaluate these, at most (benchmarks/matches.py --only motions)."""
@@ -77,15 +84,17 @@ class FittedGroups:
             groups = self.fallback.groups()
             self.made = self.fallback.made
             grown = self.fit.grown(groups)
-            return distinct(np.concatenate([groups, grown[sizes(grown) > self.tensor.order]]))
+            return distinct_groups(np.concatenate([groups, grown[group_sizes(grown) > self.tensor.order]]))
         self.made = len(found)
-        groups = as_groups(found, *self.tensor.shape)
+        groups = groups_from_indices(found, *self.tensor.shape)
         groups = groups[self.evidence(groups) > 0.0]
-        large = self._large(groups)
-        separated = apart(large[:LEADING])
-        return distinct(np.concatenate([large, without_one(large), separated, *self._small(groups, large)]))
+        large = self._grow_large_groups(groups)
+        separated = separate_groups(large[:LEADING])
+        return distinct_groups(
+            np.concatenate([large, drop_each_member(large), separated, *self._grow_small_groups(groups, large)])
+        )
 
-    def _large(self, groups: Groups) -> Groups:
+    def _grow_large_groups(self, groups: Groups) -> Groups:
         """Groups so large that chance makes none, those of the highest evidence first, from a sample of the cliques."""
         # in another order than the points', in which neighbours share what grows from them
         waiting = groups[np.random.default_rng(0).permutation(len(groups))[:SAMPLED]]
@@ -93,24 +102,24 @@ class FittedGroups:
         pace = Pace(self.deadline.part(0.5), 8)
         while len(waiting) and (few := pace.block(min(PER_ROUND, len(waiting)))):
             grown = self.fit.grown(waiting[:few])
-            grown = grown[sizes(grown) >= self.tensor.order + LARGE]
-            large = distinct(np.concatenate([large, grown]))
+            grown = grown[group_sizes(grown) >= self.tensor.order + LARGE]
+            large = distinct_groups(np.concatenate([large, grown]))
             large = large[np.argsort(-self.evidence(large), kind="stable")]
             waiting = waiting[few:]
-            waiting = waiting[shared(waiting, large[:LEADING]) < self.tensor.order]
+            waiting = waiting[shared_counts(waiting, large[:LEADING]) < self.tensor.order]
         return large
 
-    def _small(self, level: Groups, large: Groups) -> list[Groups]:
+    def _grow_small_groups(self, level: Groups, large: Groups) -> list[Groups]:
         """Groups of each size from cliques on, as large as chance makes them."""
         levels = []
         for _ in range(LARGE):
             # one that shares a hyper-edge with a large group is of its motion, with something wrong at the most
-            level = level[shared(level, large[:LEADING]) < self.tensor.order]
+            level = level[shared_counts(level, large[:LEADING]) < self.tensor.order]
             levels.append(level)
             if self.deadline.passed():
                 break
             level = level[: self.deadline.part(0.3).cut(len(level), SECONDS_PER_GROUP)]
-            level = distinct(self.fit.extended(level))
+            level = distinct_groups(self.fit.extended(level))
             evidence = self.evidence(level)
             best = np.argsort(-evidence, kind="stable")[:PER_SIZE]
             level = level[best[evidence[best] > 0.0]]
@@ -118,21 +127,21 @@ class FittedGroups:
 
     def evidence(self, groups: Groups) -> Floats:
         """Evidence of groups (G, n), the logarithm of a likelihood ratio; see `GroupPacking`."""
-        m = sizes(groups)
+        m = group_sizes(groups)
         minimal = self.tensor.order - 1
         # the pose of all points is more certain than that of a minimal set: the last term but one
         spread = minimal * np.log(np.maximum(m, 1) / minimal)
         gain = (m - minimal) * -math.log(self.fit.chance_weight) - 0.5 * self.fit.chi2(groups)
         return np.asarray(gain - spread - m * match_cost(self.tensor.shape))
 
-    def with_each(self, group: Groups, pairs: Groups) -> Floats:
+    def evidence_with_each(self, group: Groups, pairs: Groups) -> Floats:
         """Evidence of a group (n,) with each of some pairs (2, P) of points and images added."""
         more = np.repeat(group[None], pairs.shape[1], axis=0)
         more[np.arange(pairs.shape[1]), pairs[0]] = pairs[1]
         return self.evidence(more)
 
 
-def as_groups(flat: NDArray[np.int32], n: int, n_target: int) -> Groups:
+def groups_from_indices(flat: NDArray[np.int32], n: int, n_target: int) -> Groups:
     """Sets (G, m) of flat correspondences as images (G, n) of the points, −1 for none."""
     groups = np.full((len(flat), n), -1, np.int64)
     source, target = np.divmod(flat.astype(np.int64), n_target)
@@ -140,7 +149,7 @@ def as_groups(flat: NDArray[np.int32], n: int, n_target: int) -> Groups:
     return groups
 
 
-def shared(groups: Groups, others: Groups) -> Integers:
+def shared_counts(groups: Groups, others: Groups) -> Integers:
     """Maximum number of correspondences that each group (G, n) has in common with one of some others (H, n)."""
     most = np.zeros(len(groups), np.int64)
     for other in others:
@@ -149,7 +158,7 @@ def shared(groups: Groups, others: Groups) -> Integers:
     return most
 
 
-def apart(groups: Groups) -> Groups:
+def separate_groups(groups: Groups) -> Groups:
     """Each group without what it shares with each of the others: a few points or images of two motions may fit both.
 
     Where less than `LEAST_REST` of the group would be left, it is left out.

@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import NEVER, Deadline
-from rootmatch.solvers.packing.exact_packing import best_packing, packing_above, relaxation, rounded
+from rootmatch.solvers.packing.exact_packing import best_packing, find_packing_above, relaxation, round_relaxation
 
 RELAXED = 0.5
 """Share of the time left at a deadline that each step of the selection may take."""
@@ -56,7 +56,7 @@ class GroupSelection:
                 continue
             elements, values = self.elements[allowed], self.values[allowed]
             self.relaxed = relaxation(elements, values, sum(self.shape), self.most, self.deadline.part(RELAXED).left())
-            start = rounded(elements, values, self.relaxed, self.most)
+            start = round_relaxation(elements, values, self.relaxed, self.most)
             if values[start].sum() < self.values[chosen].sum():
                 start = chosen[allowed]
             nodes = self.deadline.part(RELAXED).affordable(nodes, SECONDS_PER_NODE)
@@ -74,7 +74,7 @@ class GroupSelection:
             assignment[members], labels[members] = self.groups[number][members], label
         return assignment, labels
 
-    def without_each(self, chosen: Bools) -> tuple[list[tuple[Integers, Integers]], float]:
+    def solutions_without_each(self, chosen: Bools) -> tuple[list[tuple[Integers, Integers]], float]:
         """The best solutions without each of the selected groups, and the least lead.
 
         A group that has half of the smaller of both in common with the selected one counts as the same. The lead is
@@ -93,7 +93,7 @@ class GroupSelection:
             allowed = np.flatnonzero(shared < same)
             least = self.values[chosen].sum() - RIVAL_VALUE * self.values[number]
             found = np.zeros(len(chosen), np.bool_)
-            found[allowed] = packing_above(
+            found[allowed] = find_packing_above(
                 least, self.elements[allowed], self.relaxed.of(allowed), self.most, nodes
             )  # fmt: skip
             other, labels = self.solution(found)

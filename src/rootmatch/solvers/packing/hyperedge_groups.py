@@ -14,7 +14,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.limits import GATE
 from rootmatch.solvers.ascent.assignment_state import empty_state
 from rootmatch.solvers.ascent.climb import climb_from, state_of
-from rootmatch.solvers.ascent.start_selection import within
+from rootmatch.solvers.ascent.start_selection import lies_within_assignments
 from rootmatch.solvers.ascent.subset_index import SubsetIndex, build_index, ranked_hyperedges
 
 Groups = Integers
@@ -80,15 +80,17 @@ class HyperedgeGroups:
             found.update(fresh)
             if fresh:
                 known = np.array(list(fresh.values()))
-                waiting = waiting[~within(candidates[waiting], known, index.n_target, self.order)]
+                waiting = waiting[~lies_within_assignments(candidates[waiting], known, index.n_target, self.order)]
         every = np.array(list(found.values()), np.int64).reshape(-1, index.n)
-        return distinct(np.concatenate([every, without_one(every[sizes(every) > self.order + 1])]))
+        return distinct_groups(np.concatenate([every, drop_each_member(every[group_sizes(every) > self.order + 1])]))
 
     def evidence(self, groups: Groups) -> Floats:
         """Evidence of groups (G, n), the logarithm of a likelihood ratio; see `GroupPacking`."""
-        return self._evidence(sizes(groups), np.array([self._agreement(group)[0] for group in groups], np.float64))
+        return self._evidence(
+            group_sizes(groups), np.array([self._agreement(group)[0] for group in groups], np.float64)
+        )
 
-    def with_each(self, group: Groups, pairs: Groups) -> Floats:
+    def evidence_with_each(self, group: Groups, pairs: Groups) -> Floats:
         """Evidence of a group (n,) with each of some pairs (2, P) of points and images added."""
         total, gains = self._agreement(group)
         sums = total + gains[pairs[0] * self.index.n_target + pairs[1]]
@@ -114,12 +116,12 @@ def match_cost(shape: tuple[int, int]) -> float:
     return (math.lgamma(many + 1) - math.lgamma(many - few + 1)) / few
 
 
-def sizes(groups: Groups) -> Integers:
+def group_sizes(groups: Groups) -> Integers:
     """Members of each group."""
     return np.asarray((groups >= 0).sum(axis=1))
 
 
-def distinct(groups: Groups) -> Groups:
+def distinct_groups(groups: Groups) -> Groups:
     """Each group once, in the order in which they come."""
     groups = np.ascontiguousarray(groups)
     first: dict[bytes, int] = {}
@@ -128,7 +130,7 @@ def distinct(groups: Groups) -> Groups:
     return groups[list(first.values())]
 
 
-def without_one(groups: Groups) -> Groups:
+def drop_each_member(groups: Groups) -> Groups:
     """Each group without each of its members."""
     number, member = np.nonzero(groups >= 0)
     less = groups[number]

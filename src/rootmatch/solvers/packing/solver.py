@@ -68,30 +68,30 @@ class GroupPacking(Options):
         source: HyperedgeGroups | FittedGroups = by_hyperedges
         if self.fit is not None:
             source = FittedGroups(tensor, self.fit, by_hyperedges, growing)
-        groups, values = self._competing(source)
+        groups, values = self._select_competing(source)
         few = deadline.part(GROWN).cut(len(groups), SECONDS_PER_GROUP)
         groups, values = groups[:few], values[:few]
         packing = GroupSelection(groups, values, tensor.shape, self.motions, deadline)
         chosen = packing.best(tensor.order + LARGE)
-        alternatives, lead = packing.without_each(chosen)
-        assignment, labels = self._enlarged(*packing.solution(chosen), source, deadline)
+        alternatives, lead = packing.solutions_without_each(chosen)
+        assignment, labels = self._enlarge(*packing.solution(chosen), source, deadline)
         soft = np.zeros(tensor.shape)
         for group, value in zip(groups, values / max(values.max(initial=0.0), 1e-300), strict=True):
             members = np.flatnonzero(group >= 0)
             soft[members, group[members]] = np.maximum(soft[members, group[members]], value)
-        ranked = [(other, inside_groups(tensor, other, others)) for other, others in alternatives]
+        ranked = [(other, weight_inside_groups(tensor, other, others)) for other, others in alternatives]
         ranked.sort(key=lambda pair: -pair[1])
         statistics = {
             "starts": float(source.made), "columns": float(len(groups)),
             "evidence": float(values[chosen].sum()), "lead": lead,
         }  # fmt: skip
-        score = inside_groups(tensor, assignment, labels)
+        score = weight_inside_groups(tensor, assignment, labels)
         return Solution(
             soft, assignment, score, ranked, converged=True, iterations=source.made, statistics=statistics,
             groups=labels,
         )  # fmt: skip
 
-    def _competing(self, source: HyperedgeGroups | FittedGroups) -> tuple[Integers, Floats]:
+    def _select_competing(self, source: HyperedgeGroups | FittedGroups) -> tuple[Integers, Floats]:
         """The groups that compete, those of the highest evidence first, and their evidence."""
         groups = source.groups()
         values = source.evidence(groups)
@@ -99,7 +99,7 @@ class GroupPacking(Options):
         best = positive[np.argsort(-values[positive], kind="stable")][:COLUMNS]
         return groups[best], values[best]
 
-    def _enlarged(
+    def _enlarge(
         self, assignment: Integers, labels: Integers, source: HyperedgeGroups | FittedGroups, deadline: Deadline
     ) -> tuple[Integers, Integers]:
         """Groups with the unmatched points added that raise their evidence, those that raise it most first.
@@ -116,7 +116,7 @@ class GroupPacking(Options):
             best = (0.0, 0, -1, -1)
             pairs = np.array(np.meshgrid(points, pixels, indexing="ij")).reshape(2, -1)
             for label, group in enumerate(groups):
-                gain = source.with_each(group, pairs) - source.evidence(group[None])[0]
+                gain = source.evidence_with_each(group, pairs) - source.evidence(group[None])[0]
                 which = int(np.argmax(gain))
                 if gain[which] > best[0]:
                     best = (float(gain[which]), label, int(pairs[0, which]), int(pairs[1, which]))
@@ -127,7 +127,7 @@ class GroupPacking(Options):
             labels[point] = label
 
 
-def inside_groups(tensor: AffinityTensor, assignment: Integers, labels: Integers) -> float:
+def weight_inside_groups(tensor: AffinityTensor, assignment: Integers, labels: Integers) -> float:
     """Weight of the hyper-edges that lie inside one of the groups of an assignment, and its unary weight."""
     source, target = np.divmod(tensor.indices, np.int32(tensor.shape[1]))
     first = labels[source]

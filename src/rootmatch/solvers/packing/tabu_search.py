@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
+from rootmatch.jit.internal import internal_function
 
 LEAST_TENURE, STRIDE, SPREAD = 3, 7, 11
 """Steps for which a set that left may not enter again: 3 to 13, spread evenly without a random number. Not tuned."""
@@ -14,7 +14,7 @@ ROUNDING = 1e-9
 
 
 @driver()
-def pack(elements, values, count, most, start, patience):  # type: ignore[no-untyped-def]
+def search_packing(elements, values, count, most, start, patience):  # type: ignore[no-untyped-def]
     """Disjoint sets of a large total value (tabu search; Glover 1989).
 
     At each step the set enters which gains most after those it conflicts with, and the least valuable where there are
@@ -115,7 +115,7 @@ def pack(elements, values, count, most, start, patience):  # type: ignore[no-unt
     return best
 
 
-@internal()
+@internal_function()
 def _leave(elements, owner, inside, g):  # type: ignore[no-untyped-def]
     inside[g] = False
     for p in range(elements.shape[1]):
