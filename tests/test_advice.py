@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +12,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rig_scenes import frame
+from rig_scenes import RigScene, four_about, frame
 from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.silent_cameras import as_few_by_chance
 from rootmatch.explain.status_advice import advice
 from rootmatch.samplers.guided.sampler import Guided
 from test_rig_triples import KNOWN, LEDS, POINTS, RIG
@@ -296,3 +299,65 @@ def test_points_on_a_line_are_named_between_point_sets() -> None:
     assert "all points are collinear" in rm.match(line, line[::-1] + 1.0, rm.Rigid(), noise=0.01).advice
     near = rm.Pose(np.eye(3), np.ones(3), covariance=np.diag([0.1] * 6) ** 2)
     assert rm.match(line, line[::-1] + 1.0, rm.Rigid(), noise=0.01, prior=near)
+
+
+@pytest.mark.parametrize("bodies", [False, True])
+def test_cameras_that_show_nothing_of_a_body_are_named(bodies: bool) -> None:
+    """Two of four are off by half a degree; by what the others detect, chance would leave it out with 1e-6 in each."""
+    scene = four_before(seed=3)
+    off = Rotation.from_rotvec([0.008, -0.006, 0.0]).as_matrix()
+    views = [
+        (one, off @ np.array(R), off @ t) if k in (1, 3) else (one, R, t)
+        for k, (one, R, t) in enumerate(scene.rig.views)
+    ]
+    given: dict[str, Any] = {"noise": 0.3}
+    given |= {"bodies": np.repeat("prop", len(scene.points))} if bodies else {}
+    knocked = rm.match(scene.points, scene.rows, rm.P3P(rm.Rig(views, sizes=scene.rig.sizes)), **given)
+    assert knocked
+    assert "cameras 1, 3 show next to nothing where the body should be seen" in knocked.advice
+    assert "nothing where" not in rm.match(scene.points, scene.rows, rm.P3P(scene.rig), **given).advice
+    beside, unknown = np.where(scene.rows[:, 2:] == 1, [5000.0, 0.0, 0.0], 0.0), rm.Rig(scene.rig.views)
+    assert "nothing where" not in rm.match(scene.points, scene.rows + beside, rm.P3P(unknown), **given).advice
+    without = scene.rows[scene.rows[:, 2] != 1]
+    assert "nothing where" not in rm.match(scene.points, without, rm.P3P(scene.rig), **given).advice, "it has no image"
+
+
+def test_a_tracker_names_a_camera_that_shows_nothing_of_a_body() -> None:
+    scene = four_before(seed=4)
+    off = Rotation.from_rotvec([0.008, -0.006, 0.0]).as_matrix()
+    views = [
+        (one, off @ np.array(R), off @ t) if k == 2 else (one, R, t) for k, (one, R, t) in enumerate(scene.rig.views)
+    ]
+    tracker = rm.Tracker(scene.points, rm.P3P(rm.Rig(views, sizes=scene.rig.sizes)), noise=0.3)
+    told = [tracker.update(scene.rows, time=k / 60.0).advice for k in range(3)]
+    assert all("camera 2 shows next to nothing where the body should be seen" in one for one in told)
+
+
+def test_how_probable_it_is_that_a_camera_detects_as_few() -> None:
+    """By a sum over all that it may detect, at the rate of the cameras that show more than clutter does."""
+    visible = np.ones((4, 5)) * (1.0, 1.0, 0.7, 0.2, 0.0)
+    seen = np.zeros((4, 5), bool)
+    seen[0, :4] = seen[1, :1] = seen[2, :2] = True
+    rates = np.array([0.3, 0.9])
+    told = as_few_by_chance(visible, seen, rates, np.log([0.5, 0.5]))
+    expected, weights = np.ones(4), [np.where(seen[0], r * visible[0], 1.0 - r * visible[0]).prod() for r in rates]
+    for camera, most in ((1, 1), (2, 2), (3, 0)):
+        every = [np.array(one) for one in itertools.product([True, False], repeat=5) if sum(one) <= most]
+        few = [
+            sum(np.where(one, r * visible[camera], 1.0 - r * visible[camera]).prod() for one in every) for r in rates
+        ]
+        expected[camera] = np.dot(weights, few) / sum(weights)
+    np.testing.assert_allclose(told, expected, rtol=1e-12)
+
+
+def four_before(seed: int) -> RigScene:
+    """Nine points, each detected with 0.95, and three stray detections before each of four cameras around them."""
+    rng = np.random.default_rng(seed)
+    rig, points = four_about(seed=seed).rig, rng.uniform(-0.2, 0.2, (9, 3))
+    R, t, rows = Rotation.random(random_state=seed).as_matrix(), rng.uniform(-0.3, 0.3, 3), list[NDArray[np.float64]]()
+    for k, (camera, turn, shift) in enumerate(rig.views):
+        seen = camera.project((points @ R.T + t) @ np.array(turn).T + shift)[rng.random(9) < 0.95]
+        seen = np.vstack([seen + rng.normal(0.0, 0.3, seen.shape), rng.uniform(100.0, 1000.0, (3, 2))])
+        rows.append(np.column_stack([seen, np.full(len(seen), k)]))
+    sized = rm.Rig(rig.views, sizes=[(1280, 1024)] * 4)
+    return RigScene(points, np.vstack(rows), sized, np.empty((4, 9), np.int64), [(R, t)])

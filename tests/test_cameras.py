@@ -177,3 +177,23 @@ def test_a_camera_refuses_rows_of_another_length() -> None:
         camera.project([1.0, 2.0])
     with pytest.raises(InputError, match=r"pixels of shape \(4, 3\) given; give \(…, 2\)"):
         camera.bearings(np.zeros((4, 3)))
+
+
+@pytest.mark.parametrize("given", [(np.eye(3),), (np.eye(3), [0.1, 0.0, 0.0, 0.0]), (900.0,), ()])
+def test_a_matrix_is_told_where_it_goes(given: tuple[object, ...]) -> None:
+    with pytest.raises(InputError, match="to Camera\\.from_matrix"):
+        Camera(*given)  # type: ignore[arg-type]
+
+
+def test_every_way_to_a_camera_takes_the_size_of_its_image() -> None:
+    K, size = Camera(*INTRINSICS).matrix, (640.0, 480.0)
+    every = [
+        Camera.from_matrix(K, size=size),
+        Camera.from_opencv(K, size=size),
+        Camera.from_opencv(K, np.zeros(5), size=size),
+        Camera.from_opencv(K, [0.1, 0.0, 0.0, 0.0], size=size),
+        Camera.from_opencv_fisheye(K, [0.1, 0.0, 0.0, 0.0], size=size),
+    ]
+    assert all(one.size == size and one.numbers == INTRINSICS for one in every)
+    with pytest.raises(InputError, match="camera: size"):
+        Camera.from_matrix(K, size=(640.0, 0.0))

@@ -97,23 +97,6 @@ def test_inward_normals() -> None:
     assert "the normals point inwards" in [one.mistake for one in found.fits]
 
 
-def test_a_view_angle_in_the_wrong_unit_is_told_before_the_normals() -> None:
-    rng = np.random.default_rng(2)
-    body = rng.normal(size=(24, 3))
-    body /= 5.0 * np.linalg.norm(body, axis=1, keepdims=True)
-    R = Rotation.random(random_state=2).as_matrix()
-    moved = body @ R.T + (0.05, -0.08, 1.0)
-    towards = -np.einsum("ij,ij->i", moved, body @ R.T) / np.linalg.norm(moved, axis=1) > 0.2 * math.cos(1.2)
-    seen = CAMERA.project(moved[towards]) + rng.normal(0, 0.3, (towards.sum(), 2))
-    given = {"source": body, "target": seen, "problem": rm.P3P(CAMERA), "noise": 0.3, "normals": 5.0 * body}
-    assert rm.match(**given, view_angle=1.2)
-    match = rm.match(**given, view_angle=np.radians(1.2))
-    assert not match
-    found = match.diagnose(SECONDS)
-    assert found.fits[0].mistake == "the view angle is in radians, and was taken for degrees"
-    assert "--view-angle 68.8" in found.fits[0].remedy
-
-
 @pytest.mark.parametrize(("in_fractions", "sigma_too"), [(False, True), (True, False)])
 def test_an_image_that_is_not_in_pixels(in_fractions: bool, sigma_too: bool) -> None:
     camera = replace(BROWN, size=(1280.0, 960.0))
@@ -216,6 +199,35 @@ def test_a_camera_that_was_knocked_is_named(knocked: int | None, monkeypatch: py
     assert bounds
     assert all(bound.is_set and bound.seconds < SECONDS / 3 for bound in bounds), "no trial takes the time of others"
     assert named == ([] if knocked is None else [f"camera {knocked} is not where the rig has it"])
+
+
+@pytest.mark.parametrize(
+    ("change", "mistake"),
+    [
+        (lambda R, t: (R, -R.T @ t), "the positions C of the cameras are given as t"),
+        (lambda R, t: (R.T, -R.T @ t), "poses of the cameras map to the rig"),
+        (
+            lambda R, t: (np.diag([1, -1, -1]) @ R, np.array([1, -1, -1]) * t),
+            "the axes of the cameras are those of OpenGL, y up and z backwards",
+        ),
+        (0.3048, "the model is in feet, the rig in metres"),
+        (0.0254, "the model is in inches, the rig in metres"),
+        (None, None),
+    ],
+)
+def test_poses_of_cameras_in_another_convention_and_units(change: Any, mistake: str | None) -> None:
+    rng = np.random.default_rng(5)
+    views, points, rows = four_about(seed=5).rig.views, rng.uniform(-0.3, 0.3, (8, 3)), list[Any]()
+    seen = points @ Rotation.random(random_state=5).as_matrix().T + (0.3, -0.2, 0.1)
+    for k, (camera, R, t) in enumerate(views):
+        pixels = camera.project(seen @ np.array(R).T + t) + rng.normal(0.0, 0.3, (8, 2))
+        rows += [(*pixel, k) for pixel in [*pixels.tolist(), *rng.uniform(100.0, 900.0, (2, 2)).tolist()]]
+    given = views if not callable(change) else [(camera, *change(np.array(R), np.array(t))) for camera, R, t in views]
+    scale = change if isinstance(change, float) else 1.0
+    match = rm.match(points / scale, np.array(rows), rm.P3P(rm.Rig(given)), noise=0.3)
+    named = [one.mistake for one in match.diagnose(SECONDS).fits]
+    assert named[:1] == ([] if mistake is None else [mistake])
+    assert bool(match) == (mistake is None)
 
 
 def test_a_model_in_millimetres_before_a_rig_in_metres() -> None:

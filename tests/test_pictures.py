@@ -101,6 +101,8 @@ def test_each_motion_has_a_colour_and_a_marker() -> None:
     assert len(set(colours[:5])) == len(set(colours[5:])) == 1
     assert colours[0] != colours[5]
     assert legend_texts(figure)[:2] == ["motion 0 (5)", "motion 1 (4)"]
+    named = match_figure(source, target, [*range(9), -1], motions=motions, motion_names=["left", "right"])
+    assert legend_texts(named)[:2] == ["left (5)", "right (4)"]
     assert len({line.get_marker() for line in figure.axes[1].lines}) == 3  # two motions and the unmatched
 
 

@@ -318,6 +318,8 @@ def test_view_angle(case: Case) -> None:
     assert match.assignment[0] == case.truth[0]
     with pytest.raises(rm.InputError, match="view_angle: shape"):
         case.match(normals=normals, view_angle=angles[1:])
+    with pytest.raises(rm.InputError, match=r"1.3°, beyond which no point .* --view-angle 70"):
+        case.match(normals=normals, view_angle=np.radians(1.3))
     with pytest.raises(rm.InputError, match=r"\(0, π\]"):
         case.match(normals=normals, view_angle=0.0)
 

@@ -331,6 +331,11 @@ def test_steps_that_a_tracker_takes_by_itself_are_its_own_rate() -> None:
             one.update(np.empty((0, 2)))
 
 
+def test_frames_a_second_are_no_interval() -> None:
+    with pytest.raises(rm.InputError, match="interval is 60; give the seconds between frames, such as 1/60"):
+        TrackingOptions(interval=60)
+
+
 def test_a_prediction_is_the_callers_own() -> None:
     """What is done to it, or to the arrays that a tracker was made with, changes no frame."""
     given = {"noise": np.full(len(frame(0)[0]), 0.2), "bodies": np.zeros(len(BODY), int)}

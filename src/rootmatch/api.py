@@ -128,8 +128,9 @@ def match(
         each axis, (m, k) for m points, or covariances (m, k, k); the search then gates with the mean over the axes,
         and matches are weighed and poses fitted with all of it. For P3P and UP2P, also with rigs, it may be the
         covariance of each detection, (n', 2, 2) in px², as of blobs that motion blurs along a direction; searches gate
-        with the mean over the axes, the model of the image has all of it. ``"auto"`` estimates it from the
-        match, in a few rounds; beside ``source_noise``, as that of the detections alone. Zero is refused for a target.
+        with the mean over the axes, the model of the image has all of it. For a rig, a list may have one of these for
+        each camera. ``"auto"`` estimates it from the match, in a few rounds; beside ``source_noise``, as that of the
+        detections alone. Zero is refused for a target.
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.
     view_angle : float or (n,) array, optional

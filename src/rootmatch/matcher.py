@@ -54,7 +54,8 @@ class Matcher:
         Points in space in any frame and unit, or pixels of the first image.
     problem : Problem
     noise : float, (n',) or (n', 2, 2) array
-        Standard deviation of a pixel coordinate, in pixels, or covariances; `match` can override it.
+        Standard deviation of a pixel coordinate, in pixels, or covariances, of a rig also by camera; `match` can
+        override it.
     normals, view_angle, detection_rate, resolution, min_probability, bodies, motions, source_noise
         What is known about the scene in every frame, as for `rootmatch.match`. Candidates and predicted poses belong to
         one frame: pass them to `match`.

@@ -56,15 +56,20 @@ class Camera(CameraModel):
         If the focal lengths differ by more than a quarter, as where the principal point was given first.
     """
 
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+    fx: float = None  # type: ignore[assignment]
+    fy: float = None  # type: ignore[assignment] # so that a lone matrix has an error of its own
+    cx: float = None  # type: ignore[assignment]
+    cy: float = None  # type: ignore[assignment]
     lens: Lens | None = None
     size: tuple[float, float] | None = None
     dimension = 2
 
     def __post_init__(self) -> None:
+        if self.cx is None or self.cy is None:
+            raise InputError(
+                "camera: give fx, fy, cx and cy, or a matrix to Camera.from_matrix(K), with coefficients of its lens "
+                "to Camera.from_opencv(K, dist) or Camera.from_opencv_fisheye(K, D)"
+            )
         for name in ("fx", "fy", "cx", "cy"):
             try:
                 value = float(getattr(self, name))
@@ -101,8 +106,8 @@ class Camera(CameraModel):
             )
 
     @classmethod
-    def from_matrix(cls, K: ArrayLike) -> Camera:
-        """Make a camera from the 3×3 intrinsic matrix ``K`` (no skew, last row 0 0 1).
+    def from_matrix(cls, K: ArrayLike, *, size: tuple[float, float] | None = None) -> Camera:
+        """Make a camera from the 3×3 intrinsic matrix ``K`` (no skew, last row 0 0 1), and the size of its image.
 
         Raises
         ------
@@ -121,10 +126,12 @@ class Camera(CameraModel):
         other = abs(matrix[0, 1]) + abs(matrix[1, 0]) + abs(matrix[2, 0]) + abs(matrix[2, 1])
         if other > 1e-9 * abs(matrix[0, 0]):
             raise InputError("camera matrix: skew, or a last row other than 0 0 1; undistort to a camera without skew")
-        return cls(matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
+        return cls(matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], size=size)
 
     @classmethod
-    def from_opencv(cls, K: ArrayLike, dist: ArrayLike | None = None) -> Camera:
+    def from_opencv(
+        cls, K: ArrayLike, dist: ArrayLike | None = None, *, size: tuple[float, float] | None = None
+    ) -> Camera:
         """Make a camera from the results of ``cv2.calibrateCamera``.
 
         Detections are then raw pixels, as the camera took them.
@@ -136,20 +143,22 @@ class Camera(CameraModel):
         dist : (4,), (5,), (8,), (12,) or (14,) array
             Distortion coefficients in OpenCV's order: k1 k2 p1 p2[ k3[ k4 k5 k6[ s1 s2 s3 s4[ τx τy]]]]. None, empty
             or all zero: a pinhole.
+        size : (width, height), optional
+            Of the image, see `Camera`.
 
         Raises
         ------
         InputError
             If the matrix is not that of a camera, or the coefficients are not such a number of finite values.
         """
-        camera = cls.from_matrix(K)
+        camera = cls.from_matrix(K, size=size)
         if dist is None or (isinstance(dist, list | tuple | np.ndarray) and len(dist) == 0):
             return camera
         lens = Brown(dist)  # type: ignore[arg-type]
-        return cls(*camera.numbers, lens) if any(lens.values) else camera
+        return cls(*camera.numbers, lens, size) if any(lens.values) else camera
 
     @classmethod
-    def from_opencv_fisheye(cls, K: ArrayLike, D: ArrayLike) -> Camera:
+    def from_opencv_fisheye(cls, K: ArrayLike, D: ArrayLike, *, size: tuple[float, float] | None = None) -> Camera:
         """Make a camera from the results of ``cv2.fisheye.calibrate``; COLMAP's OPENCV_FISHEYE is the same model.
 
         Directions beside and behind the camera are covered too, as far as the model holds; OpenCV itself projects only
@@ -161,13 +170,15 @@ class Camera(CameraModel):
             As in `from_matrix`.
         D : (4,) array
             k1 to k4 of Kannala and Brandt (2006).
+        size : (width, height), optional
+            Of the image, see `Camera`.
 
         Raises
         ------
         InputError
             As `from_opencv`.
         """
-        return cls(*cls.from_matrix(K).numbers, KannalaBrandt(D))  # type: ignore[arg-type]
+        return cls(*cls.from_matrix(K).numbers, KannalaBrandt(D), size)  # type: ignore[arg-type]
 
     @property
     def numbers(self) -> tuple[float, float, float, float]:

@@ -110,6 +110,7 @@ class Outputs:
                     target.points,
                     found.assignment,
                     motions=found.motion_labels,
+                    motion_names=None if found.bodies is None else [f"body {label}" for label in found.bodies],
                     truth=true,
                     poses=found.poses if found.problem.least_for_pose else None,
                     camera=getattr(found.problem, "camera", None) if found.problem.source_dimension == 3 else None,

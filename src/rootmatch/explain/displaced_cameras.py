@@ -34,7 +34,7 @@ def displaced_cameras(task: MatchingTask) -> Iterator[Mistake]:
     if len(task.rig.views) < 2:
         return
     for k in range(len(task.rig.views)):
-        remedy = f"calibrate the pose of camera {k} again, and leave its detections out until then"
+        remedy = f"calibrate camera {k} again, its pose or its focal length, and leave its detections out until then"
         yield Mistake(f"camera {k} is not where the rig has it", remedy, partial(_replace_camera, k))
 
 

@@ -13,6 +13,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.inexact_points import alike_error
 from rootmatch.explain.predicted_poses import agrees_with_prior, is_against_prior
+from rootmatch.explain.silent_cameras import advice_on_cameras
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
 from rootmatch.hypergraph.assignment import are_targets_disjoint
@@ -81,6 +82,7 @@ def advice(
                 f"; it fits if the points of the body are off by {finding.point_error:.2g} on each axis, which nobody "
                 "stated: give `source_noise=`, or a larger `noise=` if the detections are"
             )
+        text += advice_on_cameras(finding)
         if undetermined:
             text += "; these points do not determine the pose in every direction: see its covariance"
         if finding.sequence_factor >= NOISY:
@@ -101,12 +103,9 @@ def advice(
 
 def is_undetermined(poses: Sequence[Pose | None]) -> bool:
     """Whether the covariance of any pose leaves a rotation open, as points on a line leave the turn about it."""
-    for pose in poses:
-        if pose is not None and pose.covariance is not None:
-            size = 3 if len(pose.t) == 3 else 1
-            if float(np.linalg.eigvalsh(pose.covariance[:size, :size])[-1]) > UNDETERMINED**2:
-                return True
-    return False
+    every = [(one.covariance, 3 if len(one.t) == 3 else 1) for one in poses if one is not None]
+    largest = (np.linalg.eigvalsh(known[:size, :size])[-1] for known, size in every if known is not None)
+    return any(float(one) > UNDETERMINED**2 for one in largest)
 
 
 def _bodies_text(finding: Finding) -> str | None:
@@ -155,9 +154,10 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
     if _is_maybe_chance(finding):
         chance, least = _format_distinct(facts.probability or 0.0, facts.min_probability)
         against = "it contradicts the prior and is much more probable without; check the prior and its σ, or "
+        to_give = _enumerate_inputs([*_missing_inputs(task), "fewer stray detections"])
         return (
             f"no trustworthy match: what was found could be chance (probability {chance}, `min_probability` {least}); "
-            f"{against * is_against_prior(finding)}{_enumerate_inputs([*_missing_inputs(task), 'fewer stray detections'])}"
+            f"{against if is_against_prior(finding) else ''}{to_give}"
         )
     if stopped_early:
         return (
@@ -244,7 +244,7 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
         unit = "; check that points and rig are in one unit, or see `diagnose`" if one_camera else ""
         return (
             "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
-            f"see `alternatives`{prior or (', or ' + to_tell)}{unit}"
+            f"see `alternatives`{prior or (', or ' + to_tell)}{unit}{advice_on_cameras(finding)}"
         )
     if _is_assignment_certain(finding):
         return (

@@ -31,6 +31,15 @@ FACTORS = (3.0, 10.0)
 """Factors by which σ may have been stated too small. Round values."""
 NOISIER = {f"the noise is {factor:g} times as large": factor for factor in FACTORS}
 """The factor of each mistake of that kind."""
+UNITS = LENGTHS | {
+    0.3048: ("feet", "metres"),
+    0.0254: ("inches", "metres"),
+    304.8: ("feet", "millimetres"),
+    25.4: ("inches", "millimetres"),
+}
+"""The same of a model before a rig."""
+OPENGL = np.array([1.0, -1.0, -1.0])
+"""Signs that take its axes, y up and the view along −z, to those of a camera here."""
 BEYOND = 1.0
 """Pixels beyond the edge of an image at which a detection may be, by its noise. A round value."""
 WIDEST = 6.0
@@ -102,7 +111,9 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     else:
         yield from _axis_mistakes(given, cameras, pointed, posed)
     if points.normals is not None:
-        yield from _view_angle_mistakes(points, pointed)
+        if points.view_cosine is not None and (np.arccos(points.view_cosine) < math.pi / 2.0).any():
+            remedy = "leave it out, or give a larger one"
+            yield Mistake("the view angle is too small", remedy, pointed(view_cosine=None))
         yield Mistake("the normals point inwards", "negate nx, ny and nz", pointed(normals=-points.normals))
         yield Mistake("the normals are wrong", "leave them out", pointed(normals=None, view_cosine=None))
     if hasattr(problem, "vertical_world"):
@@ -126,23 +137,6 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
             yield Mistake(mistake, remedy, make_change(points=scale_noise(points, factor if of_both else 1.0, factor)))
 
 
-def _view_angle_mistakes(points: PointSets, pointed: Callable[..., Change]) -> Iterator[Mistake]:
-    """The angle up to which points are visible: in the other unit, or too small."""
-    if points.view_cosine is None:
-        return
-    angles = np.arccos(points.view_cosine)
-    if (unit := math.degrees(1.0)) * angles.max() <= math.pi:
-        told = f"{math.degrees(unit * angles.max()):.3g}"
-        remedy = f"give --view-angle {told}, or view_angle=np.radians({told}) in Python"
-        yield Mistake(
-            "the view angle is in radians, and was taken for degrees",
-            remedy,
-            pointed(view_cosine=np.cos(unit * angles)),
-        )
-    if (angles < math.pi / 2.0).any():
-        yield Mistake("the view angle is too small", "leave it out, or give a larger one", pointed(view_cosine=None))
-
-
 def _format_scaled(noise: Any, factor: float) -> str:
     """A number or two, so many times as large, before how many times that is."""
     if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
@@ -161,16 +155,25 @@ def _axis_mistakes(
         if points.normals is not None:
             mirrored["normals"] = points.normals * (-1.0, 1.0, 1.0)
         yield Mistake("the model is left-handed", "negate one coordinate of points and normals", pointed(**mirrored))
-        inverse = Rig([(own, np.array(R).T, -np.array(R).T @ np.array(t)) for own, R, t in camera.views], camera.sizes)
-        remedy = "give each camera with x_camera = R x_rig + t: the inverse"
-        yield Mistake("poses of the cameras map to the rig", remedy, posed(camera=inverse))
+        each = [(own, np.array(R), np.array(t)) for own, R, t in camera.views]
+        other_poses = {
+            "poses of the cameras map to the rig": ("the inverse", [(own, R.T, -R.T @ t) for own, R, t in each]),
+            "the positions C of the cameras are given as t": ("t = −R C", [(own, R, -R @ t) for own, R, t in each]),
+            "the axes of the cameras are those of OpenGL, y up and z backwards": (
+                "R and t with their second and third rows negated",
+                [(own, OPENGL[:, None] * R, OPENGL * t) for own, R, t in each],
+            ),
+        }
+        for name, (meant, views) in other_poses.items():
+            remedy = f"give each camera with x_camera = R x_rig + t, y down and z forward: {meant}"
+            yield Mistake(name, remedy, posed(camera=Rig(views, camera.sizes)))
         for one, other in combinations(range(len(camera.views)), 2):
-            views = list(camera.views)
-            views[one], views[other] = views[other], views[one]
-            exchanged = Rig(views, camera.sizes)
+            order = list(camera.views)
+            order[one], order[other] = order[other], order[one]
+            exchanged = Rig(order, camera.sizes)
             remedy = f"exchange cameras {one} and {other} of the rig, or the camera of their detections"
             yield Mistake(f"cameras {one} and {other} are exchanged", remedy, posed(camera=exchanged))
-        for factor, (wrong, right) in LENGTHS.items():
+        for factor, (wrong, right) in UNITS.items():
             name = f"the model is in {wrong}, the rig in {right}"
             remedy = "use one unit for the points and the rig's translations"
             yield Mistake(

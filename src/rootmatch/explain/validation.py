@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, Integers, as_floats
+from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError, quote_value
 from rootmatch.problems.base import Problem
+from rootmatch.problems.noise import as_covariances
 
 LARGEST_PRIOR = 1e9
 """Largest prior weight of a correspondence: it is added to weights of hyper-edges, at most 1 each, which then lose 1e-7
@@ -34,6 +36,34 @@ def split_candidates(candidates: ArrayLike | None, n: int, n_target: int) -> tup
     if not mask.any():
         raise InputError("candidates: none is allowed; allow at least the order of the problem")
     return mask, None if np.asarray(candidates).dtype == np.bool_ else unary
+
+
+def noise_of_cameras(rig: Rig | None, noise: Any, target: ArrayLike) -> Any:
+    """Noise of a rig's detections as one number or array: a list may have one of these for each camera.
+
+    A list of as many numbers as detections is of these.
+    """
+    if rig is None or not isinstance(noise, tuple | list):
+        return noise
+    rows, cameras, numbers = rig.joined(target), len(rig.views), all(isinstance(one, Real) for one in noise)
+    rows = np.zeros((0, 3)) if rows.size == 0 else rows
+    of_detections = len(noise) == len(rows) and (numbers or len(noise) != cameras)
+    if rows.ndim != 2 or of_detections or (numbers and len(noise) != cameras):
+        return noise
+    if len(noise) != cameras:
+        raise InputError(
+            f"noise: a list of {len(noise)} given, and the rig has {cameras} cameras and {len(rows)} detections; give "
+            "one number, an array of one for each detection, or a list of these, one for each camera"
+        )
+    each = [as_floats(one, f"noise of camera {k}", "a number or one for each detection") for k, one in enumerate(noise)]
+    by_axis, own = any(one.ndim > 1 for one in each), [rows[:, 2] == k for k in range(cameras)]
+    joined = np.empty((len(rows), 2, 2) if by_axis else len(rows))
+    for k, (of_camera, sigma) in enumerate(zip(own, each, strict=True)):
+        count = int(of_camera.sum())
+        if sigma.ndim and len(sigma) != count:
+            raise InputError(f"noise: {len(sigma)} given for camera {k}, which has {count} detections; give as many")
+        joined[of_camera] = as_covariances(sigma, (count, 2), f"noise of camera {k}") if by_axis else sigma
+    return joined
 
 
 def check_indices(indices: ArrayLike, points: int, order: int, name: str) -> Integers:

@@ -86,6 +86,11 @@ def check_normals(normals: ArrayLike | None, count: int) -> Floats:
     return array
 
 
+LEAST_VIEW_ANGLE = np.radians(5.0)
+"""Smallest view angle that is taken for one: no light shines so narrowly, and degrees in radians are below. A round
+value."""
+
+
 def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> Floats | None:
     """Cosines (count,) of view angles from the normals, in radians; None where no angle is given."""
     if angle is None:
@@ -103,6 +108,11 @@ def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> Fl
     if not np.all((radians > 0.0) & (radians <= np.pi)):
         raise InputError(
             "view_angle: an angle is not in (0, π]; give radians from the normal, such as 1.22 (np.radians(70))"
+        )
+    if (least := float(np.min(radians))) < LEAST_VIEW_ANGLE:
+        raise InputError(
+            f"view_angle: {least:.3g} radians given, {np.degrees(least):.3g}°, beyond which no point would be seen; "
+            "give radians in Python, such as 1.22, and degrees on the command line, such as --view-angle 70"
         )
     return np.ascontiguousarray(np.broadcast_to(np.cos(radians), (count,)))
 

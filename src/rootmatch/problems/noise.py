@@ -107,12 +107,20 @@ def as_covariances(noise: ArrayLike, shape: tuple[int, int], name: str) -> Float
     return np.ascontiguousarray(covariance)
 
 
+def _dimensions(noise: ArrayLike, name: str = "noise") -> int:
+    """Dimensions of a noise; `InputError` if it is no array."""
+    try:
+        return np.ndim(noise)
+    except ValueError:
+        raise InputError(f"{name}: rows of different lengths given; give one number, or one for each point") from None
+
+
 def detection_covariances(noise: ArrayLike, count: int) -> Floats | None:
     """Covariances (n', 2, 2) of so many detections, px²; None if one σ for both axes is given.
 
     Raises `InputError` if they are no covariances, or one says that a coordinate is exact.
     """
-    if isinstance(noise, int | float) or np.ndim(noise) < 2:
+    if isinstance(noise, int | float) or _dimensions(noise) < 2:
         return None
     covariance = as_covariances(noise, (count, 2), "noise")
     least = float(np.linalg.eigvalsh(covariance)[:, 0].min(initial=np.inf))
@@ -143,7 +151,7 @@ def split_noise(noise: Any, first: Floats, second: Floats) -> tuple[Any, Floats 
     pair = isinstance(noise, tuple | list) and len(noise) == 2
 
     def split(part: Any, points: Floats, name: str) -> tuple[Any, Floats | None]:
-        known = check_source_noise(part, points, name) if np.ndim(part) > 1 else None
+        known = check_source_noise(part, points, name) if _dimensions(part, name) > 1 else None
         return part if known is None else mean_deviation(known), known
 
     if not pair:

@@ -68,6 +68,7 @@ def match_figure(
     assignment: ArrayLike,
     *,
     motions: ArrayLike | None = None,
+    motion_names: Sequence[str] | None = None,
     truth: ArrayLike | None = None,
     poses: Sequence[Pose | None] | None = None,
     camera: CameraModel | None = None,
@@ -89,6 +90,8 @@ def match_figure(
         Index into the target, −1 where unmatched.
     motions : (n,) array, optional
         Label of the rigid motion of each source point; each has its own colour and marker.
+    motion_names : sequence of str, optional
+        What the legend calls each motion, such as the label of a body; by default its number.
     truth : (n,) array, optional
         The true assignment: wrong matches are drawn red and dashed.
     poses : sequence of Pose, optional
@@ -158,7 +161,7 @@ def match_figure(
 
     figure.draw_without_rendering()  # fixes the axes, and with them the projection of the 3D points
     flat, flat_target = project_to_axes(left, source), project_to_axes(right, target)
-    groups = _group_matches(match, labels, wrong)
+    groups = _group_matches(match, labels, wrong, motion_names)
     for group in groups:
         ends = zip(flat[group.members].tolist(), flat_target[match[group.members]].tolist(), strict=True)
         style: dict[str, Any] = {"color": group.colour, "linestyle": group.line, "linewidth": 1.0, "alpha": 0.6}
@@ -224,12 +227,12 @@ class _Group:
         return Line2D([], [], linestyle=self.line, label=f"{self.name} ({len(self.members)})", **self.marker)
 
 
-def _group_matches(match: Integers, labels: Integers, wrong: Bools) -> list[_Group]:
+def _group_matches(match: Integers, labels: Integers, wrong: Bools, names: Sequence[str] | None) -> list[_Group]:
     """The matches of each motion and the wrong ones, without empty groups."""
     kinds = np.unique(labels[match >= 0])
     groups = [
         _Group(
-            f"motion {kind}" if len(kinds) > 1 else "matched",
+            "matched" if len(kinds) == 1 else f"motion {kind}" if names is None else names[kind],
             COLOURS[k % len(COLOURS)],
             MARKERS[k % len(MARKERS)],
             "-",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from rootmatch.arrays import Floats
+from rootmatch.errors import InputError
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_search_needless
@@ -34,6 +35,10 @@ MISSING = 3
 """Largest number of frames between searches for one of several bodies that is missing. A round value: in 15 flights of
 a rig (seeds from 1110) a controller with five LEDs in view was not told in 8 frames, in 14 with 10; the median frame
 takes a tenth longer where one is out of view."""
+
+LONGEST_INTERVAL = 5.0
+"""Seconds between frames from which no time of a frame may be left out: as many frames a second were meant. A round
+value."""
 
 DOUBTED = 0.5
 """Share of the evaluations of a search for a body that is found where it is expected. A round value."""
@@ -91,6 +96,14 @@ class TrackingOptions(Options):
     that finds none, up to eight times; and between doubts about its poses. A round value."""
     motion: MotionOptions = option(DEFAULT_MOTION)
     """How fast a body may move."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.interval > LONGEST_INTERVAL:
+            raise InputError(
+                f"TrackingOptions: interval is {self.interval:g}; give the seconds between frames, such as 1/60, and "
+                "to `update` the time of each where they are so rare"
+            )
 
 
 class FollowedBody:

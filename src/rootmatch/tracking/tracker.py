@@ -21,6 +21,7 @@ from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.predicted_poses import check_contradiction
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
+from rootmatch.explain.validation import noise_of_cameras
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
@@ -63,8 +64,8 @@ class Tracker:
         `P3P`, also of a `Rig`, `UP2P`, or, where targets are measured in space, `Rigid` or `Similarity`. The scale of
         the latter, one for each body, is taken to be constant but for `MotionOptions.scale_drift`.
     noise : float, (n',) or (n', 2, 2) array
-        Standard deviation of a pixel coordinate, in pixels, or covariances; `update` can override it. For `Rigid` and
-        `Similarity` as in `rootmatch.match`.
+        Standard deviation of a pixel coordinate, in pixels, or covariances, of a rig also by camera; `update` can
+        override it. For `Rigid` and `Similarity` as in `rootmatch.match`.
     tracking : TrackingOptions
         Frame rate, how long a body may be missing, and how fast bodies may move.
     normals, view_angle, detection_rate, resolution, min_probability, bodies, source_noise
@@ -267,11 +268,10 @@ max_evaluations
         of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
         present = {label: chance for label, body in self._bodies.items() if (chance := body.present(when)) is not None}
         factor = self.noise_factor
-        stated = self.matcher.noise if noise is None else noise
+        stated = noise_of_cameras(self.matcher.problem.rig, self.matcher.noise if noise is None else noise, target)
         # the first frame is limited only as `rootmatch.match` is
-        budget = (
-            None if self.time is None else search_schedule.frame_budget(self.tracking.search_budget, when - self.time)
-        )
+        limit = self.tracking.search_budget
+        budget = None if self.time is None else search_schedule.frame_budget(limit, when - self.time)
 
         def explained(searching: bool | Choice, factor: float = factor) -> Finding:
             noise = stated if factor == 1.0 else scale_noise_by(stated, factor)

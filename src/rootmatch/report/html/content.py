@@ -215,6 +215,7 @@ def _fit_summary(poses: Sequence[Pose | None]) -> str:
 def _html_pose_record(match: Match, pose: Pose, label: int) -> dict[str, Any]:
     """A pose as text, and its camera in the frame of the points."""
     lines = [f"motion {label}" if match.motion_labels.max(initial=0) > 0 else "pose"]
+    lines = lines if match.bodies is None else [f"body {list(match.bodies)[label]}"]
     for row, value in zip(pose.R.tolist(), pose.t.tolist(), strict=True):
         lines.append(f"  R {' '.join(f'{one: .6f}' for one in row)}  t {value: .6g}")
     if pose.scale != 1.0:

@@ -164,7 +164,7 @@ class LocalSearch(Search):
         self._grow()
         self._update_miss_probability()
         matched = 0 if self.best is None else np.count_nonzero(self.best >= 0)
-        return self.missed <= MISSED ** (1.0 if matched >= MOST_MATCHED * min(self.shape) else RARER)
+        return bool(self.missed <= MISSED ** (1.0 if matched >= MOST_MATCHED * min(self.shape) else RARER))
 
     def _try_rivals(self) -> None:
         """See `Search`; local triples would have met them, unless too few of them meet even the best pose."""
