@@ -206,6 +206,63 @@ def test_repeated_and_constant_factors_are_taken_off() -> None:
     np.testing.assert_allclose(-found[:, 1] / found[:, 0], squared[1] / squared[0], rtol=1e-12)
 
 
+@pytest.mark.parametrize("dressed", [False, True])
+def test_upright_weak_perspective(dressed: bool) -> None:
+    """Its value at x and its coefficients are made of other leaves; dressed, 1 + x² comes in three times."""
+    tx, ty, s = sp.symbols("tx ty s")
+
+    def each(X, u):  # type: ignore[no-untyped-def]
+        turned = TURN * X
+        other = (u[1] - ty) * (1 + x**2) - s * turned[1] if dressed else u[1] - ty - s * X[1]
+        return [(1 + x**2) * (u[0] - tx) - s * turned[0], other]
+
+    problem = derive(
+        f"weak-{dressed}",
+        each=each,
+        minimal=2,
+        shared=x,
+        eliminate=[tx, ty, s],
+        source=Points(3),
+        target=Points(2, noisy=True),
+    )
+    assert (problem.degree, problem.constraints) == (2, 2)
+    X, u = np.random.default_rng(0).normal(size=(2, 5, 2, 3))
+    (dx, dy, dz), (du, dv, _) = (np.moveaxis(points[:, 1] - points[:, 0], 1, 0) for points in (X, u))
+    # du / dv is that of the turned difference
+    expected = np.array([-dx * dv - dy * du, 2.0 * dz * dv, dx * dv - dy * du]).T
+    found = problem.coefficients(X, u[:, :, :2])
+    np.testing.assert_allclose(found / found[:, :1], expected / expected[:, :1], rtol=1e-9)
+
+
+def plane_similarity(eliminate: list) -> DerivedProblem:
+    tx, ty, s = sp.symbols("tx ty s")
+    turn = sp.Matrix([[1 - x**2, -2 * x], [2 * x, 1 - x**2]])  # (1 + x²) R
+    points = Points(2, noisy=True)
+    each = lambda X, u: s * turn * X + (1 + x**2) * (sp.Matrix([tx, ty]) - u)  # noqa: E731
+    unknowns = [{"s": s, "tx": tx, "ty": ty}[name] for name in eliminate]
+    return derive("plane", each=each, minimal=2, shared=x, eliminate=unknowns, source=points, target=points)
+
+
+@pytest.mark.parametrize("order", [["s", "tx", "ty"], ["tx", "s", "ty"], ["tx", "ty", "s"]])
+def test_a_factor_that_comes_in_several_times_is_taken_off(order: list) -> None:
+    """Such a root is inaccurate, and exact as that of a derivative."""
+    problem = plane_similarity(order)
+    assert "Factors taken off: x**2 + 1, x**2 + 1, x**2 + 1." in problem.code
+    assert (problem.degree, problem.constraints) == (2, 2)
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(2, 2))
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    roots = np.roots(problem.coefficients(X[None], (1.7 * X @ turn.T + 0.3)[None])[0])
+    assert np.abs(roots - np.tan(0.35)).min() < 1e-9
+
+
+def test_numbers_such_as_pi_are_printed() -> None:
+    equation = lambda X, u: u[0].cross(u[1]).dot(TURN * (X[1] - X[0])) * (sp.pi + X[0][0] * sp.E) / 7  # noqa: E731
+    arguments = {"minimal": 2, "shared": x, "source": Points(3), "target": RAYS}
+    problem = derive("pi", equation, **arguments)  # type: ignore[arg-type]
+    assert problem.degree == 2
+
+
 def test_two_nonlinear_equations_by_resultants() -> None:
     """A made-up problem with a known answer: y² = p₀ x + q₀ and q₁ y = p₁ x² + x of the sums p and q."""
     y = sp.Symbol("y")
@@ -577,6 +634,52 @@ def test_an_over_determined_minimal_set_is_named() -> None:
         derive("four", minimal=4, **statement)  # type: ignore[arg-type]
 
 
+def test_what_elimination_brought_in_is_said_where_a_minimal_set_is_over_determined() -> None:
+    """Fewer correspondences would not help: the polynomial depends on the last one."""
+    tx, ty = sp.symbols("tx ty")
+    turn = sp.Matrix([[1 - x**2, -2 * x], [2 * x, 1 - x**2]])
+
+    def dressed(X, u):  # type: ignore[no-untyped-def]
+        each = [turn * p + (1 + x**2) * (sp.Matrix([tx, ty]) - q) for p, q in zip(X, u, strict=True)]
+        return [(x**2 + X[0][0] ** 2) * e for e in each]
+
+    points = Points(2, noisy=True)
+    with pytest.raises(RootmatchError, match="one that elimination brought in"):
+        derive("dressed", dressed, minimal=2, shared=x, eliminate=[tx, ty], source=points, target=points, cached=False)
+
+
+def test_level_camera_at_known_height() -> None:
+    """Two points give a constraint too many, and 1 + x² comes in several times with the eliminated depths."""
+    tx, tz, depth = sp.symbols("tx tz depth")
+    each = lambda X, u: (1 + x**2) * (depth * u - sp.Matrix([tx, sp.Rational(7, 5), tz])) - TURN * X  # noqa: E731
+    problem = derive(
+        "level",
+        each=each,
+        minimal=2,
+        shared=x,
+        eliminate=[tx, tz],
+        local=[depth],
+        source=Points(3),
+        target=RAYS,
+        cached=False,
+    )
+    assert problem.surplus_constraints == 1
+    assert problem.degree == 2
+
+
+def test_code_that_cannot_be_used_is_not_blamed_on_the_equations(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = store.compile_vetted
+
+    def refused(text: str, where: str = "generated") -> store.Generated:
+        if where == "derived":
+            text += "\nimport os\n"
+        return compiled(text, where)
+
+    monkeypatch.setattr(store, "compile_vetted", refused)
+    with pytest.raises(RootmatchError, match="a fault of rootmatch and not of the equations"):
+        derive("fault", cached=False, **STATEMENT)  # type: ignore[arg-type]
+
+
 STATEMENT = {
     "equations": lambda X, u: u[0].cross(u[1]).dot(TURN * (X[1] - X[0])),
     "minimal": 2,
@@ -603,7 +706,13 @@ STATEMENT = {
         ({"equations": lambda X, u: X[0][0] - u[0][0]}, "does not occur"),
         ({"equations": lambda X, u: x - 1}, "nothing measured"),
         ({"equations": lambda X, u: sp.sin(x) * u[0][0] - X[0][0]}, "no polynomial"),
-        ({"equations": lambda X, u: x * sp.Abs(u[0][0]) - X[0][0]}, "other than arithmetic"),
+        ({"equations": lambda X, u: x * sp.Abs(u[0][0]) - X[0][0]}, "equations: Abs given, other than arithmetic"),
+        ({"equations": lambda X, u: x * u[0][0] - sp.I * X[0][0]}, "equations: the imaginary unit given"),
+        ({"positive": lambda X, u: [sp.Abs(x)]}, "positive: Abs given"),
+        *(
+            ({"equations": lambda X, u, y=y: y * u[0][0] - X[0][0], "shared": y}, "shared: a symbol of the name")
+            for y in sp.symbols("A θ lambda d0 s0_0 sqrt")
+        ),
         ({"equations": lambda X, u: x * sp.Symbol("focal") - u[0][0]}, "focal"),
         ({"interval": (2.0, 1.0)}, "interval"),
         ({"name": "../up"}, "name: '../up'"),

@@ -301,6 +301,8 @@ def test_times_go_forward() -> None:
         rm.Tracker(BODY, rm.P3P(CAMERA), noise="auto")
     with pytest.raises(rm.InputError, match=r"^problem: UP2PF.* given; a tracker follows rotations and"):
         rm.Tracker(BODY, rm.UP2PF((320.0, 240.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)))
+    with pytest.raises(rm.InputError, match=r"^problem: PlanarMotion.* given; a tracker follows rotations and"):
+        rm.Tracker(BODY, rm.PlanarMotion(CAMERA, axis=(0.0, 1.0, 0.0)))
 
 
 @pytest.mark.parametrize(

@@ -83,14 +83,15 @@ class Judge:
 
         ``surplus``: constraints of a minimal set beyond those that determine its unknowns, where they are known.
         """
-        values = []
-        for case in self.cases:
+        values, at_truth = [], []
+        for case, x in zip(self.cases, self.truth, strict=True):
             target = case.target.copy()
             target[-1] = self.evaluator.target.sample(rng, 1)[0]
             wrong = Instance(case.source, target, None)
             p, q = self.polynomial(wrong, self.first), self.polynomial(wrong, self.swept)
-            values.append(min((self.relative_size_at(q, x) for x in np.roots(p)), default=1.0))
-        if np.median(values) < TOLERANCE and surplus:
+            values.append(min((self.relative_size_at(q, root) for root in np.roots(p)), default=1.0))
+            at_truth.append(self.relative_size_at(q, x))
+        if np.median(at_truth) < TOLERANCE and surplus:
             raise RootmatchError(
                 f"minimal: {self.m} correspondences over-determine the unknowns (constraints left over: {surplus}), "
                 f"and the polynomial does not depend on the last one; give minimal={self.m - 1}"

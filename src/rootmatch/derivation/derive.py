@@ -58,7 +58,7 @@ def derive(
         Correspondences of a minimal set.
     shared : symbol
         The variable that minimal sets share: it belongs to the camera, or to their first correspondences. Angles enter
-        as x = tan(θ/2).
+        as x = tan(θ/2). Its name is a word of small letters, as it stands in the generated code.
     eliminate : sequence of symbols
         The other unknowns.
     local : sequence of symbols
@@ -233,10 +233,11 @@ def _derive(
     )
     try:
         trial = store.compile_vetted(made.text(""), "derived")
-    except RootmatchError:
-        raise InputError(
-            f"equations: they hold something other than arithmetic and {', '.join(store.FUNCTIONS)}; rewrite them"
-        ) from None
+    except (RootmatchError, SyntaxError) as error:
+        raise RootmatchError(
+            "derive: the code made from these equations cannot be used, which is a fault of rootmatch and not of the "
+            "equations; please report it with them"
+        ) from error
     evaluator = Evaluator(trial.plan, trial.functions, statement.source, statement.target)
     solver = Solver(statement)
     judge = Judge(evaluator, instances(statement, sample, limits, rng, CASES, solver=solver))

@@ -47,7 +47,8 @@ def draft(
         leaves, definitions, list(coefficients), value, _swept_conditions(leaves, definitions, positive)
     )
     program = Program(entries)
-    inputs: set[Expr] = set().union(*(program.inputs(c) for c in coefficients))
+    # a value in a shorter form than that of the coefficients may be made of other leaves
+    inputs: set[Expr] = set().union(*(program.inputs(c) for c in (*coefficients, value)))
     arguments = sort_leaves(leaves, inputs)
     noisy = [k for k, symbol in enumerate(arguments) if _is_noisy(leaves, symbol)]
     gradient = program.gradient(value, [arguments[k] for k in noisy])
@@ -113,6 +114,8 @@ def _choose_split(
             "other points; multiply out, or make it an unknown of its own"
         )
     _, _, split, entries = min(choices, key=lambda choice: choice[:2])
+    if not any(split.coefficients):
+        raise InputError("elimination: the polynomial vanishes for all measurements; the equations are dependent")
     return split, entries
 
 

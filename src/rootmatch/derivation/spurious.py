@@ -60,12 +60,15 @@ def _evaluate_expression(expression: Expr, values: dict[Expr, Floats]) -> Floats
 
 
 def constant_roots(rows: Floats) -> list[complex]:
-    """Roots that all rows share, each once."""
+    """Roots that all rows share; a repeated one comes inaccurate, and once from the derivative where it is simple."""
     common = []
-    for root in np.roots(rows[0]):
-        powers = root ** np.arange(rows.shape[1] - 1, -1, -1)
-        if np.all(np.abs(rows @ powers) <= ZERO * (np.abs(rows) @ np.abs(powers))):
-            common.append(complex(root))
+    derivative = rows[0]
+    while len(derivative) > 1:
+        for root in np.roots(derivative):
+            powers = root ** np.arange(rows.shape[1] - 1, -1, -1)
+            if np.all(np.abs(rows @ powers) <= ZERO * (np.abs(rows) @ np.abs(powers))):
+                common.append(complex(root))
+        derivative = np.polyder(derivative)
     return common
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from keyword import iskeyword
 from typing import Any
 
 import sympy as sp
@@ -12,8 +14,12 @@ import sympy as sp
 from rootmatch.derivation.leaves import COMMON, Expr
 from rootmatch.errors import InputError, escape_unprintable, quote_value
 from rootmatch.problems.derived.measurements import Measurement
+from rootmatch.problems.derived.store import FUNCTIONS
 
 Equations = Callable[..., Any]
+_PLAIN = re.compile(r"[a-z][a-zA-Z0-9_]*\Z")
+_OWN = re.compile(r"([deh]|ss?|tt?)\d+(_\d+)?\Z")
+"""Names of leaves, definitions and common subexpressions in generated code."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,20 @@ class Statement:
             raise InputError(
                 f"positive: {', '.join(strange)} are neither measured nor the shared variable; express them in "
                 "terms of these"
+            )
+        for label, expressions in (("equations", built), ("positive", conditions)):
+            called = {type(call).__name__ for e in expressions for call in e.atoms(sp.core.function.Application)}
+            strange = sorted(called - FUNCTIONS.keys())
+            strange += ["the imaginary unit"] if any(e.has(sp.I) for e in expressions) else []
+            if strange:
+                raise InputError(
+                    f"{label}: {', '.join(strange)} given, other than arithmetic and {', '.join(FUNCTIONS)}; rewrite it"
+                )
+        name = str(self.shared)
+        if not _PLAIN.match(name) or _OWN.match(name) or name in FUNCTIONS or iskeyword(name):
+            raise InputError(
+                f"shared: a symbol of the name {quote_value(name)} cannot stand in generated code; name it by a word "
+                "of small letters, such as x"
             )
         if not any(self.shared in e.free_symbols for e in built):
             raise InputError(f"shared: {self.shared} does not occur in the equations")

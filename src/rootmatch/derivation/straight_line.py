@@ -84,7 +84,7 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
     def _print_Float(self, expr: Any) -> str:  # noqa: N802
         return repr(float(expr))
 
-    _print_NumberSymbol = _print_Float  # noqa: N815
+    _print_NumberSymbol = _print_Pi = _print_Exp1 = _print_Float  # noqa: N815
 
     def _print_Pow(self, expr: Any, rational: bool = False) -> str:  # noqa: N802
         base, power = expr.as_base_exp()

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels
+from rootmatch.explain.validation import check_problem
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
@@ -51,8 +54,10 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
         raise InputError(f"{name}: a scale of {prior.scale:g} given, and {problem.name} has none; leave it out")
 
 
-def check_followed(problem: Problem) -> None:
+def check_followed(problem: Problem, source: ArrayLike) -> None:
     """Refuse what a tracker does not follow: no pose of a body, or one in a plane, or reflected."""
+    check_problem(problem)
+    problem = problem.for_points(source)
     followed = problem.takes_prior
     if problem.takes_motion_prior and problem.source_dimension != 2:
         followed = not getattr(problem, "mirror", False)

@@ -110,8 +110,8 @@ max_evaluations
         given = {name: one for name, one in list(locals().items()) if name not in ("self", "tracking")}
         if isinstance(noise, str):
             raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels; a Matcher can estimate it")
+        check_followed(problem, source)
         self.matcher = Matcher(**given)
-        check_followed(self.matcher.problem)
         self.tracking, self._turns, self._steps = tracking, Turns(), FrameSteps()
         self.labels = self.matcher.labels
         self._bodies: dict[Label | None, FollowedBody] = {}
