@@ -180,9 +180,7 @@ def weigh_candidates(bodies: Sequence[Candidate]) -> list[Posterior]:
 def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
     copies = find_copies([(one.task.points.source, one.model) for one in bodies])
     alike = exact_copies([one.model for one in bodies])
-    pools = {
-        k: pooled([bodies[j].modes for j in same]) if len(same) > 1 else bodies[k].modes for k, same in alike.items()
-    }
+    pools = {k: pooled([bodies[j].modes for j in same]) for k, same in alike.items()}
     models, every = dict[int, DetectionModel](), dict[int, Modes]()
     for k, own in pools.items():
         body, more, others = bodies[k], [], []
@@ -201,19 +199,25 @@ def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
         if more:
             modes = find_modes(model, join_proposals(more), modes, of_several=True, least=-HOPELESS)
         models[k], every[k] = model, modes
-    of = {k: first for first, same in alike.items() for k in same}
+    of = [0] * len(bodies)
+    for first, same in alike.items():
+        for k in same:
+            of[k] = first
 
-    def weighed() -> list[Posterior]:
-        own, numbers = every, [of[k] for k in range(len(bodies))]
-        return joint_posterior([models[k] for k in numbers], [own[k] for k in numbers], copies, [*alike.values()])
+    def weigh() -> list[Posterior]:
+        own = every
+        return joint_posterior([models[k] for k in of], [own[k] for k in of], copies, [*alike.values()])
 
-    told = weighed()
+    told = weigh()
     for _ in range(SUMMED):
-        known = {k: _sum_first_mode(models[k], modes, told[k]) for k, modes in every.items()}
-        if all(one is every[k] for k, one in known.items()):
+        known, is_summed = dict[int, Modes](), True
+        for k, modes in every.items():
+            known[k] = _sum_first_mode(models[k], modes, told[k])
+            is_summed &= known[k] is modes
+        if is_summed:
             break
         every = known
-        told = weighed()
+        told = weigh()
     return [mark_exchanged(models[of[k]], one) for k, one in enumerate(told)]
 
 

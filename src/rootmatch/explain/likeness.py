@@ -77,8 +77,8 @@ def exact_copies(models: Sequence[DetectionModel]) -> dict[int, list[int]]:
 
     Where a body is predicted, only its own model does.
     """
-    found = dict[int, list[int]]()
-    for k, model in enumerate(models):
+    found = {0: [0]}
+    for k, model in enumerate(models[1:], start=1):
         first = next((first for first in found if _weigh_alike(models[first], model)), k)
         found.setdefault(first, []).append(k)
     return found

@@ -60,12 +60,19 @@ def joint_posterior(
     list of Posterior
         The modes of each, those among them that leave detections to others, and the marginal of each.
     """
-    count, first = models[0].shape[1], {k: bodies[0] for bodies in same for k in bodies}
-    numbers = {k: len(bodies) for bodies in same for k in bodies}
+    count, first, numbers = models[0].shape[1], list(range(len(models))), [1] * len(models)
+    for bodies in same:
+        for k in bodies:
+            first[k], numbers[k] = bodies[0], len(bodies)
+    leaders = sorted(set(first))
+    are_distinct = len(leaders) == len(first)
 
-    def of_each(worked_out: Callable[[int], Value]) -> list[Value]:
-        every = {k: worked_out(k) for k in range(len(models)) if first.get(k, k) == k}
-        return [every[first.get(k, k)] for k in range(len(models))]
+    def of_each(work_out: Callable[[int], Value]) -> list[Value]:
+        found = list(map(work_out, leaders))
+        if are_distinct:
+            return found
+        of_leader = dict(zip(leaders, found, strict=True))
+        return [of_leader[k] for k in first]
 
     if copies is not None:
         known, own = every, copies
@@ -108,10 +115,10 @@ def joint_posterior(
         copy = min(of_copy[k], float(each[-1])) if k in of_copy else 0.0
         order = (-each[:-1]).argsort(kind="stable")
         if (order[1:] > order[:-1]).all():  # as they are, nearly always
-            return Posterior(parts[k], each[:-1], float(each[-1]), origins=of, copy=copy, copies=numbers.get(k, 1))
+            return Posterior(parts[k], each[:-1], float(each[-1]), origins=of, copy=copy, copies=numbers[k])
         of = None if of is None else of[order]
         return Posterior(
-            parts[k].take(order), each[:-1][order], float(each[-1]), origins=of, copy=copy, copies=numbers.get(k, 1)
+            parts[k].take(order), each[:-1][order], float(each[-1]), origins=of, copy=copy, copies=numbers[k]
         )
 
     return of_each(told)

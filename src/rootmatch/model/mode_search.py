@@ -145,6 +145,8 @@ def _insert_mode(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
 
 def pooled(several: list[Modes]) -> Modes:
     """The distinct modes of several bodies that are weighed alike: what one may be, each may be."""
+    if len(several) == 1:
+        return several[0]
     kept = list[_Mode]()
     for mode in sorted((one for modes in several for one in _Mode.every(modes)), key=lambda one: -one.log_mass):
         kept = _add_mode(kept, mode)
