@@ -16,7 +16,7 @@ from rig_scenes import RigScene, four_about, frame
 from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
-from rootmatch.explain.silent_cameras import as_few_by_chance
+from rootmatch.explain.silent_cameras import chance_of_as_few
 from rootmatch.explain.status_advice import advice
 from rootmatch.samplers.guided.sampler import Guided
 from test_rig_triples import KNOWN, LEDS, POINTS, RIG
@@ -339,7 +339,7 @@ def test_how_probable_it_is_that_a_camera_detects_as_few() -> None:
     seen = np.zeros((4, 5), bool)
     seen[0, :4] = seen[1, :1] = seen[2, :2] = True
     rates = np.array([0.3, 0.9])
-    told = as_few_by_chance(visible, seen, rates, np.log([0.5, 0.5]))
+    told = chance_of_as_few(visible, seen, rates, np.log([0.5, 0.5]))
     expected, weights = np.ones(4), [np.where(seen[0], r * visible[0], 1.0 - r * visible[0]).prod() for r in rates]
     for camera, most in ((1, 1), (2, 2), (3, 0)):
         every = [np.array(one) for one in itertools.product([True, False], repeat=5) if sum(one) <= most]

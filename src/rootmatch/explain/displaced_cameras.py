@@ -14,7 +14,7 @@ from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.explain import explain
-from rootmatch.explain.mistake import Mistake
+from rootmatch.explain.mistake import Mistake, each_body
 from rootmatch.explain.rig_search import camera_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
@@ -48,8 +48,7 @@ def _replace_camera(k: int, given: MatchingTask) -> MatchingTask:
     """
     task = given.without_priors()
     assert task.rig is not None
-    bodies = [task] if task.bodies is None else [task.body(number) for number in range(len(task.bodies.names))]
-    for body in bodies:
+    for body in each_body(task):
         every = np.arange(body.shape[0])
         seen = explain(body.subset(every, np.flatnonzero(body.camera_of != k)))
         if seen.status is not Status.MATCHED or seen.pose is None:

@@ -69,7 +69,7 @@ class SearchPart(NamedTuple):
         return copy_with(task, search_camera=self.camera, budget=budget)
 
 
-def _left_of(task: MatchingTask, bodies: Sequence[SearchedBody]) -> MatchingTask:
+def _with_remaining_budget(task: MatchingTask, bodies: Sequence[SearchedBody]) -> MatchingTask:
     """The task with what the searches of a frame have left of its budget; among few detections hardly any is needed."""
     if task.budget is None:
         return task
@@ -230,7 +230,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             for rival in bodies:
                 if body.candidate is not before and body.is_new and rival.is_lost:
                     rival.free = body.told.modes.uses(task.shape[1])[0]
-                    search(rival, budget, _left_of(of_part, bodies))
+                    search(rival, budget, _with_remaining_budget(of_part, bodies))
     return _finding(task, bodies)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.in_time import final_deadline
-from rootmatch.explain.likeness import exact_copies, find_copies, likenesses, relative_place
+from rootmatch.explain.likeness import find_copies, first_exact_copies, likenesses, relative_place
 from rootmatch.explain.predicted_poses import pose_knowledge, predicted_mixture, problem_vertical
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.task import MatchingTask
@@ -33,12 +33,12 @@ from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.known_density import Known
 from rootmatch.model.line_readings import propose_line_readings
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes, grow_mode, pooled
+from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes, grow_mode, pool_modes
 from rootmatch.model.modes import Modes, empty_modes
 from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
-from rootmatch.model.prediction import about_each
+from rootmatch.model.prediction import propose_about_each
 from rootmatch.model.proposals import (
     Proposals,
     empty_proposals,
@@ -179,8 +179,11 @@ def weigh_candidates(bodies: Sequence[Candidate]) -> list[Posterior]:
 
 def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
     copies = find_copies([(one.task.points.source, one.model) for one in bodies])
-    alike = exact_copies([one.model for one in bodies])
-    pools = {k: pooled([bodies[j].modes for j in same]) for k, same in alike.items()}
+    firsts = first_exact_copies([one.model for one in bodies])
+    pools = {
+        k: pool_modes([one.modes for one, first in zip(bodies, firsts, strict=True) if first == k])
+        for k in dict.fromkeys(firsts)
+    }
     models, every = dict[int, DetectionModel](), dict[int, Modes]()
     for k, own in pools.items():
         body, more, others = bodies[k], [], []
@@ -199,14 +202,10 @@ def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
         if more:
             modes = find_modes(model, join_proposals(more), modes, of_several=True, least=-HOPELESS)
         models[k], every[k] = model, modes
-    of = [0] * len(bodies)
-    for first, same in alike.items():
-        for k in same:
-            of[k] = first
 
     def weigh() -> list[Posterior]:
         own = every
-        return joint_posterior([models[k] for k in of], [own[k] for k in of], copies, [*alike.values()])
+        return joint_posterior([models[k] for k in firsts], [own[k] for k in firsts], copies, firsts)
 
     told = weigh()
     for _ in range(SUMMED):
@@ -218,7 +217,7 @@ def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
             break
         every = known
         told = weigh()
-    return [mark_exchanged(models[of[k]], one) for k, one in enumerate(told)]
+    return [mark_exchanged(models[k], one) for k, one in zip(firsts, told, strict=True)]
 
 
 def _sum_first_mode(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:
@@ -261,7 +260,7 @@ def propose_predicted(model: DetectionModel) -> Proposals | None:
     if not isinstance(model.prior, Doubted):
         return None
     predictions = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
-    parts = [one.take(slice(MOST_PREDICTED)) for one in about_each(model, predictions)]
+    parts = [one.take(slice(MOST_PREDICTED)) for one in propose_about_each(model, predictions)]
     others = [propose_few_matched(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
         others += [reverse_depths(model, one.take(slice(1))) for one in parts]

@@ -72,15 +72,14 @@ def find_copies(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies]
     return found
 
 
-def exact_copies(models: Sequence[DetectionModel]) -> dict[int, list[int]]:
-    """The models of one image by the first that weighs every pose as they do: of one body, of which as much is known.
+def first_exact_copies(models: Sequence[DetectionModel]) -> list[int]:
+    """For each model of one image the first that weighs every pose as it does: of one body, of which as much is known.
 
     Where a body is predicted, only its own model does.
     """
-    found = {0: [0]}
+    found = [0]
     for k, model in enumerate(models[1:], start=1):
-        first = next((first for first in found if _weigh_alike(models[first], model)), k)
-        found.setdefault(first, []).append(k)
+        found.append(next((first for first in dict.fromkeys(found) if _weigh_alike(models[first], model)), k))
     return found
 
 

@@ -15,10 +15,10 @@ FEW = 2
 """Sightings in a camera that clutter may make: a minimal set has one more."""
 
 
-def advice_on_cameras(finding: Finding) -> str:
+def camera_advice(finding: Finding) -> str:
     """What is told of cameras that show nothing of a body, or of any of several; nothing if all show it."""
     parts = (finding,) if finding.parts is None else finding.parts.values()
-    silent = sorted({k for part in parts for k in silent_cameras(part)})
+    silent = sorted({k for part in parts for k in find_silent_cameras(part)})
     if not silent:
         return ""
     each, many = ", ".join(map(str, silent)), len(silent) > 1
@@ -29,7 +29,7 @@ def advice_on_cameras(finding: Finding) -> str:
     )
 
 
-def silent_cameras(finding: Finding) -> list[int]:
+def find_silent_cameras(finding: Finding) -> list[int]:
     """Cameras with detections, hardly any of a body that was found, where the model all but excludes that few.
 
     By their numbers; a camera without any detection may have had no image. What an image of unknown size shows reaches
@@ -50,11 +50,11 @@ def silent_cameras(finding: Finding) -> list[int]:
             shown = model.target[model.images[k]]
             if len(shown):
                 visible[k] *= ((pixels >= shown.min(axis=0)) & (pixels <= shown.max(axis=0))).all(axis=1)
-    chance = as_few_by_chance(visible, seen, *model.rate_quadrature)
+    chance = chance_of_as_few(visible, seen, *model.rate_quadrature)
     return [k for k, images in enumerate(model.images) if len(images) and chance[k] < BY_CHANCE]
 
 
-def as_few_by_chance(visible: Floats, seen: Bools, rates: Floats, log_weights: Floats) -> Floats:
+def chance_of_as_few(visible: Floats, seen: Bools, rates: Floats, log_weights: Floats) -> Floats:
     """Probability (C,) that each camera detects as few of the points, at the rate of those that show more than `FEW`.
 
     It is 1 of these.
@@ -64,7 +64,7 @@ def as_few_by_chance(visible: Floats, seen: Bools, rates: Floats, log_weights: F
     visible : (C, n) array
     seen : (C, n) bool array
     rates, log_weights : (Q,) arrays
-        Of the integral over the detection rate, see `DetectionModel.rates`.
+        Of the integral over the detection rate, see `DetectionModel.rate_quadrature`.
     """
     chance = np.minimum(rates[:, None, None] * visible, HIGHEST_RATE)
     count = seen.sum(axis=1)

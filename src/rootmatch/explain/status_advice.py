@@ -13,7 +13,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.inexact_points import alike_error
 from rootmatch.explain.predicted_poses import agrees_with_prior, is_against_prior
-from rootmatch.explain.silent_cameras import advice_on_cameras
+from rootmatch.explain.silent_cameras import camera_advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
 from rootmatch.hypergraph.assignment import are_targets_disjoint
@@ -82,7 +82,7 @@ def advice(
                 f"; it fits if the points of the body are off by {finding.point_error:.2g} on each axis, which nobody "
                 "stated: give `source_noise=`, or a larger `noise=` if the detections are"
             )
-        text += advice_on_cameras(finding)
+        text += camera_advice(finding)
         if undetermined:
             text += "; these points do not determine the pose in every direction: see its covariance"
         if finding.sequence_factor >= NOISY:
@@ -244,7 +244,7 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
         unit = "; check that points and rig are in one unit, or see `diagnose`" if one_camera else ""
         return (
             "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
-            f"see `alternatives`{prior or (', or ' + to_tell)}{unit}{advice_on_cameras(finding)}"
+            f"see `alternatives`{prior or (', or ' + to_tell)}{unit}{camera_advice(finding)}"
         )
     if _is_assignment_certain(finding):
         return (

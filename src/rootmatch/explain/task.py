@@ -19,7 +19,7 @@ from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.prior_validation import Prior, check_predicted, prior_attributes
 from rootmatch.explain.rivals import NONE, Rivals
-from rootmatch.explain.validation import check_not_exact, check_problem, noise_of_cameras, split_candidates
+from rootmatch.explain.validation import check_not_exact, check_problem, join_camera_noise, split_candidates
 from rootmatch.frozen import copy_with, once
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import farthest_point_order
@@ -136,7 +136,7 @@ class MatchingTask:
                 raise InputError('noise: "auto" is not estimated beside source_noise= of point sets; give a number')
             noise = 0.0  # until it is estimated
         else:
-            check_not_exact(noise := noise_of_cameras(problem.rig, noise, target))
+            check_not_exact(noise := join_camera_noise(problem.rig, noise, target))
         if not isinstance(source, CheckedSource):
             problem = problem.for_points(source)
         least = 1 if prior is not None and problem.takes_prior else None

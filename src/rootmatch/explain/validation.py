@@ -38,7 +38,7 @@ def split_candidates(candidates: ArrayLike | None, n: int, n_target: int) -> tup
     return mask, None if np.asarray(candidates).dtype == np.bool_ else unary
 
 
-def noise_of_cameras(rig: Rig | None, noise: Any, target: ArrayLike) -> Any:
+def join_camera_noise(rig: Rig | None, noise: Any, target: ArrayLike) -> Any:
     """Noise of a rig's detections as one number or array: a list may have one of these for each camera.
 
     A list of as many numbers as detections is of these.

@@ -16,7 +16,7 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import Status
 from rootmatch.explain.explain import explain
-from rootmatch.explain.mistake import Mistake, scale_noise
+from rootmatch.explain.mistake import Mistake, each_body, scale_noise
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
 
@@ -63,8 +63,7 @@ def _calibrate(unknowns: int, given: MatchingTask) -> MatchingTask:
         If too few points match with any camera.
     """
     task = given.without_priors()
-    bodies = [task] if task.bodies is None else [task.body(number) for number in range(len(task.bodies.names))]
-    for body in bodies:
+    for body in each_body(task):
         for factor in FACTORS:
             camera: Camera | None = task.problem.camera  # type: ignore[attr-defined]
             for coarser in (factor, AFTER):

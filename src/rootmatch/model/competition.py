@@ -39,7 +39,7 @@ def joint_posterior(
     models: Sequence[DetectionModel],
     every: Sequence[Modes],
     copies: Sequence[Copies] | None = None,
-    same: Sequence[Sequence[int]] = (),
+    firsts: Sequence[int] | None = None,
 ) -> list[Posterior]:
     """The marginal posteriors of several bodies in one image.
 
@@ -52,27 +52,25 @@ def joint_posterior(
     copies : sequence of sequence, optional
         For each body, the others that may be copies of it, and which of their points are its own. None if no body's
         points have errors: then none is of an exact shape that they hide.
-    same : sequence of sequence of int
-        Numbers, ascending, of bodies that are weighed alike, with the same modes.
+    firsts : sequence of int, optional
+        For each body the first that is weighed alike, with the same modes; itself by default.
 
     Returns
     -------
     list of Posterior
         The modes of each, those among them that leave detections to others, and the marginal of each.
     """
-    count, first, numbers = models[0].shape[1], list(range(len(models))), [1] * len(models)
-    for bodies in same:
-        for k in bodies:
-            first[k], numbers[k] = bodies[0], len(bodies)
-    leaders = sorted(set(first))
-    are_distinct = len(leaders) == len(first)
+    count, leaders = models[0].shape[1], list(range(len(models)) if firsts is None else firsts)
+    distinct = list(dict.fromkeys(leaders))
+    are_distinct = len(distinct) == len(leaders)
+    same = [] if are_distinct else [[k for k, first in enumerate(leaders) if first == one] for one in distinct]
 
     def of_each(work_out: Callable[[int], Value]) -> list[Value]:
-        found = list(map(work_out, leaders))
+        found = list(map(work_out, distinct))
         if are_distinct:
             return found
-        of_leader = dict(zip(leaders, found, strict=True))
-        return [of_leader[k] for k in first]
+        by_first = dict(zip(distinct, found, strict=True))
+        return [by_first[k] for k in leaders]
 
     if copies is not None:
         known, own = every, copies
@@ -100,10 +98,10 @@ def joint_posterior(
     # a body may be in another place than that of its best mode
     probable = [(k, shares[k][:-1]) for k, _ in named]
     if disputed := {k for k, of in probable if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL}:
-        firsts = np.array([of_modes[:1].any(axis=0) for of_modes in uses])
+        best_uses = np.array([of_modes[:1].any(axis=0) for of_modes in uses])
 
         def if_alike(k: int) -> Floats | float:
-            others = np.asarray(np.delete(firsts, k, axis=0).any(axis=0))
+            others = np.asarray(np.delete(best_uses, k, axis=0).any(axis=0))
             return _alike_factors(models[k], parts[k], uses[k], origins[k], others) if k in disputed else 0.0
 
         alike = of_each(if_alike)
@@ -115,10 +113,17 @@ def joint_posterior(
         copy = min(of_copy[k], float(each[-1])) if k in of_copy else 0.0
         order = (-each[:-1]).argsort(kind="stable")
         if (order[1:] > order[:-1]).all():  # as they are, nearly always
-            return Posterior(parts[k], each[:-1], float(each[-1]), origins=of, copy=copy, copies=numbers[k])
+            return Posterior(
+                parts[k], each[:-1], float(each[-1]), origins=of, copy=copy, copies=leaders.count(leaders[k])
+            )
         of = None if of is None else of[order]
         return Posterior(
-            parts[k].take(order), each[:-1][order], float(each[-1]), origins=of, copy=copy, copies=numbers[k]
+            parts[k].take(order),
+            each[:-1][order],
+            float(each[-1]),
+            origins=of,
+            copy=copy,
+            copies=leaders.count(leaders[k]),
         )
 
     return of_each(told)

@@ -68,7 +68,9 @@ def joint_marginals(
         whole = value + log_left(taken > 0.5)
         chosen = np.concatenate([chosen[row], mode[:, None]], axis=1)
         if len(value) > BEAM:
-            kept, more = thinned(whole - taken @ _worth(uses[k + 1 :], masses[k + 1 :], count), BEAM)
+            kept, more = thin_hypotheses(
+                whole - taken @ _largest_future_worth(uses[k + 1 :], masses[k + 1 :], count), BEAM
+            )
             value, taken, whole, chosen = value[kept] + more, taken[kept], whole[kept] + more, chosen[kept]
     shares = _softmax(whole)
     counts = [np.bincount(chosen[:, k], shares, mass.shape[-1] + 1) for k, mass in enumerate(masses)]
@@ -80,7 +82,7 @@ def joint_marginals(
     return found
 
 
-def _worth(uses: Sequence[Bools], masses: Sequence[Floats], count: int) -> Floats:
+def _largest_future_worth(uses: Sequence[Bools], masses: Sequence[Floats], count: int) -> Floats:
     """What each of so many detections (n',) is worth to bodies that are still to come, at most.
 
     What they would take if it was left is no reason to prefer that another one has taken it.
@@ -92,7 +94,7 @@ def _worth(uses: Sequence[Bools], masses: Sequence[Floats], count: int) -> Float
     return most
 
 
-def thinned(log_odds: Floats, most: int) -> tuple[Integers, Floats]:
+def thin_hypotheses(log_odds: Floats, most: int) -> tuple[Integers, Floats]:
     """At most so many of hypotheses (K,), and logarithms of factors on their odds, with which they stand for all.
 
     The most probable ones are kept as they are. Of the others, every so often one is kept for as much as lies between:

@@ -143,7 +143,7 @@ def _insert_mode(kept: list[_Mode], mode: _Mode) -> list[_Mode]:
     return sorted([*kept, mode], key=lambda one: -one.log_mass)
 
 
-def pooled(several: list[Modes]) -> Modes:
+def pool_modes(several: list[Modes]) -> Modes:
     """The distinct modes of several bodies that are weighed alike: what one may be, each may be."""
     if len(several) == 1:
         return several[0]

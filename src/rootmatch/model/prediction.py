@@ -101,27 +101,25 @@ def propose_about(model: DetectionModel, prediction: Gaussian) -> Proposals | No
     Proposals or None
         None if the prediction has no candidates, or too many even where it is narrowed.
     """
-    return collect_proposals(_settled_about(model, prediction)[0])
+    return collect_proposals(_settle_about(model, prediction)[0])
 
 
-def about_each(model: DetectionModel, predictions: Sequence[Gaussian]) -> list[Proposals]:
+def propose_about_each(model: DetectionModel, predictions: Sequence[Gaussian]) -> list[Proposals]:
     """What `propose_about` tells of several predictions, the most probable first.
 
-    A wide one is narrowed by single correspondences only if none before it fits. Its look-alikes of what fits are
+    A wide one is narrowed by single correspondences only if none before it fits: look-alikes of what fits are
     proposed as twins.
     """
     out, narrowing = list[Proposals](), True
     for prediction in predictions:
-        found, fits = _settled_about(model, prediction, narrowing=narrowing)
+        found, fits = _settle_about(model, prediction, narrowing=narrowing)
         narrowing = narrowing and not fits
         if (proposals := collect_proposals(found)) is not None:
             out.append(proposals)
     return out
 
 
-def _settled_about(
-    model: DetectionModel, prediction: Gaussian, *, narrowing: bool = True
-) -> tuple[list[Settled], bool]:
+def _settle_about(model: DetectionModel, prediction: Gaussian, *, narrowing: bool = True) -> tuple[list[Settled], bool]:
     """The assignments of `propose_about`, and whether one fits that was settled at once."""
     pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded_covariance
     most = MOST_PAIRS * max(len(model.images), 1)

@@ -21,7 +21,7 @@ from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.predicted_poses import check_contradiction
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
-from rootmatch.explain.validation import noise_of_cameras
+from rootmatch.explain.validation import join_camera_noise
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
@@ -268,7 +268,7 @@ max_evaluations
         of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
         present = {label: chance for label, body in self._bodies.items() if (chance := body.present(when)) is not None}
         factor = self.noise_factor
-        stated = noise_of_cameras(self.matcher.problem.rig, self.matcher.noise if noise is None else noise, target)
+        stated = join_camera_noise(self.matcher.problem.rig, self.matcher.noise if noise is None else noise, target)
         # the first frame is limited only as `rootmatch.match` is
         limit = self.tracking.search_budget
         budget = None if self.time is None else search_schedule.frame_budget(limit, when - self.time)
