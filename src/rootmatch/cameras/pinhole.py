@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,11 +44,15 @@ class Camera(CameraModel):
     size : (width, height), optional
         Size of the image in pixels. A pose then does not expect points outside of it; without a size, every point in
         front of the camera counts as visible, and the principal point as the middle of the image.
+    focal_noise, centre_noise : float
+        Standard deviations in pixels of the calibration: of the focal length, by which fx and fy are off together, and
+        of each coordinate of the principal point. Poses of `rootmatch.P3P` and `rootmatch.UP2P` allow for them; the
+        camera is exact by default. For one that was made otherwise: ``dataclasses.replace(camera, focal_noise=2.0)``.
 
     Raises
     ------
     InputError
-        If a number is not finite, or a focal length or a size is not positive.
+        If a number is not finite, a focal length or a size is not positive, or a standard deviation is negative.
 
     Warns
     -----
@@ -62,6 +66,8 @@ class Camera(CameraModel):
     cy: float = None  # type: ignore[assignment]
     lens: Lens | None = None
     size: tuple[float, float] | None = None
+    focal_noise: float = field(default=0.0, kw_only=True)
+    centre_noise: float = field(default=0.0, kw_only=True)
     dimension = 2
 
     def __post_init__(self) -> None:
@@ -97,6 +103,8 @@ class Camera(CameraModel):
         if not 1.0 / UNEQUAL < self.fx / self.fy < UNEQUAL:
             told = f"camera: fx {self.fx:g} and fy {self.fy:g} differ by far; the order is fx, fy, cx, cy"
             warnings.warn(told, InputWarning, stacklevel=3)
+        for name in ("focal_noise", "centre_noise"):
+            object.__setattr__(self, name, check_deviation(getattr(self, name), f"camera: {name}", "pixels"))
         if self.size is not None:
             object.__setattr__(self, "size", _check_size(self.size))
         if self.lens is not None and not isinstance(self.lens, Lens):
@@ -321,6 +329,17 @@ def describe_outside_circle(camera: Camera, pixels: Floats, unseen: Bools, index
         f"{'lies' if count == 1 else 'lie'} outside of the lens's image circle "
         f"(radius {camera.lens.radius * camera.focal:.0f} px)"
     )
+
+
+def check_deviation(value: Any, name: str, unit: str) -> float:
+    """A standard deviation of a calibration; of 0, what it belongs to is exact."""
+    try:
+        sigma = float(value)
+    except (TypeError, ValueError, OverflowError):
+        sigma = math.nan
+    if not 0.0 <= sigma < math.inf:
+        raise InputError(f"{name} is {quote_value(value)}; give a standard deviation in {unit}, 0 if it is exact")
+    return sigma
 
 
 def _check_size(size: Any) -> tuple[float, float]:

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, as_floats, as_points, cache_by_values
 from rootmatch.cameras.base import CameraModel, image_membership, tangent_axes
-from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.pinhole import Camera, check_deviation
+from rootmatch.cameras.vertical import warn_of_degrees
 from rootmatch.errors import InputError
 
 ORTHONORMAL = 1e-6
@@ -39,21 +40,32 @@ class Rig(CameraModel):
     sizes : sequence of (width, height), optional
         Sizes of the images, in pixels; by default those of the cameras, if all have one. A pose then does not expect
         points outside the images; without sizes, every point in front of a camera counts as visible.
+    rotation_noise, position_noise : float or (C,) array
+        Standard deviations of the poses of all cameras, or of each: of a rotation about each axis, in radians, and of
+        the camera's centre along each axis, in the unit of t. They are 0 by default, and of a camera whose frame is
+        that of the rig. What is known of focal lengths and principal points is told to each `rootmatch.Camera`.
 
     Raises
     ------
     InputError
         If there is no camera, if a camera's detections are not pixels, if R is not a rotation or t not a vector, or if
-        sizes are not a pair of positive numbers for each camera.
+        sizes are not a pair of positive numbers for each camera, or a standard deviation is negative.
     """
 
     views: tuple[tuple[CameraModel, Any, Any], ...]
     sizes: tuple[tuple[float, float], ...] | None
+    rotation_noise: tuple[float, ...]
+    position_noise: tuple[float, ...]
     dimension = 3
     """A pixel and the index of its camera."""
 
     def __init__(
-        self, views: Sequence[tuple[CameraModel, ArrayLike, ArrayLike]], sizes: ArrayLike | None = None
+        self,
+        views: Sequence[tuple[CameraModel, ArrayLike, ArrayLike]],
+        sizes: ArrayLike | None = None,
+        *,
+        rotation_noise: ArrayLike = 0.0,
+        position_noise: ArrayLike = 0.0,
     ) -> None:
         try:
             given: list[tuple[Any, ...]] = [tuple(view) for view in views]
@@ -84,6 +96,15 @@ class Rig(CameraModel):
                 raise InputError(f"rig: an image of size {pairs.min():g} given; give width and height in pixels")
             sizes = tuple((width, height) for width, height in pairs.tolist())
         object.__setattr__(self, "sizes", sizes)
+        turned = _deviations(rotation_noise, len(kept), "rotation_noise", "radians")
+        warn_of_degrees("rotation_noise", max(turned))
+        object.__setattr__(self, "rotation_noise", turned)
+        moved = _deviations(position_noise, len(kept), "position_noise", "the unit of t")
+        object.__setattr__(self, "position_noise", moved)
+
+    def with_views(self, views: Sequence[tuple[CameraModel, ArrayLike, ArrayLike]]) -> Rig:
+        """A rig with as many other cameras, or other poses of them, and the same sizes and standard deviations."""
+        return Rig(views, self.sizes, rotation_noise=self.rotation_noise, position_noise=self.position_noise)
 
     @property
     def cameras(self) -> tuple[CameraModel, ...]:
@@ -232,6 +253,15 @@ def _shape(value: ArrayLike) -> tuple[int, ...]:
         return np.shape(value)
     except ValueError:
         return -1, -1
+
+
+def _deviations(value: ArrayLike, count: int, name: str, unit: str) -> tuple[float, ...]:
+    """A standard deviation of each of so many cameras, of one for all or one for each."""
+    given = np.array(value, object)
+    each = [value] * count if given.ndim == 0 else list(given.ravel())
+    if len(each) != count:
+        raise InputError(f"rig: {len(each)} of {name} given; give one number, or one for each of {count} cameras")
+    return tuple(check_deviation(one, f"rig: {name}", unit) for one in each)
 
 
 def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Floats:

@@ -10,7 +10,6 @@ import numpy as np
 
 from rootmatch.algebra.rotation import one_rotation_vector
 from rootmatch.arrays import Floats
-from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.explain import explain
@@ -64,7 +63,7 @@ def _replace_camera(k: int, given: MatchingTask) -> MatchingTask:
             if _is_same_pose(found, np.array(R), np.array(t)):
                 raise InputError(f"camera {k} is where the rig has it")
             views[k] = camera, found.R, found.t
-            changed = replace(task.problem, camera=Rig(views, task.rig.sizes))  # type: ignore[type-var]
+            changed = replace(task.problem, camera=task.rig.with_views(views))  # type: ignore[type-var]
             return replace(task, problem=changed)
     raise InputError(f"camera {k} and the others do not see the same body")
 

@@ -288,7 +288,8 @@ def make_detection_model(task: MatchingTask) -> DetectionModel:
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
         source_covariance=points.source_covariance, target_covariance=points.target_covariance,
         rate=task.options.detection_rate, prior=prior,
-        allowed=allowed, log_weights=task.log_weights, resolution=task.options.resolution or 0.0,
+        calibration_noise=task.calibration_noise, allowed=allowed, log_weights=task.log_weights,
+        resolution=task.options.resolution or 0.0,
     )  # fmt: skip
 
 

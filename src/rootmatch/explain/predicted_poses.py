@@ -16,7 +16,8 @@ from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.blob_labels import resolve_blobs
-from rootmatch.model.evidence import source_errors, squared_deviations
+from rootmatch.model.errors_in_common import errors_in_common
+from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.exchanged import own_prior
 from rootmatch.model.known_density import Known
 from rootmatch.model.pose_density import Doubted, Gaussian
@@ -24,6 +25,7 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.either_axes import covariance_in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, pose_about_point
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
@@ -196,14 +198,16 @@ def share_errors(found: Finding, fit: Pose, prior: Pose | None) -> Pose:
 
     Errors of the source that it has in common with a prediction are counted once.
     """
-    own = fit.shared if isinstance(fit, SharedPose) else None
-    if own is None and found.model is not None and isinstance(prior, SharedPose):
-        own = source_errors(found.model, found.assignment, fit)
-    told = (
-        fuse_prediction(prior, with_whole_covariance(fit), own)
-        if isinstance(prior, SharedPose) and own is not None
-        else with_whole_covariance(fit)
-    )
+    own, model = fit.shared if isinstance(fit, SharedPose) else None, found.model
+    if own is None and model is not None and (isinstance(prior, SharedPose) or model.calibration_noise is not None):
+        own = errors_in_common(model, found.assignment, fit)
+    told = with_whole_covariance(fit)
+    if own is not None and isinstance(prior, SharedPose):
+        told = fuse_prediction(prior, told, own)
+    elif own is not None and not isinstance(fit, SharedPose):
+        assert fit.covariance is not None
+        whole = fit.covariance - own.counted + own.each @ own.each.T  # of the rank of the fit: a vertical may be exact
+        told = replace(fit, covariance=nearest_covariance(whole))
     if told.covariance is None or (covariance := add_arc_curvature(told.covariance)) is told.covariance:
         return told
     return replace(told, covariance=covariance)

@@ -19,6 +19,7 @@ from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.prior_validation import Prior, check_predicted, prior_attributes
 from rootmatch.explain.rivals import NONE, Rivals
+from rootmatch.explain.uncertain_calibration import allow_for_calibration
 from rootmatch.explain.validation import check_not_exact, check_problem, join_camera_noise, split_candidates
 from rootmatch.frozen import copy_with, once
 from rootmatch.hypergraph.affinity import Affinity
@@ -77,6 +78,8 @@ class MatchingTask:
     present: float | None = None
     present_of: dict[Label, float] = field(default_factory=dict)
     """Probability that the body, or each of several, is in space, or what two views show; by default the model's."""
+    calibration_noise: NDArray[np.float64] | None = None
+    """Part (n',) of the detections' noise that stands for errors of the calibration; None if that is exact."""
     weighs_parts: bool = True
     """Whether a confidence in unmatched points allows for what is in view and shows too little to be recognised."""
     log_inexact: tuple[float, ...] = ()
@@ -144,6 +147,7 @@ class MatchingTask:
             source, target, noise, normals, view_angle,
             source_noise=source_noise, least_target=least, distinct=bodies is None,
         )  # fmt: skip
+        points, of_calibration = allow_for_calibration(problem, points)
         pixel = problem.noise_pixels(points.source, points.target)[1]
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT * pixel
         weigh = options.affinity(problem, exact=not estimates and bool(points.target_noise.max() <= exact))
@@ -158,18 +162,10 @@ class MatchingTask:
                 else 'noise: "auto" is not estimated from several bodies; give a number of pixels'
             )
         return cls(
-            problem=problem,
-            points=points,
-            affinity=weigh,
-            options=options,
-            noise=noise,
-            estimates_noise=estimates,
-            allowed=allowed,
-            weights=weights,
-            bodies=labels,
-            **prior_attributes(prior),
-            **told,
-        )
+            problem=problem, points=points, affinity=weigh, options=options, noise=noise, estimates_noise=estimates,
+            allowed=allowed, weights=weights, bodies=labels, calibration_noise=of_calibration,
+            **prior_attributes(prior), **told,
+        )  # fmt: skip
 
     @once
     def shape(self) -> tuple[int, int]:
@@ -326,6 +322,7 @@ class MatchingTask:
             self,
             points=self.problem.in_image(self.points.subset(source, target)),
             options=self.options.local_options,
+            calibration_noise=None if self.calibration_noise is None else self.calibration_noise[target],
             allowed=of_pairs(self.allowed),
             weights=of_pairs(self.weights),
             bodies=None,

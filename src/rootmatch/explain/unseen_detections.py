@@ -104,14 +104,17 @@ def _restrict_task(task: MatchingTask, columns: Integers) -> MatchingTask:
         return None if pairs is None else np.ascontiguousarray(pairs[:, columns])
 
     points = task.problem.in_image(task.points.subset(target=columns))
-    return copy_with(task, points=points, allowed=of_columns(task.allowed), weights=of_columns(task.weights))
+    told = None if task.calibration_noise is None else task.calibration_noise[columns]
+    allowed, weights = of_columns(task.allowed), of_columns(task.weights)
+    return copy_with(task, points=points, calibration_noise=told, allowed=allowed, weights=weights)
 
 
 def _restore_detections(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
     """A finding among some detections, and those of its bodies, as one among all."""
     if found.task.noise_is_estimated and not task.noise_is_estimated:
         task = task.with_noise(found.task.noise)
-    whole = copy_with(found.task, points=task.points, allowed=task.allowed, weights=task.weights)
+    known = {name: getattr(task, name) for name in ("points", "calibration_noise", "allowed", "weights")}
+    whole = copy_with(found.task, **known)
     each = None if found.parts is None else enumerate(found.parts.items())
     parts = (
         None if each is None else {label: _restore_detections(one, task.body(k), columns) for k, (label, one) in each}

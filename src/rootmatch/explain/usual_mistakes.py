@@ -166,11 +166,11 @@ def _axis_mistakes(
         }
         for name, (meant, views) in other_poses.items():
             remedy = f"give each camera with x_camera = R x_rig + t, y down and z forward: {meant}"
-            yield Mistake(name, remedy, posed(camera=Rig(views, camera.sizes)))
+            yield Mistake(name, remedy, posed(camera=camera.with_views(views)))
         for one, other in combinations(range(len(camera.views)), 2):
             order = list(camera.views)
             order[one], order[other] = order[other], order[one]
-            exchanged = Rig(order, camera.sizes)
+            exchanged = camera.with_views(order)
             remedy = f"exchange cameras {one} and {other} of the rig, or the camera of their detections"
             yield Mistake(f"cameras {one} and {other} are exchanged", remedy, posed(camera=exchanged))
         for factor, (wrong, right) in UNITS.items():
@@ -302,7 +302,7 @@ def _lens_mistakes(
 def _change_camera(camera: Any, change: Callable[[Camera], Camera]) -> Any:
     """A camera, or each camera of a rig, with a change; anything but a `Camera` stays as it is."""
     if isinstance(camera, Rig):
-        return Rig([(_change_camera(own, change), R, t) for own, R, t in camera.views], camera.sizes)
+        return camera.with_views([(_change_camera(own, change), R, t) for own, R, t in camera.views])
     return change(camera) if isinstance(camera, Camera) else camera
 
 
@@ -317,7 +317,7 @@ def _centre(camera: Any, task: MatchingTask) -> tuple[float, float]:
 def _scale_camera(factor: float, camera: Camera) -> Camera:
     fx, fy, cx, cy = (factor * one for one in camera.numbers)
     size = None if camera.size is None else (factor * camera.size[0], factor * camera.size[1])
-    return Camera(fx, fy, cx, cy, camera.lens, size=size)
+    return replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, size=size)
 
 
 def _shift_centre(by: tuple[float, float], camera: Camera) -> Camera:

@@ -73,6 +73,8 @@ class DetectionModel:
         Of the model points, in the caller's unit squared.
     target_covariance : (n', 2, 2) array, optional
         Of the detections, px², if their noise differs by axis; ``sigma`` is then the root mean square of both axes.
+    calibration_noise : (n',) array, optional
+        Part of ``sigma`` that stands for errors of the calibration, px; if that is not exact.
     rate : float, optional
         Rate at which a visible point is detected; integrated over if not given.
     prior : PoseDensity
@@ -95,6 +97,7 @@ class DetectionModel:
     view_cosine: Floats | None = None
     source_covariance: Floats | None = None
     target_covariance: Floats | None = None
+    calibration_noise: Floats | None = None
     rate: float | None = None
     prior: PoseDensity = ANY_POSE
     allowed: NDArray[np.bool_] | None = None

@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.evidence import weigh
 from rootmatch.model.compiled.residuals import residual_sums
@@ -28,8 +27,6 @@ from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.linearised import Linearised, image_room, replace_array_rows
 from rootmatch.model.pose_density import Mixture, PoseDensity
-from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.shared_errors import SharedErrors
 from rootmatch.problems.pose_fit.shared_noise import group_by_point, shared_spread, ungroup_sightings
 
 NOT_WHITE = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
@@ -304,7 +301,7 @@ def _whiten_matches(
 
     With the covariances of points, which their sightings share, and of detections.
     """
-    images, (_, spread) = max(len(model.images), 1), _match_covariances(model, at, used, image)
+    images, (_, spread) = max(len(model.images), 1), match_covariances(model, at, used, image)
     root = np.linalg.cholesky(spread)
     rows = ungroup_sightings(np.linalg.solve(root, group_by_point(at.jacobian * used[..., None, None], images)), images)
     residual = ungroup_sightings(np.linalg.solve(root, group_by_point(offset[..., None], images)), images)[..., 0]
@@ -312,7 +309,7 @@ def _whiten_matches(
     return rows, residual, ungroup_sightings(logarithm, images)[..., 0].sum(axis=-1)
 
 
-def _match_covariances(
+def match_covariances(
     model: DetectionModel, at: Linearised, used: NDArray[np.bool_], image: Integers
 ) -> tuple[Floats, Floats]:
     """Derivatives (K, C n, 2, 3) of sightings by the points in the body's frame, and covariances (K, n, 2 C, 2 C)."""
@@ -320,20 +317,3 @@ def _match_covariances(
     own = np.where(each, model.assigned_covariances(at, image), np.eye(2))
     by_point = np.where(each, at.by_position @ at.rotation[:, None], 0.0)
     return by_point, shared_spread(by_point, model.source_covariance, own, max(len(model.images), 1))
-
-
-def source_errors(model: DetectionModel, assignment: Integers, fit: Pose) -> SharedErrors | None:
-    """Errors of a fitted pose by the 3 n of the points, in units of their deviation; None if these are exact.
-
-    ``fit``: of an assignment (n,), or (C n,) of the sightings of C cameras, with the covariance of the fit.
-    """
-    if model.source_covariance is None:
-        return None
-    assert fit.covariance is not None
-    at, images = model.linearise_about(*model.centred(fit.R[None], fit.t[None])), max(len(model.images), 1)
-    used, image = (assignment >= 0)[None], np.maximum(assignment, 0)[None]
-    (by_point,), (spread,) = _match_covariances(model, at, used, image)
-    by_pose = at.jacobian[0] * used[0, :, None, None]
-    by_pose[..., :3] += by_pose[..., 3:] @ turn_jacobian(fit.R @ model.centre)  # about the points' own origin
-    rows = group_by_point(by_pose, images), group_by_point(by_point, images)
-    return SharedErrors.of_points(fit.covariance, rows, spread, model.source_covariance[: len(spread)])

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, as_floats, cache_by_values
 from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.calibration_errors import calibration_noise
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
@@ -178,9 +179,8 @@ def add_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
     parts: list[tuple[CameraModel, Bools]] = [(camera, np.ones(len(own), np.bool_))]
     if isinstance(camera, Rig):
         parts = [(one, points.target[:, 2] == k) for k, one in enumerate(camera.cameras)]
-    centred = points.source - points.source.mean(axis=0)
-    size = float(np.sqrt(2.0 / 3.0 * (centred**2).sum(axis=1).mean()))  # two of three coordinates show
-    relative = float(np.sqrt((mean_deviation(points.source_covariance) ** 2).mean())) / (FARTHER * size)
+    far = FARTHER * _shown_size(points.source)
+    relative = float(np.sqrt((mean_deviation(points.source_covariance) ** 2).mean())) / far
     for one, rows in parts:
         target, sigma = points.target[rows], own[rows]
         if not len(target):
@@ -188,6 +188,35 @@ def add_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
         seen, spread, per_pixel = _detection_spread(one, np.ascontiguousarray(target[:, : one.dimension]))
         total[np.flatnonzero(rows)[seen]] = np.hypot(sigma[seen], relative * spread / per_pixel)
     return replace(points, target_noise=total, noise_alone=own)
+
+
+def add_calibration_noise(points: PointSets, camera: CameraModel) -> tuple[PointSets, Floats]:
+    """Points whose detections have the errors of a camera's calibration in their noise, and that part (n',) of it.
+
+    As if each had errors of its own: what they share is told of the pose alone. Centres that are moved are seen from as
+    far as `add_model_noise` takes the body to be away, or as the cameras of a rig are apart if that is farther.
+    """
+    distance = 1.0
+    if isinstance(camera, Rig) and any(camera.position_noise):
+        rows = [np.ascontiguousarray(points.target[points.target[:, 2] == k, :2]) for k in range(len(camera.views))]
+        spread = max(_detection_spread(one, own)[1] for one, own in zip(camera.cameras, rows, strict=True) if len(own))
+        size, apart = _shown_size(points.source), camera.centres - camera.centres.mean(axis=0)
+        far = FARTHER * size / spread if spread > 0.0 else size
+        distance = max(far, float(np.sqrt((apart**2).sum(axis=1).mean())))
+    more = calibration_noise(camera, points.target, distance)
+    alone, known = points.noise_alone, points.target_covariance
+    return replace(
+        points,
+        target_noise=np.hypot(points.target_noise, more),
+        noise_alone=None if alone is None else np.hypot(alone, more),
+        target_covariance=None if known is None else known + more[:, None, None] ** 2 * np.eye(2),
+    ), more
+
+
+def _shown_size(source: Floats) -> float:
+    """Size of a body in an image at unit distance, as two of three coordinates show it."""
+    centred = source - source.mean(axis=0)
+    return float(np.sqrt(2.0 / 3.0 * (centred**2).sum(axis=1).mean()))
 
 
 @cache_by_values(32)

@@ -32,7 +32,8 @@ from rootmatch.algebra.rotation import (
 from rootmatch.arrays import Floats
 from rootmatch.model.compiled.averaging import average_along_lines
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import source_errors, squared_deviations, weigh_assignments
+from rootmatch.model.errors_in_common import errors_in_common
+from rootmatch.model.evidence import squared_deviations, weigh_assignments
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import PoseDensity, Terms
 from rootmatch.model.priors import WRONG_MODEL
@@ -74,7 +75,7 @@ def average_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
             average_along_lines(row, np.array(lines), PLACES, model.exact_scene_for_kernels, prior, LEAST, about)
             R, position, covariance = about[0][0], about[1][0], about[2]
     pose = model.pose_of_origin(R, position, 0.5 * (covariance + covariance.T))
-    shared = source_errors(model, modes.assignments[k], pose)
+    shared = errors_in_common(model, modes.assignments[k], pose)
     return pose if shared is None else SharedPose.of(pose, shared)
 
 

@@ -25,6 +25,7 @@ from rootmatch.problems.derived.measurements import Bearings
 NUMBERS = ("fx", "fy", "cx", "cy")
 DIRECTIONS = ("vertical_camera", "vertical_world", "axis", "axis2")
 SIZE = ("width", "height")
+NOISE, POSE_NOISE = ("focal_noise", "centre_noise"), ("rotation_noise", "position_noise")
 LOOSE = ("K", *NUMBERS, *SIZE)
 """Keys that others may look like, so short or common are they."""
 EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
@@ -51,7 +52,7 @@ def camera_from_entry(path: Path, content: Any, more: Sequence[str]) -> CameraMo
         return Bearings()
     if "rig" in content:
         return _rig(path, content["rig"])
-    known = (*NUMBERS, *SIZE, "K", "fisheye", "colmap", "bearings", "rig", "dist", *more)
+    known = (*NUMBERS, *SIZE, *NOISE, "K", "fisheye", "colmap", "bearings", "rig", "dist", *more)
     for key in content:
         near = difflib.get_close_matches(key[:40], [name for name in known if name not in LOOSE], n=1, cutoff=0.7)
         if near and key.lower() not in known and key not in known and normalise_name(key) not in COEFFICIENTS:
@@ -67,6 +68,7 @@ def camera_from_entry(path: Path, content: Any, more: Sequence[str]) -> CameraMo
             if missing:
                 raise InputError(f"{missing[0]} is missing; give fx, fy, cx and cy in pixels, or the matrix K")
             pinhole = Camera(*(content[name] for name in NUMBERS))
+        pinhole = replace(pinhole, **{name: content[name] for name in NOISE if name in content})
         return with_image_size(_attach_lens(path, pinhole, content), content, SIZE)
 
 
@@ -81,12 +83,13 @@ def _rig(path: Path, views: Any) -> Rig:
                 raise InputError(f"{path}: rig: {key} of camera {k} is missing, or has not {count} numbers")
         if "rig" in view:
             raise InputError(f"{path}: rig: camera {k} is a rig itself; give cameras")
-        rest = {key: value for key, value in view.items() if key not in ("R", "t", *SIZE)}
+        rest = {key: value for key, value in view.items() if key not in ("R", "t", *SIZE, *POSE_NOISE)}
         place = read_3x3(path, "R", view["R"]), read_numbers(path, "t", view["t"])
         cameras.append((camera_from_entry(path, rest, ()), *place))
     sizes = [[view[key] for key in SIZE if key in view] for view in views]
+    noise = {name: [view.get(name, 0.0) for view in views] for name in POSE_NOISE}
     with prefix_errors(path):
-        return Rig(cameras, sizes if any(sizes) else None)
+        return Rig(cameras, sizes if any(sizes) else None, **noise)
 
 
 def _square_matrix(path: Path, value: Any) -> list[list[float]]:
@@ -125,10 +128,13 @@ def camera_entry(camera: CameraModel) -> dict[str, Any]:
         entries = [camera_entry(own) | {"R": list(map(list, R)), "t": list(t)} for own, R, t in camera.views]
         for one, size in zip(entries, camera.sizes or (), strict=False):
             one |= dict(zip(SIZE, size, strict=True))
+        for one, *noise in zip(entries, camera.rotation_noise, camera.position_noise, strict=True):
+            one |= {name: sigma for name, sigma in zip(POSE_NOISE, noise, strict=True) if sigma}
         return {"rig": entries}
     if not isinstance(camera, Camera):
         raise InputError(f"camera: {type(camera).__name__} given, which camera files do not hold; give a Camera")
     entry: dict[str, Any] = dict(zip((*NUMBERS, *SIZE), (*camera.numbers, *(camera.size or ())), strict=False))
+    entry |= {name: sigma for name in NOISE if (sigma := getattr(camera, name))}
     if isinstance(camera.lens, KannalaBrandt):
         entry["fisheye"] = list(camera.lens.values)
     elif isinstance(camera.lens, Colmap):

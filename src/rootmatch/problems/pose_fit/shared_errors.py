@@ -69,8 +69,10 @@ class SharedErrors(NamedTuple):
         return SharedErrors(change @ self.each, change @ self.counted @ change.T)
 
     def plus(self, other: SharedErrors) -> SharedErrors:
-        """Those of two frames together."""
-        return SharedErrors(self.each + other.each, self.counted + other.counted)
+        """Those of two frames together, of which one may know of the first errors alone."""
+        first, second = (np.zeros((len(self.each), max(self.each.shape[1], other.each.shape[1]))) for _ in range(2))
+        first[:, : self.each.shape[1]], second[:, : other.each.shape[1]] = self.each, other.each
+        return SharedErrors(first + second, self.counted + other.counted)
 
     def about(self, arm: Floats) -> SharedErrors:
         """Those of a pose with the position of another point, which is (3,) from its own in the target's frame."""
@@ -138,6 +140,6 @@ def remaining_prediction_error(fitted: Floats, predicted: Floats) -> Floats:
 
 def subtract_covariance(covariance: Floats, part: Floats) -> Floats:
     """A covariance without a part of it, positive definite."""
-    size = np.sqrt(np.diagonal(covariance))
+    size = np.sqrt(np.maximum(np.diagonal(covariance), 1e-200))  # a rotation may be known exactly
     values, vectors = np.linalg.eigh((covariance - part) / (size[:, None] * size))
     return np.asarray((vectors * np.maximum(values, EXACT)) @ vectors.T * (size[:, None] * size))
