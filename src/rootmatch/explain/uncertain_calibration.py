@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from rootmatch.arrays import Floats
 from rootmatch.cameras.calibration_errors import is_uncertain
+from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.noise import add_calibration_noise
-from rootmatch.problems.p3p import P3P
 from rootmatch.problems.points import PointSets
+from rootmatch.problems.up2p import UP2P
 
 
 def allow_for_calibration(problem: Problem, points: PointSets) -> tuple[PointSets, Floats | None]:
     """Points with the errors of a calibration in their noise, and that part (n',) of it; None if it is exact.
-
-    A pose takes up the errors of a single camera, as long as it may turn about all axes: then they do not show.
 
     Raises
     ------
@@ -27,6 +28,7 @@ def allow_for_calibration(problem: Problem, points: PointSets) -> tuple[PointSet
     if not problem.takes_prior:
         told = "leave out focal_noise and centre_noise, which the poses of P3P and UP2P alone allow for"
         raise InputError(f"camera: not exact, and {problem.name} takes no account of that; {told}")
-    if problem.rig is None and isinstance(problem, P3P):
-        return points, 0.0 * points.target_noise
-    return add_calibration_noise(points, cameras[0])  # type: ignore[arg-type]
+    camera, axes = problem.camera, np.eye(3)  # type: ignore[attr-defined]
+    if isinstance(problem, UP2P) and problem.vertical_noise == 0.0:
+        axes = unit_direction(problem.vertical_camera, problem.name)[None]
+    return add_calibration_noise(points, camera, axes)

@@ -190,20 +190,21 @@ def add_model_noise(points: PointSets, camera: CameraModel) -> PointSets:
     return replace(points, target_noise=total, noise_alone=own)
 
 
-def add_calibration_noise(points: PointSets, camera: CameraModel) -> tuple[PointSets, Floats]:
+def add_calibration_noise(points: PointSets, camera: CameraModel, axes: Floats) -> tuple[PointSets, Floats]:
     """Points whose detections have the errors of a camera's calibration in their noise, and that part (n',) of it.
 
-    As if each had errors of its own: what they share is told of the pose alone. Centres that are moved are seen from as
-    far as `add_model_noise` takes the body to be away, or as the cameras of a rig are apart if that is farther.
+    As if each had errors of its own, as large as what a pose leaves of them: what they share is told of the pose alone.
+    The body is as far as it would spread like the detections, as `add_model_noise` takes it to be, or as the cameras of
+    a rig are apart if that is farther: whatever leaves more. ``axes`` (a, 3): about which it may turn.
     """
-    distance = 1.0
-    if isinstance(camera, Rig) and any(camera.position_noise):
-        rows = [np.ascontiguousarray(points.target[points.target[:, 2] == k, :2]) for k in range(len(camera.views))]
-        spread = max(_detection_spread(one, own)[1] for one, own in zip(camera.cameras, rows, strict=True) if len(own))
-        size, apart = _shown_size(points.source), camera.centres - camera.centres.mean(axis=0)
-        far = FARTHER * size / spread if spread > 0.0 else size
-        distance = max(far, float(np.sqrt((apart**2).sum(axis=1).mean())))
-    more = calibration_noise(camera, points.target, distance)
+    size, views, apart = _shown_size(points.source), [(camera, points.target)], 0.0
+    if isinstance(camera, Rig):
+        of_camera = [points.target[points.target[:, 2] == k, :2] for k in range(len(camera.views))]
+        views, apart = list(zip(camera.cameras, of_camera, strict=True)), _shown_size(camera.centres)
+    spread = max(_detection_spread(one, np.ascontiguousarray(own))[1] for one, own in views if len(own))
+    least = size / spread if spread > 0.0 else size
+    distances = sorted({max(distance, apart) for distance in (least, FARTHER * least)})
+    more = calibration_noise(camera, points.target, size, distances, axes)
     alone, known = points.noise_alone, points.target_covariance
     return replace(
         points,
