@@ -228,10 +228,7 @@ def _match_chunk(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
             worker.loaded = True
         for frame in frames:
             found = matcher.match(frame.points, noise=job.noise_of(frame), prior=frame.known)
-            rows = {
-                "--output": match_rows(frame.number, found, job.source),
-                "--poses": pose_rows(frame.number, found),
-            }
+            rows = {"--output": match_rows(frame.number, found, job.source), "--poses": pose_rows(frame.number, found)}
             record = {"frame": frame.number, **match_record(found)}
             results.append((frame.number, found.status.name.lower(), rows, record))
     return results

@@ -20,16 +20,13 @@ Velocity = Annotated[
     motion("Speed of the body on each axis, in radii of it a second; 0.3 for a map.", metavar="R/S", default="15"),
 ]
 Acceleration = Annotated[
-    float | None,
-    motion("Acceleration on each axis, in radii/s²; 1 for a map.", metavar="R/S2", default="100"),
+    float | None, motion("Acceleration on each axis, in radii/s²; 1 for a map.", metavar="R/S2", default="100")
 ]
 AngularVelocity = Annotated[
-    float | None,
-    motion("Speed of turning about each axis, in degrees/s.", metavar="DEG/S", default="229"),
+    float | None, motion("Speed of turning about each axis, in degrees/s.", metavar="DEG/S", default="229")
 ]
 AngularAcceleration = Annotated[
-    float | None,
-    motion("Acceleration of turning about each axis, in degrees/s².", metavar="DEG/S2", default="1719"),
+    float | None, motion("Acceleration of turning about each axis, in degrees/s².", metavar="DEG/S2", default="1719")
 ]
 SearchBudget = Annotated[
     int | None,
