@@ -10,7 +10,7 @@ import rootmatch as rm
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.up2p.group_fit import extend_upright_groups, grow_upright_groups, upright_chi2
 from rootmatch.simulation import Scene, up2p_scene
-from rootmatch.solvers.packing.exact_packing import best_packing, find_packing_above, relaxation, round_relaxation
+from rootmatch.solvers.packing.group_selection import best_packing, find_packing_above, relaxation, round_relaxation
 from rootmatch.solvers.packing.solver import GroupPacking, weight_inside_groups
 from rootmatch.solvers.packing.tabu_search import search_packing
 

@@ -56,8 +56,9 @@ class FrameOutputs:
 
     def check(self, inputs: list[Path]) -> None:
         """Refuse before any work what could not be written."""
-        from rootmatch.io import check_output, is_standard_output, is_written_through
+        from rootmatch.io import check_output, is_standard_output
         from rootmatch.io.appended_table import SETTINGS_SUFFIX
+        from rootmatch.io.outputs import is_written_through
 
         taken = list(inputs)
         for option, path in self.paths.items():

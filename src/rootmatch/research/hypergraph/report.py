@@ -28,7 +28,7 @@ ACCURACY: dict[tuple[str, float], dict[str, float]] = {
     (OUTLIERS, 100): {"TM": 0.73, "RRWHM": 0.87, "BCAGM": 0.91},
     (OUTLIERS, 200): {"TM": 0.35, "RRWHM": 0.57, "BCAGM": 0.64},
 }
-"""Mean accuracy over 100 trials, by protocol and σ or number of outliers."""
+"""Mean accuracy over 100 trials, by protocol and σ or number of outliers: read off figures, about two digits."""
 
 MILLISECONDS = {"TM": 190.0, "RRWHM": 30.0, "BCAGM": 10.0}
 """One thread, n = 20, about 0.8 million symmetric nonzeros; another machine."""
