@@ -43,8 +43,8 @@ CHANCE_SAMPLES = 100_000
 def task_by_triples(task: SamplingTask) -> SamplingTask | None:
     """The task for a search by triples, if one by pairs may miss an object as wide as all detections; else None.
 
-    An error of a vague vertical turns what a pair predicts about it, the more the farther away. A wide object then shows
-    better where the vertical is than it was measured.
+    An error of a vague vertical turns what a pair predicts about it, the more the farther away. A wide object then
+    shows better where the vertical is than it was measured.
     """
     if task.without_vertical is None or task.motions != 1:
         return None
