@@ -101,7 +101,7 @@ def test_the_command_prints_one_json_object_or_tables(measured: Measured, monkey
 def test_peak_memory_rises_by_what_is_filled_and_does_not_fall() -> None:
     program = """if True:
         import numpy as np
-        from rootmatch.research.speed.memory import peak_megabytes
+        from rootmatch.research.speed.run import peak_megabytes
         before = peak_megabytes()
         block = np.ones((300, 2**17))  # a MiB each
         during = peak_megabytes()

@@ -12,8 +12,7 @@ import pytest
 
 from rootmatch.errors import InputError
 from rootmatch.research.real import leaderboard
-from rootmatch.research.real.judge import judge_reply
-from rootmatch.research.real.run import run_real
+from rootmatch.research.real.run import judge_reply, run_real
 from rootmatch.research.real.scenes import all_scenes, protocols
 
 AWAY = np.array([0.0, 0.0, 6.0])

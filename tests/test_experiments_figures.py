@@ -11,9 +11,8 @@ from matplotlib.colors import to_rgb
 
 from made_up_results import EXACT, NEEDED, ONE, RHO, made_up_rhos, made_up_table
 from rootmatch.errors import InputError
-from rootmatch.research.paper.curves import curves_csv, scan_csv
 from rootmatch.research.paper.figures import COLOURS, draw, draw_scan
-from rootmatch.research.paper.reproduce import STORE_NAME, reproduce, write
+from rootmatch.research.paper.reproduce import STORE_NAME, curves_csv, reproduce, scan_csv, write
 from rootmatch.research.paper.rho import ALL_RULES, RESIDUALS, RULES, choose
 from rootmatch.research.paper.settings import GRID, PANELS, PROBLEMS, SAMPLES, Effort
 from rootmatch.research.store import Row, Store

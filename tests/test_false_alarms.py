@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.explain.assessment import TRUE_WEIGHT, log10_false_alarms, supported_points
 from rootmatch.explain.decide import TRUST
-from rootmatch.explain.false_alarms import TRUE_WEIGHT, log10_false_alarms, supported_points
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 CAMERA = rm.Camera(1000, 1000, 320, 240)

@@ -24,7 +24,7 @@ from rootmatch.research.hypergraph.protocol import (
     instance,
     protocol_tensor,
 )
-from rootmatch.research.hypergraph.published import ACCURACY
+from rootmatch.research.hypergraph.report import ACCURACY
 from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, nearest_triangles
 from rootmatch.research.paper.settings import Setting
 from rootmatch.research.paper.work_unit import Task, Unit

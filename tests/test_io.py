@@ -20,7 +20,6 @@ from rootmatch.io import (
     PointSet,
     check_output,
     parse_camera,
-    parse_direction,
     read_camera,
     read_candidates,
     read_points,
@@ -32,6 +31,7 @@ from rootmatch.io import (
     write_points,
     write_table,
 )
+from rootmatch.io.camera_files import parse_direction
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 # What a reader may count on: printable, with no space at either end.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
+from rootmatch.model.weighed_labellings import Changes, likely_changes
 
 
 def one_change_neighbours(assignment: NDArray[np.int64], n_target: int, *, resize: bool = False) -> Changes:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.poses import fit_match_poses
+from rootmatch.explain.predicted_poses import fit_match_poses
 from rootmatch.explain.task import MatchingTask
 
 Load = Callable[[str], dict[str, NDArray]]

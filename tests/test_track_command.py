@@ -13,7 +13,7 @@ import pytest
 import rootmatch as rm
 from commands import run
 from rootmatch.cli import track_summary
-from rootmatch.cli.motion_options import tracking_options
+from rootmatch.cli.track import tracking_options
 from rootmatch.cli.track_summary import WAITING, Queue, rephrase_advice
 from rootmatch.problems.pose_fit.pose_checks import quaternion_to_rotation
 from test_cli_frames import FRAMES, OPTIONS, folder, write

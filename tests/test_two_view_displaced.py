@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.model.two_view_displaced import displaced_labellings
 from rootmatch.model.two_view_fit import fit_relative_poses
-from rootmatch.model.two_view_losses import log_loss_probability
+from rootmatch.model.two_view_losses import displaced_labellings, log_loss_probability
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_samples import likeliest_fits
 

@@ -22,8 +22,13 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import other_poses
 from rootmatch.explain.inexact_points import noise_factor
 from rootmatch.explain.judged_motions import motion_confidence
-from rootmatch.explain.poses import fit_match_poses
-from rootmatch.explain.predicted_poses import agrees_with_prior, assignment_labels, finding_poses, fused_pose
+from rootmatch.explain.predicted_poses import (
+    agrees_with_prior,
+    assignment_labels,
+    finding_poses,
+    fit_match_poses,
+    fused_pose,
+)
 from rootmatch.explain.status_advice import advice, is_undetermined
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment

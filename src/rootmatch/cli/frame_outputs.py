@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import csv
+import json
+import sys
 from collections import Counter
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from contextlib import ExitStack, closing
+from typing import TYPE_CHECKING, Any, Self
 
+from rootmatch.io.appended_table import AppendedTable
 from rootmatch.io.exports import trajectory_row
 from rootmatch.io.pose_files import IN_SPACE, covariance_columns, finite_or_none, pose_record, upper_triangle
 from rootmatch.report.text import match_weights
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
+    from rootmatch.cli.frames import FrameOutputs
     from rootmatch.io.point_files import PointSet
     from rootmatch.problems.base import Problem
     from rootmatch.problems.pose_fit.pose import Pose
     from rootmatch.result import Match
-    from rootmatch.tracking.tracker import TrackingState
+    from rootmatch.tracking.tracker import Tracker, TrackingState
 
 POSE_COLUMNS = ("frame", "body", "status", "probability", "matched", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TRAJECTORY = ("#", "time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
@@ -115,3 +123,51 @@ def _cells(pose: Pose | None, rows: int) -> list[Any]:
     known = spread is not None and len(spread) == rows
     covariance = [float(spread[a, b]) for a, b in pairs] if known else [""] * len(pairs)  # type: ignore[index]
     return [*pose.t.tolist(), *pose.quaternion.tolist(), *[pose.scale][:with_scale], *covariance]
+
+
+class FrameWriter:
+    """Files and standard output, each with the rows of a frame as soon as the frame is matched.
+
+    Poses without a file go to standard output, below a header that waits for the first frame.
+    """
+
+    def __init__(self, outputs: FrameOutputs, source: PointSet, problem: Problem) -> None:
+        self.outputs, self.source = outputs, source
+        self.header: tuple[str, ...] = TRAJECTORY if outputs.trajectory else (*pose_columns(problem), "time")
+        delimiter = " " if outputs.trajectory else ","
+        self._files = ExitStack()
+        self._matches = self._poses = None
+        if outputs.output is not None:
+            self._matches = self._files.enter_context(closing(AppendedTable(outputs.output, MATCH_COLUMNS)))
+        if outputs.poses is not None:
+            self._poses = self._files.enter_context(
+                closing(AppendedTable(outputs.poses, self.header, delimiter=delimiter))
+            )
+        self._printed = csv.writer(sys.stdout, delimiter=delimiter, lineterminator="\n")
+        self._headed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._files.close()
+
+    def write(self, number: int, time: float, found: Match, tracker: Tracker) -> list[str]:
+        """Write a frame; the status of each of its bodies."""
+        each = pose_rows(number, found)
+        rows: list[list[Any]] = trajectory_rows(time, found) if self.outputs.trajectory else [[*r, time] for r in each]
+        if self.outputs.as_json:
+            print(json.dumps(frame_record(number, time, found, tracker.states), allow_nan=False), flush=True)
+        if self._poses is not None:
+            self._poses.write(rows)
+        elif not self.outputs.as_json:
+            if not self._headed:
+                self._printed.writerow(self.header)
+                self._headed = True
+            self._printed.writerows(rows)
+            sys.stdout.flush()
+        if self._matches is not None:
+            self._matches.write(match_rows(number, found, self.source))
+        return [row[2] for row in each]

@@ -56,8 +56,9 @@ class FrameOutputs:
 
     def check(self, inputs: list[Path]) -> None:
         """Refuse before any work what could not be written."""
-        from rootmatch.io import check_output, is_standard_output, is_written_through
+        from rootmatch.io import check_output, is_standard_output
         from rootmatch.io.appended_table import SETTINGS_SUFFIX
+        from rootmatch.io.outputs import is_written_through
 
         taken = list(inputs)
         for option, path in self.paths.items():
@@ -228,10 +229,7 @@ def _match_chunk(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
             worker.loaded = True
         for frame in frames:
             found = matcher.match(frame.points, noise=job.noise_of(frame), prior=frame.known)
-            rows = {
-                "--output": match_rows(frame.number, found, job.source),
-                "--poses": pose_rows(frame.number, found),
-            }
+            rows = {"--output": match_rows(frame.number, found, job.source), "--poses": pose_rows(frame.number, found)}
             record = {"frame": frame.number, **match_record(found)}
             results.append((frame.number, found.status.name.lower(), rows, record))
     return results

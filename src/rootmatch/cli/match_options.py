@@ -232,8 +232,7 @@ Seed = Annotated[int, method("Random seed; the same seed gives the same match.")
 Output = Annotated[Path | None, output("Write source, target, weight, motion, residual, confidence.", metavar="CSV")]
 Poses = Annotated[Path | None, output("Write the pose of each motion with its covariance.", metavar="FILE")]
 PoseFormat = Annotated[
-    str | None,
-    output("csv, json, ros, openxr or colmap (a folder).", metavar="FORMAT", default="by the suffix"),
+    str | None, output("csv, json, ros, openxr or colmap (a folder).", metavar="FORMAT", default="by the suffix")
 ]
 Photo = Annotated[Path | None, output("Photograph behind the image points of --plot and --report.", metavar="IMAGE")]
 Plot = Annotated[Path | None, output("Draw the match: .png, .svg or .pdf.", metavar="PICTURE")]

@@ -74,7 +74,8 @@ def angle(option: str, degrees: float, maximum: float) -> float:
 
 def _setting(option: str, text: str | float | int) -> Any:
     """The parsed value of an option that only some problems have."""
-    from rootmatch.io import parse_camera, parse_direction, parse_numbers
+    from rootmatch.io import parse_camera
+    from rootmatch.io.camera_files import parse_direction, parse_numbers
 
     if isinstance(text, int):
         return text

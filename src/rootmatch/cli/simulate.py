@@ -92,8 +92,9 @@ def simulate(
 def _write(scene: Scene, output: Path, force: bool) -> None:
     """Write the four files of a scene, all of them or none."""
     from rootmatch import io
+    from rootmatch.io.calibrations.native import DIRECTIONS
 
-    settings = {name: getattr(scene.problem, name, None) for name in ("camera2", *io.DIRECTIONS)}
+    settings = {name: getattr(scene.problem, name, None) for name in ("camera2", *DIRECTIONS)}
     with io.write_folder_atomically(output, force) as folder:
         io.write_points(folder / "model.csv", io.PointSet(scene.source))
         io.write_points(folder / "image.csv", io.PointSet(scene.target))

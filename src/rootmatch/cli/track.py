@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import math
 import sys
 import warnings
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rootmatch.cli import match_options as option
-from rootmatch.cli import motion_options as motion
 from rootmatch.cli.error_messages import rename_to_options
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs, warn_of_unused
@@ -21,8 +22,47 @@ from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.surroundings import note_remainder
 from rootmatch.errors import InputError
 
+if TYPE_CHECKING:
+    from rootmatch.tracking.tracker import TrackingOptions
+
+motion = option.option_factory("Motion")
+
+Velocity = Annotated[
+    float | None,
+    motion("Speed of the body on each axis, in radii of it a second; 0.3 for a map.", metavar="R/S", default="15"),
+]
+Acceleration = Annotated[
+    float | None, motion("Acceleration on each axis, in radii/s²; 1 for a map.", metavar="R/S2", default="100")
+]
+AngularVelocity = Annotated[
+    float | None, motion("Speed of turning about each axis, in degrees/s.", metavar="DEG/S", default="229")
+]
+AngularAcceleration = Annotated[
+    float | None, motion("Acceleration of turning about each axis, in degrees/s².", metavar="DEG/S2", default="1719")
+]
+SearchBudget = Annotated[
+    int | None,
+    motion("Evaluations of a search at 60 frames/s; more for a body of many points.", metavar="N", default="30000"),
+]
+TURNING = "angular_velocity", "angular_acceleration"
+
 RATE = 60.0
 """Frames a second where neither --rate nor a column time says it."""
+
+
+def tracking_options(given: Mapping[str, Any]) -> TrackingOptions:
+    """The options of `rootmatch.Tracker` that are given."""
+    from rootmatch.tracking.motion_filter import MotionOptions
+    from rootmatch.tracking.tracker import TrackingOptions
+
+    moves = {name: given[name] for name in ("velocity", "acceleration", *TURNING) if given[name] is not None}
+    for name, value in moves.items():
+        if not 0.0 < value < math.inf:
+            raise InputError(f"{flag(name)}: {value:g} given; give a number above 0")
+    moves |= {name: math.radians(moves[name]) for name in TURNING if name in moves}
+    budget = {} if given["search_budget"] is None else {"search_budget": given["search_budget"]}
+    return TrackingOptions(motion=MotionOptions(**moves), **budget)
+
 
 if TYPE_CHECKING:
     ProblemName = StrEnum
@@ -136,11 +176,11 @@ def track(
     resolution: option.Resolution = None,
     min_probability: option.MinProbability = None,
     max_seconds: option.MaxSeconds = None,
-    velocity: motion.Velocity = None,
-    acceleration: motion.Acceleration = None,
-    angular_velocity: motion.AngularVelocity = None,
-    angular_acceleration: motion.AngularAcceleration = None,
-    search_budget: motion.SearchBudget = None,
+    velocity: Velocity = None,
+    acceleration: Acceleration = None,
+    angular_velocity: AngularVelocity = None,
+    angular_acceleration: AngularAcceleration = None,
+    search_budget: SearchBudget = None,
     seed: option.Seed = 0,
     poses: Poses = None,
     pose_format: PoseFormat = None,
@@ -174,9 +214,9 @@ def track(
         raise InputError(
             "--noise: auto given; a tracker needs a number, and `rootmatch match` estimates it from one frame"
         )
-    tracking = motion.tracking_options(given)
+    tracking = tracking_options(given)
     posed = build_problem(str(problem), given)
-    from rootmatch.cli.frame_writer import FrameWriter
+    from rootmatch.cli.frame_outputs import FrameWriter
     from rootmatch.cli.track_summary import Queue, TrackSummary
     from rootmatch.precompile.ahead_of_time import load_tracker
     from rootmatch.tracking.tracker import Tracker

@@ -232,9 +232,4 @@ def _leaf_texts(leaves: Leaves, row: dict[str, Any], arguments: Sequence[Expr]) 
     return texts
 
 
-_WORDS = {
-    "s": "a source point",
-    "ss": "two source points",
-    "t": "a target point",
-    "tt": "two target points",
-}
+_WORDS = {"s": "a source point", "ss": "two source points", "t": "a target point", "tt": "two target points"}

@@ -81,8 +81,4 @@ def _relation(statement: Statement, leaves: Leaves, base: Order) -> tuple[str, U
     text = function_text(
         name, [x, y, *uses], outputs, program, "What vanishes where x and y are of one solution, and its slope in y."
     )
-    return (
-        text,
-        tuple(leaves.uses[symbol].entry for symbol in uses),
-        len(polynomials),
-    )
+    return (text, tuple(leaves.uses[symbol].entry for symbol in uses), len(polynomials))

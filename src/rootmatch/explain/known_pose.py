@@ -30,7 +30,7 @@ from rootmatch.model.proposals import Proposals, join_proposals
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import pose_about_point
 from rootmatch.problems.up2p import UP2P
-from rootmatch.samplers.guided.vague_vertical import task_by_triples
+from rootmatch.samplers.guided.sampler import task_by_triples
 from rootmatch.samplers.limits import LIMITS
 
 SURE = 0.1

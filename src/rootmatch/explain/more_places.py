@@ -16,6 +16,8 @@ from rootmatch.model.prediction import HIDDEN
 
 MODES = 16
 """Modes that are weighed. A round value; it bounds time."""
+OF_POINTS = "points", "normals", "view_cosine", "source_covariance"
+"""What a model has of each of its points."""
 
 
 class Places(NamedTuple):
@@ -35,22 +37,30 @@ class Beside:
     def __init__(self, model: DetectionModel, places: Places, taken: Bools | None) -> None:
         self.model, self.places, self.images = model, places, max(len(model.images), 1)
         self.free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
-        self.shape = Shape.of(model, self.images)
+        n, m = len(model.points) // self.images, len(places.points)
+        self.own = {name: one[:n] for name in OF_POINTS if (one := getattr(model, name)) is not None}
+        """What is known of the body's points in one image."""
+        # places are as uncertain as the points, and seen as far aside
+        self.there = {name: np.tile(one.mean(axis=0), (m, *(1,) * (one.ndim - 1))) for name, one in self.own.items()}
+        """The same of the places."""
+        self.there["points"] = places.points
+        if places.normals is not None:
+            self.there["normals"] = places.normals
 
     @once
     def others(self) -> DetectionModel:
         """The model of points in the places alone."""
-        return self.shape.replace_points(self.places).model(self.model, self.free)
+        return self._with_points(self.there)
 
     @once
     def outside(self) -> DetectionModel:
         """The model of points in the places beyond the body."""
-        return self.shape.replace_points(self.places).take(self.places.beyond).model(self.model, self.free)
+        return self._with_points({name: one[self.places.beyond] for name, one in self.there.items()})
 
     @once
     def whole(self) -> DetectionModel:
         """The model of points in all of the places, beside the body's own."""
-        return self.shape.and_(self.places).model(self.model, self.free)
+        return self._with_points({name: np.concatenate([one, self.there[name]]) for name, one in self.own.items()})
 
     def each(self, told: Posterior) -> list[Modes]:
         """The modes of a posterior that are weighed, one by one."""
@@ -72,69 +82,13 @@ class Beside:
         squared = at.squared_distances_from(self.others.target, self.others.sigma, mode.covariance[0])
         return np.where((found.visible[0] > HIDDEN)[:, None], squared, np.inf)
 
-
-class Shape(NamedTuple):
-    """Points of one image of a body, and what is known of them."""
-
-    points: Floats
-    normals: Floats | None
-    cosine: Floats | None
-    covariance: Floats | None
-    images: int
-
-    @classmethod
-    def of(cls, model: DetectionModel, images: int) -> Shape:
-        """The body of a model."""
-        which = slice(len(model.points) // images)
-        return cls(
-            model.points[which], _take_optional(model.normals, which), _take_optional(model.view_cosine, which),
-            _take_optional(model.source_covariance, which), images,
-        )  # fmt: skip
-
-    def replace_points(self, places: Places) -> Shape:
-        """Places in the stead of its points, as uncertain as these."""
-        m = len(places.points)
-        cosine = None if self.cosine is None else np.full(m, self.cosine.mean())
-        covariance = None if self.covariance is None else np.tile(self.covariance.mean(axis=0), (m, 1, 1))
-        return Shape(places.points, places.normals, cosine, covariance, self.images)
-
-    def and_(self, places: Places) -> Shape:
-        """Its points, followed by places."""
-        more = self.replace_points(places)
-        return Shape(
-            np.concatenate([self.points, more.points]), _join_optional(self.normals, more.normals),
-            _join_optional(self.cosine, more.cosine), _join_optional(self.covariance, more.covariance), self.images,
-        )  # fmt: skip
-
-    def take(self, which: Bools) -> Shape:
-        """Some of its points."""
-        return Shape(
-            self.points[which], _take_optional(self.normals, which), _take_optional(self.cosine, which),
-            _take_optional(self.covariance, which), self.images,
-        )  # fmt: skip
-
-    def model(self, model: DetectionModel, free: Bools) -> DetectionModel:
-        """A model with these points, in the same poses of the same centre, of some detections (n',) only."""
-
-        def of_all(one: Floats | None) -> Floats | None:
-            return None if one is None else np.tile(one, (self.images, *(1,) * (one.ndim - 1)))
-
+    def _with_points(self, points: dict[str, Floats]) -> DetectionModel:
+        """The model with other points, in the same poses of the same centre, of the free detections only."""
+        of_all = {name: np.tile(one, (self.images, *(1,) * (one.ndim - 1))) for name, one in points.items()}
         allowed = None
-        if self.images > 1 or not free.all():
-            allowed = (np.repeat(np.arange(self.images), len(self.points))[:, None] == model.image_indices) & free
-        wide = copy_with(
-            model, points=of_all(self.points), normals=of_all(self.normals), view_cosine=of_all(self.cosine),
-            source_covariance=of_all(self.covariance), allowed=allowed, log_weights=None,
-        )  # fmt: skip
-        wide.__dict__["centre"] = model.centre  # to which the poses and their prior refer
+        if self.images > 1 or not self.free.all():
+            image = np.repeat(np.arange(self.images), len(points["points"]))
+            allowed = (image[:, None] == self.model.image_indices) & self.free
+        wide = copy_with(self.model, allowed=allowed, log_weights=None, **of_all)
+        wide.__dict__["centre"] = self.model.centre  # to which the poses and their prior refer
         return wide
-
-
-def _take_optional(one: Floats | None, which: Bools | slice) -> Floats | None:
-    """Some rows of what may not be known."""
-    return None if one is None else one[which]
-
-
-def _join_optional(one: Floats | None, other: Floats | None) -> Floats | None:
-    """Rows of what may not be known, one after the other."""
-    return None if one is None or other is None else np.concatenate([one, other])

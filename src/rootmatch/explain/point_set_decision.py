@@ -205,12 +205,7 @@ def assess_labellings(
 
 
 def point_set_finding(
-    base: Finding,
-    found: PointSetPosterior,
-    model: PointSetModel,
-    taken: Bools | None = None,
-    *,
-    asked: bool = True,
+    base: Finding, found: PointSetPosterior, model: PointSetModel, taken: Bools | None = None, *, asked: bool = True
 ) -> Finding:
     """A finding with the assignment, facts and confidence that a posterior gives.
 

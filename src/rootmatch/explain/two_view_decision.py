@@ -24,9 +24,8 @@ from rootmatch.model.clutter import Clutter, clutter_areas, estimate_clutter
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.posterior import joint_probabilities, surest_matches
 from rootmatch.model.priors import COPY, PRESENT
-from rootmatch.model.two_view_displaced import displaced_labellings
 from rootmatch.model.two_view_fit import drop_similar, fit_relative_poses
-from rootmatch.model.two_view_losses import log_loss_probability
+from rootmatch.model.two_view_losses import displaced_labellings, log_loss_probability
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_places import reweigh_by_crowding
 from rootmatch.model.two_view_posterior import TwoViewPosterior, sample_two_view_posterior

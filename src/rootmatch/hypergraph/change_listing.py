@@ -56,6 +56,6 @@ def enumerate_changes(assignment, gains, least, columns, gain):  # type: ignore[
 def list_changes(assignment, gains, least, columns, gain):  # type: ignore[no-untyped-def]
     """Fill in the changes (4, C) whose gain is above ``least``, and those gains (C,), as far as there is room.
 
-    Returns how many there are, in the order of `rootmatch.hypergraph.neighbourhood.likely_changes`.
+    Returns how many there are, in the order of `rootmatch.model.weighed_labellings.likely_changes`.
     """
     return enumerate_changes(assignment, gains, least, columns, gain)

@@ -5,27 +5,15 @@ What cannot be read or written raises `InputError`, whose text names the file, t
 
 from __future__ import annotations
 
-from rootmatch.io.calibrations.native import DIRECTIONS
-from rootmatch.io.camera_files import (
-    Calibration,
-    parse_camera,
-    parse_direction,
-    parse_numbers,
-    path_of_camera_text,
-    read_camera,
-    write_camera,
-)
+from rootmatch.io.camera_files import Calibration, parse_camera, path_of_camera_text, read_camera, write_camera
 from rootmatch.io.csv_tables import write_table
-from rootmatch.io.inputs import read_bytes
 from rootmatch.io.known_files import prior_of_frame, read_known
 from rootmatch.io.outputs import (
     check_output,
     check_output_folder,
     is_standard_output,
-    is_written_through,
     write_atomically,
     write_folder_atomically,
-    write_text_atomically,
 )
 from rootmatch.io.point_files import (
     PointSet,
@@ -36,26 +24,19 @@ from rootmatch.io.point_files import (
     write_matches,
     write_points,
 )
-from rootmatch.io.pose_files import finite_or_none, pose_format, pose_record, read_prior, write_poses
+from rootmatch.io.pose_files import pose_format, read_prior, write_poses
 
 __all__ = [
-    "DIRECTIONS",
     "Calibration",
     "PointSet",
     "check_output",
     "check_output_folder",
-    "finite_or_none",
     "is_standard_output",
-    "is_written_through",
     "parse_camera",
-    "parse_direction",
-    "parse_numbers",
     "path_of_camera_text",
     "point_dimension",
     "pose_format",
-    "pose_record",
     "prior_of_frame",
-    "read_bytes",
     "read_camera",
     "read_candidates",
     "read_known",
@@ -69,5 +50,4 @@ __all__ = [
     "write_points",
     "write_poses",
     "write_table",
-    "write_text_atomically",
 ]

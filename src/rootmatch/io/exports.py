@@ -42,10 +42,7 @@ def ros_record(
     if pose.covariance is not None:
         covariance = pose.covariance[np.ix_(ROS_ORDER, ROS_ORDER)].reshape(-1).tolist()
     return {
-        "header": {
-            "stamp": {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9},
-            "frame_id": frame_id,
-        },
+        "header": {"stamp": {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}, "frame_id": frame_id},
         "child_frame_id": child_frame_id,
         "transform": {"translation": _name_components(pose.t), "rotation": _name_components(pose.quaternion)},
         "covariance": covariance,

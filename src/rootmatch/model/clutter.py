@@ -11,12 +11,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.frozen import once
-from rootmatch.model.compiled.crowds import (
-    fill_given_densities,
-    fill_log_of_taken,
-    fill_place_densities,
-    fit_crowds,
-)
+from rootmatch.model.compiled.crowds import fill_given_densities, fill_log_of_taken, fill_place_densities, fit_crowds
 
 FEW = 3
 """Smallest number of detections that determine the area of their image: fewer span none. By construction."""

@@ -10,8 +10,8 @@ from rootmatch.cameras.calibration_errors import calibration_jacobian
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import match_covariances
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.projection_model import group_by_point
 from rootmatch.problems.pose_fit.shared_errors import SharedErrors
-from rootmatch.problems.pose_fit.shared_noise import group_by_point
 
 
 def errors_in_common(model: DetectionModel, assignment: Integers, fit: Pose) -> SharedErrors | None:

@@ -27,7 +27,7 @@ from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.linearised import Linearised, image_room, replace_array_rows
 from rootmatch.model.pose_density import Mixture, PoseDensity
-from rootmatch.problems.pose_fit.shared_noise import group_by_point, shared_spread, ungroup_sightings
+from rootmatch.problems.pose_fit.projection_model import group_by_point, shared_spread, ungroup_sightings
 
 NOT_WHITE = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
 """What the kernel gets where each detection has a noise of its own alone."""

@@ -238,12 +238,7 @@ class _Looked(NamedTuple):
 
 
 def _look_about(
-    model: DetectionModel,
-    pose: tuple[Floats, Floats],
-    covariance: Floats,
-    *,
-    rounds: int,
-    most: float = math.inf,
+    model: DetectionModel, pose: tuple[Floats, Floats], covariance: Floats, *, rounds: int, most: float = math.inf
 ) -> _Looked:
     """What is seen about a pose; nothing follows from it with more than ``most`` candidates."""
     n, _ = shape = model.shape

@@ -23,14 +23,7 @@ from rootmatch.model.matchings import Matchings, sum_matchings_by_part
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.two_view_alike import FEWEST
 from rootmatch.model.two_view_model import TwoViewModel
-from rootmatch.model.two_view_posterior import (
-    FIRST,
-    LEAST,
-    MARGIN,
-    MOST_RATIOS,
-    TwoViewPosterior,
-    possible_pairs,
-)
+from rootmatch.model.two_view_posterior import FIRST, LEAST, MARGIN, MOST_RATIOS, TwoViewPosterior, possible_pairs
 from rootmatch.model.two_view_samples import Samples
 
 SAMPLES = 256

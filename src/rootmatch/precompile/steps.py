@@ -148,9 +148,5 @@ def all_steps() -> dict[str, Step]:
     return steps
 
 
-STEPS: dict[str, Callable[[], dict[str, Step]]] = {
-    "first": first_steps,
-    "prebuilt": prebuilt_steps,
-    "all": all_steps,
-}
+STEPS: dict[str, Callable[[], dict[str, Step]]] = {"first": first_steps, "prebuilt": prebuilt_steps, "all": all_steps}
 """Sets of steps by name."""

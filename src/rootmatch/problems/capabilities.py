@@ -35,11 +35,7 @@ class Capability(Enum):
     GUIDED = "sampler", "has no hypotheses to guide a search", 'use sampler="exhaustive" or "random"'
     """Declared by `ProblemKernels.hypotheses`, `Problem.point_clouds`, `Problem.two_views` and
     `Problem.at_focal_lengths`."""
-    COMPLETION = (
-        "sampler",
-        "has no predictions to complete minimal sets",
-        'use sampler="exhaustive" or "random"',
-    )
+    COMPLETION = ("sampler", "has no predictions to complete minimal sets", 'use sampler="exhaustive" or "random"')
     """Declared by `ProblemKernels.completion`."""
     RESIDUAL = "residual", "has no kernels of that kind", 'use another kind, such as residual="joint"'
     """Declared by `ProblemKernels.residuals`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rootmatch.io import finite_or_none, pose_record
+from rootmatch.io.pose_files import finite_or_none, pose_record
 
 if TYPE_CHECKING:
     from rootmatch.explain.diagnosis import Diagnosis, Trial

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.io.calibrations.camera_matrix import parse_matrix_rows, read_matrix, read_npy
 from rootmatch.io.calibrations.colmap import read_colmap_binary, read_colmap_text
 from rootmatch.io.calibrations.kalibr import is_kalibr, read_kalibr
 from rootmatch.io.calibrations.native import EXAMPLE, parse_cameras
 from rootmatch.io.calibrations.opencv import is_opencv, parse_xml, read_opencv
 from rootmatch.io.calibrations.ros import is_ros, read_ros
-from rootmatch.io.calibrations.values import LARGEST, load_yaml, run_parser
+from rootmatch.io.calibrations.values import LARGEST, load_yaml, prefix_errors, run_parser
 from rootmatch.io.csv_tables import read_text
 from rootmatch.io.inputs import read_bytes
 
 SUFFIXES = (".json", ".yaml", ".yml", ".xml", ".txt", ".bin", ".csv", ".npy")
 """Suffixes of calibration files that can be read."""
 REMEDY = "it is no calibration; give the file of the camera"
+
+EXPECTED = "give a camera matrix (3, 3) of numbers"
 
 
 def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
@@ -90,3 +95,34 @@ def load_json(path: Path, text: str, expected: str = f"give {EXAMPLE}") -> Any:
 def read_small_text(path: Path) -> str:
     """The text of a file that is not too large for a calibration."""
     return read_text(path, LARGEST, REMEDY)
+
+
+def parse_matrix_rows(text: str) -> list[list[float]] | None:
+    """Three rows of three numbers, with spaces or commas between them; None of any other text."""
+    rows = [line.split("#")[0].replace(",", " ").split() for line in text.splitlines()]
+    rows = [row for row in rows if row]
+    try:
+        return [list(map(float, row)) for row in rows] if list(map(len, rows)) == [3, 3, 3] else None
+    except ValueError:
+        return None
+
+
+def read_matrix(path: Path, rows: Any) -> dict[str, Camera]:
+    """The camera of a matrix, by the name of a camera that is alone in its file."""
+    with prefix_errors(path):
+        return {"camera": Camera.from_matrix(rows)}
+
+
+def read_npy(path: Path, data: bytes) -> dict[str, Camera]:
+    """The camera of an array that `numpy.save` wrote; no other array is loaded."""
+
+    def load() -> Any:
+        stream = io.BytesIO(data)
+        newer = np.lib.format.read_magic(stream) != (1, 0)
+        header = np.lib.format.read_array_header_2_0 if newer else np.lib.format.read_array_header_1_0
+        shape, _, dtype = header(stream)
+        if shape != (3, 3) or dtype.kind not in "fiu":
+            raise InputError(f"{path}: an array of shape {shape} and type {dtype.name[:40]}; {EXPECTED}")
+        return np.load(io.BytesIO(data), allow_pickle=False)
+
+    return read_matrix(path, run_parser(path, "an array of NumPy", load))

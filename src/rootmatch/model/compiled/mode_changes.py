@@ -70,7 +70,7 @@ def likely_mode_changes(
     Returns
     -------
     columns, gains : (4, R) int64 and (C,) float64 arrays
-        The changes as in `rootmatch.hypergraph.neighbourhood.Changes`, in the first C columns, and what they gain.
+        The changes as in `rootmatch.model.weighed_labellings.Changes`, in the first C columns, and what they gain.
     order : (S,) int64 array
         Those of the largest gains.
     changed : (S, n) or (S + 1, n) int64 array

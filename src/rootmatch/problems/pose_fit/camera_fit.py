@@ -7,6 +7,7 @@ fitted to the bottom: from many starts, as a plane seen from afar has two valley
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import KEPT, ROUGH_STEPS, State, descend, select_lowest, state_covariance
 from rootmatch.problems.pose_fit.fitted_pose import make_pose_of_fit, to_callers_frame
-from rootmatch.problems.pose_fit.packed_matches import pack_matches
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior, Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
@@ -24,6 +24,36 @@ from rootmatch.problems.pose_fit.starts import reflect_poses, select_best_apart,
 REWEIGHTED = 2
 """How often covariances of projections are taken anew. Not tuned: the first fit has them to a few per cent."""
 AHEAD = 0.0, 0.0, 1.0
+
+
+class PackedMatches(NamedTuple):
+    """K assignments of at most m matches each, fewer with weights of 0."""
+
+    centre: Floats
+    """(3,) mean of all source points."""
+    unit: float
+    """Their root mean square distance from it, on each axis."""
+    source: Integers
+    """(K, m) source points."""
+    target: Integers
+    """(K, m) detections."""
+    places: Floats
+    """(K, m, 3) source points from the centre, in that unit."""
+    weight: Floats
+    """(K, m) inverse σ of the detections."""
+
+
+def pack_matches(points: PointSets, assignments: Integers) -> PackedMatches:
+    """Pack assignments (K, n), −1 where unmatched."""
+    centre = points.source.mean(axis=0)
+    unit = float(np.sqrt(((points.source - centre) ** 2).mean()))
+    used = assignments >= 0
+    most = int(used.sum(axis=1).max(initial=0))
+    source = np.argsort(~used, axis=1, kind="stable")[:, :most]
+    target = np.maximum(np.take_along_axis(assignments, source, axis=1), 0)
+    weight = np.where(np.take_along_axis(used, source, axis=1), 1.0 / points.target_noise[target], 0.0)
+    places = (points.source[source] - centre) / unit
+    return PackedMatches(centre, unit, source=source, target=target, places=places, weight=weight)
 
 
 def camera_poses(

@@ -10,6 +10,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.camera_fit import pack_matches
 from rootmatch.problems.pose_fit.descent import (
     ROUGH_STEPS,
     State,
@@ -19,7 +20,6 @@ from rootmatch.problems.pose_fit.descent import (
     sum_of_squares,
 )
 from rootmatch.problems.pose_fit.fitted_pose import make_pose_of_fit, to_callers_frame
-from rootmatch.problems.pose_fit.packed_matches import pack_matches
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel

@@ -94,10 +94,7 @@ class UP2PF(Problem):
             c, s = axis[2] / size, axis[0] / size
             camera = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]) @ camera
         return DerivedProblem(
-            self.name,
-            shipped_formulas("up2pf"),
-            Points(3),
-            Uncalibrated(self.centre, as_nested_tuples(camera)),
+            self.name, shipped_formulas("up2pf"), Points(3), Uncalibrated(self.centre, as_nested_tuples(camera))
         )
 
     def tables(self, points: PointSets) -> DerivedTables:

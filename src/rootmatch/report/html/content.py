@@ -14,7 +14,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
-from rootmatch.io import finite_or_none
+from rootmatch.io.pose_files import finite_or_none
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.report.drawn_poses import round_factor
 from rootmatch.report.html.camera_view import camera_view

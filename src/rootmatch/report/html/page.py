@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError, RootmatchError, quote_value
-from rootmatch.io import check_output, is_written_through, write_atomically
+from rootmatch.io import check_output, write_atomically
+from rootmatch.io.outputs import is_written_through
 from rootmatch.report.html.content import list_facts, report_content
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.io import read_bytes, write_text_atomically
+from rootmatch.io.inputs import read_bytes
+from rootmatch.io.outputs import write_text_atomically
 from rootmatch.research.output_files import markdown_table
 from rootmatch.research.real.scenes import protocols
 

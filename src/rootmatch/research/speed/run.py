@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 import platform
+import statistics
+import sys
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numba
+from joblib.externals.loky import ProcessPoolExecutor
 
 from rootmatch._version import __version__
+from rootmatch.api import match
 from rootmatch.backends.strongest import Progress
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.matcher import Matcher
 from rootmatch.research.speed.contraction import measure_contraction
 from rootmatch.research.speed.kernels import rates
-from rootmatch.research.speed.matches import measure_matches, measure_tracked
-from rootmatch.research.speed.memory import measure_memory
 from rootmatch.research.speed.operation_count import operations
 from rootmatch.research.speed.peak_flops import peak
+from rootmatch.research.speed.scenes import NOISE, make_scene, scene_and_tables
+from rootmatch.research.speed.timing import seconds
+from rootmatch.samplers.exhaustive import exhaustive_tensor
+
+FRAMES = 9
+"""Frames of a tracked scene, after the first ones."""
 
 NOTE = (
     "Only ratios within one run are meaningful: rates depend on the machine and its load. "
@@ -25,6 +37,75 @@ NOTE = (
 Case = tuple[str, int, int]
 """Problem, points, outliers."""
 ALL_KINDS = ("joint", "normalised", "qr", "qr-both")
+
+
+def peak_megabytes() -> float | None:
+    """Peak memory of this process in MiB; None if the system does not report it."""
+    status = Path("/proc/self/status")
+    if status.is_file():  # on Linux, getrusage inherits the parent's peak
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 2.0**10
+    try:
+        import resource
+    except ImportError:
+        return None
+    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return size / (2.0**20 if sys.platform == "darwin" else 2.0**10)
+
+
+def measure_memory(problem: str, points: int, outliers: int) -> dict[str, Any]:
+    """Peak memory of an exhaustive sweep and of the library alone, in MiB, and bytes per kept hyper-edge."""
+    with ProcessPoolExecutor(1) as pool:
+        figures: dict[str, Any] = pool.submit(_measure_sweep, problem, points, outliers).result()
+    return figures
+
+
+def _measure_sweep(problem: str, points: int, outliers: int) -> dict[str, Any]:
+    """Build the tensor of a scene in this process and look at its memory."""
+    scene, tables = scene_and_tables(problem, points, outliers)
+    before = peak_megabytes()
+    weighting = affinity("joint")
+    shape = (len(scene.source), len(scene.target))
+    kind = weighting.residual.kernel_kind(scene.problem.pair_count)
+    tensor, evaluated = exhaustive_tensor(tables, kind, weighting, shape, scene.problem.order)
+    bytes_each = (tensor.indices.nbytes + tensor.weights.nbytes) / max(tensor.size, 1)
+    return {
+        "case": f"{problem} {shape[0]} × {shape[1]}, exhaustive", "hyperedges": evaluated, "kept": tensor.size,
+        "peak_megabytes": peak_megabytes(), "peak_megabytes_before": before, "bytes_each": bytes_each,
+    }  # fmt: skip
+
+
+def measure_matches(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
+    """Median time and evaluations and mean accuracy over scenes, after a warm-up scene."""
+    spent, accuracy, evaluations = [], [], []
+    for seed in (seeds[0], *seeds):
+        scene = make_scene(problem, points, outliers, seed)
+        result = match(scene.source, scene.target, scene.problem, noise=NOISE, seed=seed)
+        spent.append(result.seconds)
+        accuracy.append(scene.accuracy(result.assignment))
+        evaluations.append(result.evaluated)
+    return _row(f"{problem} {points} + {outliers}", spent[1:], accuracy[1:], evaluations[1:])
+
+
+def measure_tracked(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
+    """Time of the median frame of a `Matcher`, with its accuracy."""
+    spent, accuracy, evaluations = [], [], []
+    for seed in seeds:
+        scene = make_scene(problem, points, outliers, seed)
+        matcher = Matcher(scene.source, scene.problem, noise=NOISE, seed=seed)
+        result = matcher.match(scene.target)
+        spent.append(seconds(partial(matcher.match, scene.target), FRAMES))
+        accuracy.append(scene.accuracy(result.assignment))
+        evaluations.append(result.evaluated)
+    return _row(f"{problem} {points} + {outliers}, tracked", spent, accuracy, evaluations)
+
+
+def _row(case: str, spent: list[float], accuracy: list[float], evaluations: list[int]) -> dict[str, Any]:
+    return {
+        "case": case, "scenes": len(spent), "milliseconds": 1e3 * statistics.median(spent),
+        "accuracy": statistics.fmean(accuracy), "evaluations": statistics.median(evaluations),
+    }  # fmt: skip
 
 
 @dataclass(frozen=True)

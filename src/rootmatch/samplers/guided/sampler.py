@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rootmatch.deadline import checkpoint
 from rootmatch.problems.capabilities import Capability
+from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.candidate_hyperedges import sample_clusters
 from rootmatch.samplers.guided.dispatch import has_hypotheses
@@ -16,17 +17,42 @@ from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import verify_known
 from rootmatch.samplers.guided.rivals import missed_rival_probability
 from rootmatch.samplers.guided.search import Search
-from rootmatch.samplers.guided.vague_vertical import task_by_triples
 from rootmatch.samplers.guided.visible_search import choose_search
 from rootmatch.samplers.limits import LIMITS
-from rootmatch.samplers.point_sets.sampler import sample_point_sets
-from rootmatch.samplers.two_views.sampler import sample_two_views
+from rootmatch.samplers.point_sets.motion_search import MotionSearch
+from rootmatch.samplers.two_views.pose_search import PoseSearch
+
+VAGUE = 0.5
+"""Noise of a vertical times the width of the detections, over the noise of one, from which triples are searched first,
+and pairs only if nothing is beyond chance. With .6 half of all right pairs of a railway's masts are, with 1.7 a tenth,
+and with 5.8 none (masts 50 m apart, seeds from 1000). A round value."""
 
 SEARCHED, RESERVE, REFINED = 0.8, 0.2, 0.5
 """Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of its second
 sets."""
 SECONDS_PER_PAIR = 1e-8
 """Of detections, that it takes at least to lay out the tables of a search."""
+SEARCHED_VIEWS, RESERVE_OF_VIEWS, SEARCHED_SETS = 0.6, 0.3, 0.7
+"""The share of a search of two views, all but so many seconds, and that of a search of two point sets."""
+EDGES_OF_VIEWS = 60_000
+"""Most hyper-edges of two views that are evaluated."""
+CHANCE_SAMPLES = 100_000
+"""Random hyper-edges of point sets that estimate the mean weight by chance: few agree in three constraints."""
+
+
+def task_by_triples(task: SamplingTask) -> SamplingTask | None:
+    """The task for a search by triples, if one by pairs may miss an object as wide as all detections; else None.
+
+    An error of a vague vertical turns what a pair predicts about it, the more the farther away. A wide object then
+    shows better where the vertical is than it was measured.
+    """
+    if task.without_vertical is None or task.motions != 1:
+        return None
+    rays = task.tables.rays
+    width2 = float(((rays - rays.mean(axis=1, keepdims=True)) ** 2).sum(axis=0).mean())
+    if float(task.tables.tilt_variance[0]) * width2 <= VAGUE**2 * float(np.median(task.tables.variance)):
+        return None
+    return replace(task, tables=task.without_vertical(), order=task.order + 1)
 
 
 def pays(task: SamplingTask) -> bool:
@@ -116,3 +142,39 @@ class Guided(GuidedOptions):
         with task.deadline.part(REFINED).within():
             search.refine()
         return search
+
+
+def sample_two_views(task: SamplingTask, options: GuidedOptions) -> SampledTensor:
+    """Tensor of the hyper-edges among the correspondences that relative poses name; see `Guided`."""
+    deadline = task.deadline.part(SEARCHED_VIEWS, RESERVE_OF_VIEWS).at_most(options.max_seconds)
+    search = PoseSearch(task, deadline, options.budget)
+    with deadline.within():
+        search.run()
+    single, few = task.motions == 1, replace(options, edges=min(options.edges, EDGES_OF_VIEWS))
+    return sample_clusters(
+        task, search.clusters, few, search.rng, search.evaluated,
+        # the poses are judged by themselves, and nobody may ask for hyper-edges
+        later=single and bool(search.hypotheses),
+        conclusive=search.conclusive,
+        missed=search.missed if single else 0.0,
+        repeated=single and search.repeated,
+        assignments=search.assignments() if single else None,
+        consensus=search.consensus() if single else None,
+    )  # fmt: skip
+
+
+def sample_point_sets(task: SamplingTask, clouds: PointClouds, options: GuidedOptions) -> SampledTensor:
+    """Tensor of the hyper-edges among the correspondences that motions name; see `Guided`."""
+    deadline = task.deadline.part(SEARCHED_SETS).at_most(options.max_seconds)
+    search = MotionSearch(task, clouds, deadline)
+    with deadline.within():
+        search.run(options.budget)
+    sampled = sample_clusters(
+        task, search.clusters, options, search.rng, search.evaluated,
+        later=task.motions == 1,
+        chance_samples=CHANCE_SAMPLES,
+        conclusive=search.conclusive,
+        assignments=search.assignments() if task.motions == 1 else None,
+        missed=search.missed,
+    )  # fmt: skip
+    return sampled._replace(evaluated=sampled.evaluated + CHANCE_SAMPLES)
