@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
+from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 from scipy.special import gammaln, logsumexp
 from scipy.stats import multivariate_normal
@@ -23,6 +24,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
+from rootmatch.model.compiled.assigning import assign_likeliest
 from rootmatch.model.compiled.crowds import fill_crowd_densities, fit_crowd_shares, fit_crowds
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.occluder import DIRECTIONS, FARTHEST, LEAST_HIDDEN, OCCLUDED
@@ -522,7 +524,7 @@ def test_gates(weighed: bool) -> None:
     of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (6, 1, 1))
     target, sigma, weights, *_ = model.image_for_kernels
     candidates, gains, assignment = np.empty((6, 9), np.bool_), np.empty((6, 9)), np.empty(6, np.int64)
-    unique = gate(
+    gate(
         (at.pixels[0], at.jacobian[0], of_points, shown), covariance,
         (*model.gating_arguments, model.clutter.log_density, weights),
         (16.0, 0.9, 0.1), (candidates, gains, assignment),
@@ -542,8 +544,29 @@ def test_gates(weighed: bool) -> None:
             if not weighed or WEIGHTS[i, j] > -1.0:
                 assert gains[i, j] == pytest.approx(gain, rel=1e-6)
     good = candidates & (gains > 0.0)
-    assert unique == bool((good.sum(axis=0) <= 1).all() and (good.sum(axis=1) <= 1).all())
     assert good.any()
+    check_assignment(good, gains, assignment)
+
+
+def check_assignment(good: NDArray[np.bool_], gains: Floats, assignment: NDArray[np.int64]) -> None:
+    """That an assignment has the largest sum of gains of all that are one to one."""
+    matched = np.flatnonzero(assignment >= 0)
+    assert good[matched, assignment[matched]].all()
+    assert len(set(assignment[matched].tolist())) == len(matched)
+    worth = np.where(good, gains, 0.0)
+    best = worth[linear_sum_assignment(worth, maximize=True)].sum()
+    assert gains[matched, assignment[matched]].sum() == pytest.approx(best, rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 9), (9, 3), (12, 12), (0, 4), (4, 0)])
+def test_the_best_assignment(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng([1051, *shape])
+    for share in (0.2, 0.5, 1.0):
+        for _ in range(20):
+            candidates, gains = rng.random(shape) < share, rng.normal(1.0, 2.0, shape)
+            assignment = np.empty(shape[0], np.int64)
+            assign_likeliest(candidates, gains, assignment)
+            check_assignment(candidates & (gains > 0.0), gains, assignment)
 
 
 @pytest.mark.parametrize("name", ["plain", "weights", "source noise", "blurred"])

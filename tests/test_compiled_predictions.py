@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
+import oracles
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig_image import RigImage
@@ -199,8 +200,13 @@ def test_a_motion_ahead_and_a_pose_taken_in() -> None:
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
 
         fitted, step = 0.3 * ahead[:6, :6] + 0.01 * np.eye(6), rng.normal(size=6)
-        inverse, taken = np.linalg.inv(ahead[:6, :6]), (np.empty(12), np.empty((18, 18)), np.empty((6, 6)))
-        left, squared = take_pose((out[2], out[3]), step, fitted, taken)
+        turn = np.kron(np.eye(6), Rotation.from_rotvec(step[:3]).as_matrix())
+        ahead = oracles.in_either_axes(ahead, turn @ ahead @ turn.T)
+        inverse, bent = np.linalg.inv(ahead[:6, :6]), np.empty((18, 18))
+        taken = np.empty(12), np.empty((18, 18)), np.empty((6, 6)), bent
+        straight = np.append(step[:3], oracles.moved_along_arc(np.append(-step[:3], step[3:])))
+        left, squared = take_pose((out[2], out[3]), straight, fitted, taken)
+        np.testing.assert_allclose(bent, ahead, rtol=1e-6, atol=1e-9 * np.abs(ahead).max())
         np.testing.assert_allclose(taken[2], inverse, rtol=1e-9, atol=1e-9 * np.abs(inverse).max())
         gain = ahead[6:, :6] @ inverse
         np.testing.assert_allclose(taken[0], expected[2] + gain @ step, rtol=1e-6)

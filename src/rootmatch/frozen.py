@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from typing import Any, Generic, Self, TypeVar, overload
 
 Value = TypeVar("Value")
@@ -28,9 +27,10 @@ def copy_with(value: Value, **fields: Any) -> Value:
 
 def amend(value: Value, *lost: str, **fields: Any) -> Value:
     """As `copied`, with what was worked out once, but for what is ``lost``: all that depends on the changed fields."""
-    out = copy(value)
-    after = vars(out)
-    after.update(fields)
+    out = object.__new__(type(value))
+    after = out.__dict__
+    after |= value.__dict__
+    after |= fields
     for name in lost:
         after.pop(name, None)
     return out

@@ -48,6 +48,8 @@ IN_VIEW, DOUBTED = 0.95, 0.9
 would add nothing, because several poses explain as much. Round values."""
 
 
+OF_IMAGE = "areas", "clutter", "image_indices", "images", "rays", "_in_each_image", "_log_counts"
+"""What a model works out of the detections alone: the same for all bodies."""
 LEAST_LEFT = 0.1
 """Share of a frame's budget for a rival of what was found, whatever the search before has left. A round value."""
 
@@ -279,10 +281,14 @@ def _make_body(task: MatchingTask, number: int) -> _Body:
 
 def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
     """Look about the predicted poses."""
+    known = dict[str, Any]()
     with prediction_deadline(task.deadline).within():
         for body in search_order(task, bodies):
             checkpoint()
+            of_body = vars(body.candidate.model)
+            of_body.update(known)
             body.predict()
+            known = {name: of_body[name] for name in OF_IMAGE if name in of_body}
     with suppress(OutOfTime):
         _weigh(bodies)
 

@@ -6,8 +6,6 @@ cameras; those that it gathers there are what the model of all images judges.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
@@ -134,9 +132,9 @@ def camera_task(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Intege
     part = copy_with(
         part,
         problem=task.problem.of_view(task.rig.cameras[k], task.rig.rotations[k]),  # type: ignore[attr-defined]
-        points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
+        points=copy_with(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
         # other minimal sets in each camera: what is missed in one is met in another
-        options=replace(part.options, sampler=guided, seed=part.options.seed + k),
+        options=copy_with(part.options, sampler=guided, seed=part.options.seed + k),
     )
     return k, own, part
 

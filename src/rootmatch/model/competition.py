@@ -111,20 +111,10 @@ def joint_posterior(
     def told(k: int) -> Posterior:
         each, of = (1.0 - WRONG_MODEL) * shares[k], origins[k]
         copy = min(of_copy[k], float(each[-1])) if k in of_copy else 0.0
-        order = (-each[:-1]).argsort(kind="stable")
-        if (order[1:] > order[:-1]).all():  # as they are, nearly always
-            return Posterior(
-                parts[k], each[:-1], float(each[-1]), origins=of, copy=copy, copies=leaders.count(leaders[k])
-            )
-        of = None if of is None else of[order]
-        return Posterior(
-            parts[k].take(order),
-            each[:-1][order],
-            float(each[-1]),
-            origins=of,
-            copy=copy,
-            copies=leaders.count(leaders[k]),
-        )
+        mine, chances, order = parts[k], each[:-1], (-each[:-1]).argsort(kind="stable")
+        if not (order[1:] > order[:-1]).all():  # they are in order nearly always
+            mine, chances, of = mine.take(order), chances[order], None if of is None else of[order]
+        return Posterior(mine, chances, float(each[-1]), origins=of, copy=copy, copies=leaders.count(leaders[k]))
 
     return of_each(told)
 

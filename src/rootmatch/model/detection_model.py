@@ -188,9 +188,13 @@ class DetectionModel:
 
     def log_odds_of_left(self, taken: NDArray[np.bool_]) -> Floats:
         """Logarithm (K,) of the odds of as many clutter points as detections (K, n') that are taken leave."""
-        images = np.arange(len(self._log_counts))
-        matches = taken.astype(np.float32) @ (self.image_indices[:, None] == images).astype(np.float32)
-        return np.asarray(self._log_counts[images, matches.astype(np.int64)].sum(axis=1))
+        matches = taken.astype(np.float32) @ self._in_each_image
+        return np.asarray(self._log_counts[np.arange(matches.shape[1]), matches.astype(np.int64)].sum(axis=1))
+
+    @once
+    def _in_each_image(self) -> NDArray[np.float32]:
+        """Which detections are in each image (n', C), as floats."""
+        return np.asarray(self.image_indices[:, None] == np.arange(len(self._log_counts)), np.float32)
 
     @once
     def rate_quadrature(self) -> tuple[Floats, Floats]:

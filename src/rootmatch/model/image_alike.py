@@ -112,8 +112,8 @@ def _sighting_log_gains(model: DetectionModel, mode: Modes, errors: Floats) -> F
 
 def perturb_points(model: DetectionModel, error: float, off: Bools | None = None) -> DetectionModel:
     """The model of a body whose points are off by N(0, error² I) as well; ``off`` (n,): which, all by default."""
-    spread = error**2 * np.eye(3) * (np.ones(len(model.points)) if off is None else off)[:, None, None]
-    known = model.source_covariance
+    spread, known = np.zeros((len(model.points), 3, 3)), model.source_covariance
+    spread[:, range(3), range(3)] = error**2 if off is None else error**2 * off[:, None]
     # a search asks this of mode after mode, and what is known of the image takes longer than all the rest
     wide = spread if known is None else known + spread
     return amend(model, "spread_for_kernels", "alike", source_covariance=wide)

@@ -112,7 +112,8 @@ class Mixed(PoseDensity):
         """Those, and the largest prediction (K,) in the first one; their number for the broad prior."""
         known = self.for_kernels
         count, rows = len(rotation), 1 + len(known[2][-1])
-        terms = Terms(*(np.empty((count, rows, *shape)) for shape in ((6, 6), (6,), (), ())))
+        precision, slope = np.empty((count, rows, 6, 6)), np.empty((count, rows, 6))
+        terms = Terms(precision, slope, np.empty((count, rows)), np.empty((count, rows)))
         which = np.empty(count, np.int64)
         fill_prior_terms((np.array(rotation), np.array(position)), known, tuple(terms), which)
         return terms, which

@@ -18,7 +18,7 @@ from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
-from rootmatch.model.compiled.looking import TORN, follow_unique_gates
+from rootmatch.model.compiled.looking import follow_gates
 from rootmatch.model.compiled.updates import choose_pairs, fill_explained, update_with_each
 from rootmatch.model.detection_model import EXACT, USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import STEEP, Evidence, evidence_buffers, kernel_mixture, step_poses, weigh_assignments
@@ -170,59 +170,28 @@ def settle_assignment(
     best, rounds = None, ROUNDS
     while rounds > 0:
         checkpoint()
-        if looked is None:
-            looked = _look_about(model, pose, covariance, rounds=rounds)
+        looked = looked or _look_about(model, pose, covariance, rounds=rounds)
         for one in looked.settled:
             key = one.assignment.tobytes()
             if key in known:
                 return known[key]
             best = known[key] = one
-        if looked.torn is None:
-            return known.get(looked.last.tobytes(), best)
-        rounds -= len(looked.settled) + 1
-        (at, covariance, gated), looked = looked.torn, None
-        assignment = assign_gated(gated)
+        assignment, about, looked = looked.last, looked.about, None
+        key = assignment.tobytes()
+        if about is None or key in known:
+            return known.get(key, best)
         if not (assignment >= 0).any():
             break
-        key = assignment.tobytes()
-        if key in known:
-            return known[key]
-        found = weigh_assignments(model, assignment[None], at)
-        pose, covariance = step_poses(found, at), found.covariance[0]
+        found, rounds = weigh_assignments(model, assignment[None], about), rounds - 1
+        pose, covariance = step_poses(found, about), found.covariance[0]
         best = known[key] = Settled.of(assignment, found, pose, 0)
         if np.count_nonzero(assignment >= 0) >= float(best.visible.sum()):
             break  # nothing is left to assign
     return best
 
 
-def assign_gated(gated: Gated) -> Integers:
-    """The most probable one-to-one assignment (n,) about a pose, with independent pairs."""
-    from scipy.optimize import linear_sum_assignment  # slow to import
-
-    if gated.unique:
-        return gated.assignment
-    possible = gated.candidates & (gated.gains > 0.0)
-    assignment = np.full(len(possible), -1, np.int64)
-    rows = np.flatnonzero(possible.any(axis=1))
-    taken, images = linear_sum_assignment(np.where(possible[rows], -gated.gains[rows], 0.0))
-    good = possible[rows[taken], images]
-    assignment[rows[taken[good]]] = images[good]
-    return assignment
-
-
-class Gated(NamedTuple):
-    """Candidates (n, n') about a pose, see `gate`."""
-
-    candidates: Bools
-    gains: Floats
-    assignment: Integers
-    """Of single candidates."""
-    unique: bool
-    """Whether that is the best."""
-
-
 class _Looked(NamedTuple):
-    """What is seen about a pose, and about those that it leads to while each gate leaves one detection."""
+    """What is seen about a pose, and about those that it leads to."""
 
     at: Linearised
     """Images about the pose itself, the first; with the visibility (n,) of the points and the candidates (n, n') there.
@@ -231,10 +200,9 @@ class _Looked(NamedTuple):
     candidates: Bools
     settled: list[Settled]
     last: Integers
-    """The last assignment (n,) of single candidates."""
-    torn: tuple[Linearised, Floats, Gated] | None
-    """Images about the pose where several detections are possible, its covariance, and what is near; None if none
-    is."""
+    """The last assignment (n,)."""
+    about: Linearised | None
+    """Images about the pose where that is to be weighed; None if nothing more is."""
 
 
 def _look_about(
@@ -247,21 +215,19 @@ def _look_about(
     if (prior := kernel_mixture(model)) is None or model.has_covariances:
         at = model.linearise_about(*pose)
         visible = model.visibility(at, np.array([_direction_sigma(covariance)]))[0]
-        unique = gate((*_image_arguments(model, at), visible), np.array(covariance), gating_image(model), limits, gated)
-        every = at, covariance, Gated(*gated, unique)
-        return _Looked(at, visible, gated[0], settled=[], last=gated[2], torn=every)
+        gate((*_image_arguments(model, at), visible), np.array(covariance), gating_image(model), limits, gated)
+        return _Looked(at, visible, gated[0], settled=[], last=gated[2], about=at)
     at = image_room(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
     found, rows = evidence_buffers(rounds, n), np.empty((rounds, n), np.int64)
-    covariance, candidates, visible = np.array(covariance), np.empty(shape, np.bool_), np.empty(n)
-    count, why = follow_unique_gates(
-        covariance, model.scene_for_kernels, prior, (*limits, float(most), STEEP),
+    candidates, visible = np.empty(shape, np.bool_), np.empty(n)
+    count = follow_gates(
+        np.array(covariance), model.scene_for_kernels, prior, (*limits, float(most), STEEP),
         (*at[:4], at.for_kernels[0], at.expected, at.rotation, at.position), (rows, tuple(found)),
         (candidates, visible, *gated),
     )  # fmt: skip
     after = at.rotation[1:], at.position[1:]
     settled = [Settled.of(rows[k], found, after, k) for k in range(count)]
-    torn = (at.one(count), covariance, Gated(*gated, False)) if why == TORN else None
-    return _Looked(at, visible, candidates, settled=settled, last=gated[2], torn=torn)
+    return _Looked(at, visible, candidates, settled=settled, last=gated[2], about=None)
 
 
 def _image_arguments(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:

@@ -15,12 +15,13 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.frozen import copy_with
+from rootmatch.model.compiled.assigning import assign_likeliest
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import Evidence, weigh_assignments
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
-from rootmatch.model.prediction import GATE, HIDDEN, Gated, assign_gated, gating_image
+from rootmatch.model.prediction import GATE, HIDDEN, gating_image
 from rootmatch.model.reweighed import Reweighed, reweigh_evidence
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -87,12 +88,12 @@ class _Off(NamedTuple):
         pixels = self.at.pixels[0] + (self.at.jacobian[0] @ fit.step) + (across.T @ fit.residuals).reshape(n, 2)
         spread = (left @ fit.covariance @ left.T - across.T @ across).reshape(n, 2, n, 2) + self.shared
         spread = np.ascontiguousarray(spread[np.arange(n), :, np.arange(n)])
-        gated = np.empty(self.model.shape, np.bool_), np.empty(self.model.shape), np.empty(n, np.int64)
+        *gated, more = np.empty(self.model.shape, np.bool_), np.empty(self.model.shape), np.empty(n, np.int64)
         limits = GATE**2, self.model.rate or USUAL_RATE, HIDDEN
         points = pixels, np.zeros((n, 2, 6)), spread, np.where(used, 0.0, visible)
-        gate(points, np.zeros((6, 6)), gating_image(self.model), limits, gated)
+        gate(points, np.zeros((6, 6)), gating_image(self.model), limits, (*gated, more))
         gated[0][:, assignment[used]] = False
-        more = assign_gated(Gated(*gated, False))
+        assign_likeliest(*gated, more)
         (which,) = np.nonzero(more >= 0)
         surer = which[np.argsort(np.linalg.det(spread[which]), kind="stable")[: (len(which) + 1) // 2]]
         out = assignment.copy()

@@ -36,21 +36,22 @@ class Views(NamedTuple):
 
 def kernel_camera_views(camera: CameraModel) -> Views | None:
     """The numbers of a camera, or of the cameras of a rig; None if one is of another kind than those compiled."""
+    if type(camera) is RigImage:
+        known = _rig_views(camera.rig)
+        if known is None:
+            return None
+        shifts = known.translations if camera.unit == 1.0 else known.translations / camera.unit
+        return known._replace(translations=shifts, offsets=np.ascontiguousarray(camera.offsets, np.float64))
     if isinstance(camera, Camera):
         return _camera_views(camera)
     if isinstance(camera, Stereographic):
         return _stack_views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
-    if isinstance(camera, RigImage):
-        known = _rig_views(camera.rig)
-        if known is not None:
-            shifts = known.translations if camera.unit == 1.0 else known.translations / camera.unit
-            return known._replace(translations=shifts, offsets=np.ascontiguousarray(camera.offsets, np.float64))
     return None
 
 
 def camera_frames(camera: CameraModel) -> tuple[Floats, Floats]:
     """Rotations (C, 3, 3) and translations (C, 3) into the frames of the cameras of a rig; no motion for a camera."""
-    if not isinstance(camera, RigImage):
+    if type(camera) is not RigImage:
         return NO_MOTION
     return camera.rig.rotations, camera.rig.translations / camera.unit
 
@@ -58,7 +59,7 @@ def camera_frames(camera: CameraModel) -> tuple[Floats, Floats]:
 def unproject_detections(camera: CameraModel, target: Floats) -> Floats:
     """Unit rays (n', 3) of detections (n', 2) in the frames of their cameras; NaN where a lens shows nothing."""
     target = np.array(target, float)
-    image, views = camera if isinstance(camera, RigImage) else None, kernel_camera_views(camera)
+    image, views = camera if type(camera) is RigImage else None, kernel_camera_views(camera)
     if views is not None and INVERTED.issuperset(views.kinds.tolist()):
         rays = np.empty((len(target), 3))
         camera_of = np.zeros(len(target), np.int64) if image is None else np.array(image.camera_of, np.int64)

@@ -190,7 +190,8 @@ def _fly(problem: Problem, body: Body) -> None:
     """A flight with every kind of loss."""
     view, n = _View(problem, body.points), len(body.points)
     tracker = Tracker(body.points, problem, noise=view.sigma, **{"sampler": Guided(budget=BUDGET), **body.options})
-    kinds = [(0, n, 2), (1, n, 2), (2, n, 2), (3, 4, 1), (4, 3, 0), (5, 0, 3), (6, 0, 3), (7, n, 30)]
+    kinds = [(0, n, 2), (1, n, 2), (2, n, 2), (3, 4, 1), (4, 3, 0), (5, 0, 3), (6, 0, 3)]
+    kinds += [(7, 2, 0), (8, n, 30)]  # two points leave much of the pose open
     kinds += [(100 + k, n, 4) for k in range(4)]  # as if it had jumped
     kinds += [(104 + k, max(n // 2, 4), 25) for k in range(4)]
     for number, shown, clutter in kinds:

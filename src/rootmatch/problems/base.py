@@ -88,7 +88,7 @@ class Problem(ABC):
         """Pairs of minimal sets of one hyper-edge that can be compared."""
         return min(math.comb(self.minimal + 1, 2), MOST_PAIRS)
 
-    @property
+    @once
     def sensor(self) -> CameraModel | None:
         """The camera that the target is seen by; None if there is none, or it is part of a measurement."""
         camera = getattr(self, "camera2", None) or getattr(self, "camera", None)

@@ -30,7 +30,7 @@ from rootmatch.algebra.rotation import (
     rotation_vector,
 )
 from rootmatch.arrays import Floats
-from rootmatch.model.compiled.averaging import average_along_lines
+from rootmatch.model.compiled.averaging import average_weak_directions
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.errors_in_common import errors_in_common
 from rootmatch.model.evidence import squared_deviations, weigh_assignments
@@ -63,16 +63,16 @@ def average_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
         Of the points as they were given, with its covariance, and with the errors that it has by those of the points.
     """
     R, position, covariance = _average_over_changes(modes, k)
-    distance = max(math.sqrt(position @ position), 1e-300)
-    lines = _weak_directions(covariance, distance)
-    if lines.shape[1]:
+    a, b, c, *of_place = covariance.diagonal().tolist()
+    # no eigenvalue is larger than the sum of all
+    if a + b + c + sum(of_place) / max(float(position @ position), 1e-300) >= WEAK**2:
         about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
         prior = model.prior.for_kernels
         if model.exact_scene_for_kernels is None or prior is None:
-            R, position, covariance = _average(model, modes.assignments[k], about, lines)
+            R, position, covariance = _average(model, modes.assignments[k], about)
         else:
             row = np.array(modes.assignments[k][None], np.int64)
-            average_along_lines(row, np.array(lines), PLACES, model.exact_scene_for_kernels, prior, LEAST, about)
+            average_weak_directions(row, WEAK, PLACES, model.exact_scene_for_kernels, prior, LEAST, about)
             R, position, covariance = about[0][0], about[1][0], about[2]
     pose = model.pose_of_origin(R, position, 0.5 * (covariance + covariance.T))
     shared = errors_in_common(model, modes.assignments[k], pose)
@@ -93,11 +93,12 @@ def _average_over_changes(modes: Modes, k: int) -> tuple[Floats, Floats, Floats]
 
 
 def _average(
-    model: DetectionModel, assignment: NDArray[np.int64], about: tuple[Floats, Floats, Floats], lines: Floats
+    model: DetectionModel, assignment: NDArray[np.int64], about: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, Floats, Floats]:
     """Rotation (3, 3), position (3,) and covariance (6, 6) of an average, from those of a fit, (1, …) but the last."""
     (R,), (position,), covariance = about
     known, mean = _About.of(model.prior, R, position), np.zeros(6)
+    lines = _weak_directions(covariance, max(math.sqrt(position @ position), 1e-300))
     model = replace(model, prior=known)
     for line in lines.T:
         moments = _project_along(model, assignment, known, mean + PLACES[:, None] * line, lines=lines)
@@ -147,9 +148,6 @@ def _refer_to(arms: Floats) -> Floats:
 
 def _weak_directions(covariance: Floats, distance: float) -> Floats:
     """Directions (6, w) in which a covariance is large, as long as its standard deviation there, the largest first."""
-    variances = covariance.diagonal()
-    if float(variances[:3].sum() + variances[3:].sum() / distance**2) < WEAK**2:
-        return np.empty((6, 0))  # no eigenvalue is larger than the sum of all
     unit = np.repeat([1.0, distance], 3)
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
     weak = (values >= WEAK**2).nonzero()[0][::-1]

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.algebra.rotation import arc_motion, one_rotation_matrix, one_rotation_vector
+from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.arrays import Floats, cache_by_identity
 from rootmatch.options import Options, option
-from rootmatch.problems.pose_fit.either_axes import covariance_in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.reference_point import STRAIGHT, body_radius, pose_about_point
+from rootmatch.problems.pose_fit.reference_point import body_radius, pose_about_point
 from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose, remaining_prediction_error
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
@@ -206,12 +205,14 @@ class MotionFilter:
         self.R, self.t, covariance = self._centred_state(pose)
         self.scale = pose.scale
         step = np.array([*one_rotation_vector(self.R @ R.T), *(self.t - t), self.scale - scale])[:size]
-        self.motion, self.P, inverse = np.empty(12), np.empty(P.shape), np.empty((size, size))
-        P, within = self._bend_step(P, step)
-        left, squared = take_pose((motion, P), within, covariance, (self.motion, self.P, inverse))
+        self.motion, self.P, inverse, bent = np.empty(12), np.empty(P.shape), np.empty((size, size)), np.empty(P.shape)
+        left, squared = take_pose((motion, P), step, covariance, (self.motion, self.P, inverse, bent))
         if isinstance(pose, SharedPose):
             self._share(
-                shared, pose, weight * P[:, :size] @ inverse, remaining_prediction_error(covariance, P[:size, :size])
+                shared,
+                pose,
+                weight * bent[:, :size] @ inverse,
+                remaining_prediction_error(covariance, bent[:size, :size]),
             )
         self.time, self._ahead = time, None
         # expected square of a step: the part of the prior's covariance that the detections removed
@@ -224,20 +225,6 @@ class MotionFilter:
             self._mix(weight, before, step)
         if size == 6 and self._is_among(self.centre - self.R.T @ self.t - self.middle):
             self._go_with(-self.R.T @ self.t)
-
-    def _bend_step(self, P: Floats, step: Floats) -> tuple[Floats, Floats]:
-        """A predicted covariance as it is where a step takes the body, and the step along its arc.
-
-        What its points leave open may stay as it is in the body's frame, or in the camera's: see `in_either_axes`.
-        """
-        if P[0, 0] + P[1, 1] + P[2, 2] < STRAIGHT**2:
-            return P, step
-        turn, whole = one_rotation_matrix(step[:3]), np.eye(len(P))
-        for k in (0, 3, *range(self.rows, len(P), 3)):
-            whole[k : k + 3, k : k + 3] = turn
-        along = step.copy()
-        along[3:6] = arc_motion(-step[:3], step[3:6])
-        return covariance_in_either_axes(P, whole @ P @ whole.T), along
 
     def _is_among(self, offset: Floats) -> bool:
         """Whether a camera at a point of the body's frame, from its centre, has the body's points around it."""

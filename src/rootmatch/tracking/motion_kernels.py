@@ -8,9 +8,23 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.problems.pose_fit.either_axes import RIDGE
+from rootmatch.problems.pose_fit.reference_point import STRAIGHT
 
 SMALL = 1e-6
 """Angle in radians below which the series of sine and cosine are cut after the first term."""
+
+
+@part
+def fill_rotation(x, y, z, turn):  # type: ignore[no-untyped-def]
+    """Rotation matrix (3, 3) of a rotation vector."""
+    angle = math.sqrt(x * x + y * y + z * z)
+    s, c = 1.0, 0.5
+    if angle > SMALL:
+        s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
+    turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+    turn[1, 0], turn[1, 1], turn[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
+    turn[2, 0], turn[2, 1], turn[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
 
 
 @part
@@ -59,13 +73,7 @@ def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
     x = F[0, 1] * motion[0] + F[0, 2] * motion[6]
     y = F[0, 1] * motion[1] + F[0, 2] * motion[7]
     z = F[0, 1] * motion[2] + F[0, 2] * motion[8]
-    angle = math.sqrt(x * x + y * y + z * z)
-    s, c = 1.0, 0.5
-    if angle > SMALL:
-        s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
-    turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
-    turn[1, 0], turn[1, 1], turn[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
-    turn[2, 0], turn[2, 1], turn[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
+    fill_rotation(x, y, z, turn)
     for i in range(3):
         for j in range(3):
             turned[i, j] = turn[i, 0] * R[0, j] + turn[i, 1] * R[1, j] + turn[i, 2] * R[2, j]
@@ -103,6 +111,73 @@ def invert(matrix, root, out):  # type: ignore[no-untyped-def]
             out[i, column] = value / root[i, i]
 
 
+@part
+def turn_covariance(P, turn, size, out):  # type: ignore[no-untyped-def]
+    """The covariance (p + 12, p + 12) of pose and motion whose axes are turned, into ``out``; a scale has none."""
+    rows = P.shape[0]
+    for a in range(rows):
+        for b in range(6, size):
+            out[a, b] = P[a, b]
+        for first in range(0, rows - size + 6, 3):
+            p = first if first < 6 else first + size - 6
+            u, v, w = P[a, p], P[a, p + 1], P[a, p + 2]
+            for b in range(3):
+                out[a, p + b] = turn[b, 0] * u + turn[b, 1] * v + turn[b, 2] * w
+    for b in range(rows):
+        for first in range(0, rows - size + 6, 3):
+            p = first if first < 6 else first + size - 6
+            u, v, w = out[p, b], out[p + 1, b], out[p + 2, b]
+            for a in range(3):
+                out[p + a, b] = turn[a, 0] * u + turn[a, 1] * v + turn[a, 2] * w
+
+
+@part
+def bend_step(P, step, along, out):  # type: ignore[no-untyped-def]
+    """A predicted covariance as it is where a step (p,) takes the body, into ``out``, and the step ``along`` its arc.
+
+    What its points leave open may stay as it is in the body's frame, or in the camera's: it is in either, see
+    `rootmatch.problems.pose_fit.either_axes`.
+    """
+    rows, size = P.shape[0], step.shape[0]
+    out[:, :] = P
+    along[:] = step
+    if P[0, 0] + P[1, 1] + P[2, 2] < STRAIGHT * STRAIGHT:
+        return
+    x, y, z, u, v, w = step[0], step[1], step[2], step[3], step[4], step[5]
+    angle2, c = x * x + y * y + z * z, 1.0 / 12.0
+    if angle2 > 1e-4:
+        half = 0.5 * math.sqrt(angle2)
+        c = (1.0 - half / math.tan(half)) / angle2
+    e, f, g = y * w - z * v, z * u - x * w, x * v - y * u
+    along[3] = u + 0.5 * e + c * (y * g - z * f)
+    along[4] = v + 0.5 * f + c * (z * e - x * g)
+    along[5] = w + 0.5 * g + c * (x * f - y * e)
+    turn, turned, root, scale = np.empty((3, 3)), np.empty((rows, rows)), np.empty((rows, rows)), np.empty(rows)
+    fill_rotation(x, y, z, turn)
+    turn_covariance(P, turn, size, turned)
+    for j in range(rows):
+        scale[j] = 1.0 / math.sqrt(max(P[j, j] + turned[j, j], 1e-300))
+    for j in range(rows):
+        for i in range(j, rows):
+            value = (P[i, j] + turned[i, j]) * scale[i] * scale[j] + (RIDGE if i == j else 0.0)
+            for k in range(j):
+                value -= root[i, k] * root[j, k]
+            root[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / root[j, j]
+    out[:, :] = 0.0
+    for side in range(2):  # rows of L⁻¹ C, of one covariance after the other
+        for column in range(rows):
+            for i in range(rows):
+                value = (turned[i, column] if side == 0 else P[i, column]) * scale[i]
+                for k in range(i):
+                    value -= root[i, k] * turned[k, column]
+                turned[i, column] = value / root[i, i]
+        for a in range(rows):
+            for b in range(a + 1):
+                for k in range(rows):
+                    out[a, b] += turned[k, a] * turned[k, b]
+                out[b, a] = out[a, b]
+
+
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def take_pose(before, step, fitted, out):  # type: ignore[no-untyped-def]
     """The motion and its covariance after a pose whose fit includes its prediction.
@@ -116,7 +191,8 @@ def take_pose(before, step, fitted, out):  # type: ignore[no-untyped-def]
     fitted : (p, p) array
         Covariance of that.
     out : tuple
-        As ``before``, and the inverse (p, p) of the covariance of the predicted pose; filled.
+        As ``before``, the inverse (p, p) of the covariance of the predicted pose, and the covariance before that step,
+        about where it leads: see `bend_step`; filled.
 
     Returns
     -------
@@ -124,9 +200,11 @@ def take_pose(before, step, fitted, out):  # type: ignore[no-untyped-def]
         How many of the p variances are left, and the χ² of the step.
     """
     before, step, fitted, out = borrow((before, step, fitted, out))
-    motion, P = before
-    faster, covariance, inverse = out
-    size = step.shape[0]
+    motion, given = before
+    faster, covariance, inverse, P = out
+    size, straight = step.shape[0], step
+    step = np.empty(size)
+    bend_step(given, straight, step, P)
     invert(P, np.empty((size, size)), inverse)
     gain, removed = np.empty((12, size)), np.empty((12, size))
     left, squared = 0.0, 0.0

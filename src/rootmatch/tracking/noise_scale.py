@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats
+from rootmatch.arrays import Bools, Floats, median
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
@@ -268,5 +268,5 @@ def _is_bad_fit(found: Finding, factor: float) -> bool:
 def _residual_variance(residuals: Floats) -> float:
     """Variance of residuals (k, 2), of which some may be those of wrong matches: larger ones count no more."""
     squared = (residuals**2).sum(axis=1)
-    usual = float(np.median(squared)) / math.log(2.0)  # twice the variance
+    usual = median(squared) / math.log(2.0)  # twice the variance
     return float(np.minimum(squared, MOST_OF_MEAN * usual).mean()) / 2.0

@@ -11,11 +11,33 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.model.compiled.eigenvectors import diagonalise
 from rootmatch.model.compiled.evidence import weigh_one, weighing_scratch
 from rootmatch.model.compiled.known_terms import fill_components, term_buffers
 from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.steps import SMALL, take_one_step
 from rootmatch.model.compiled.visibility import fill_visibility_of_pose
+
+
+@part
+def weak_directions(covariance, distance, weak):  # type: ignore[no-untyped-def]
+    """Directions (6, w) in which a covariance is large, as long as its standard deviation there, the largest first."""
+    unit, axes, lines, count = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), 0
+    for p in range(6):
+        for q in range(6):
+            unit[p, q] = covariance[p, q] / ((distance if p > 2 else 1.0) * (distance if q > 2 else 1.0))
+    diagonalise(unit, axes)
+    for _ in range(6):
+        most = 0
+        for p in range(1, 6):
+            most = p if unit[p, p] > unit[most, most] else most
+        if not unit[most, most] >= weak * weak:
+            break
+        for p in range(6):
+            lines[p, count] = math.sqrt(unit[most, most]) * (distance if p > 2 else 1.0) * axes[p, most]
+        unit[most, most] = -math.inf
+        count += 1
+    return lines[:, :count]
 
 
 @part
@@ -126,24 +148,24 @@ def expand_prior_terms(off, about, arm, terms):  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def average_along_lines(assignments, lines, places, scene, known, least, out):  # type: ignore[no-untyped-def]
-    """Mean and covariance of a pose by the posterior at places on lines, one line after another.
+def average_weak_directions(assignments, weak, places, scene, known, least, out):  # type: ignore[no-untyped-def]
+    """Mean and covariance of a pose by the posterior at places along its weak directions, one after another.
 
     Parameters
     ----------
     assignments : (1, n) int64 array
-    lines : (6, w) array
-        Directions, as long as their standard deviations.
+    weak : float
+        Standard deviation in radians, or over the distance, from which a direction is weak.
     places : (K,) array
-        On each line, in standard deviations.
+        Along each direction, in standard deviations.
     scene, known : tuple
         As for `rootmatch.model.compiled.settling.settle`.
     least : float
-        Least variance along a line, over that of the fit.
+        Least variance along a direction, over that of the fit.
     out : tuple
         Rotation (1, 3, 3), position (1, 3) and covariance (6, 6), of the fit at first and of the average in the end.
     """
-    assignments, lines, places, scene, known, out = borrow((assignments, lines, places, scene, known, out))
+    assignments, places, scene, known, out = borrow((assignments, places, scene, known, out))
     body, views, image, clutter, rates = scene
     target, sigma, view_cosine = image[0], image[1], image[3]
     rotation, position, covariance = out
@@ -161,8 +183,9 @@ def average_along_lines(assignments, lines, places, scene, known, least, out):  
     step = np.empty((1, 6))
     one = np.empty(1)  # of what is not read
     weighed = one, step, np.empty((1, 6, 6)), one, one, np.empty((1, n)), one, one
-    work, duals = (np.empty((6, 6)), np.empty((6, 6)), np.empty(6)), np.empty(lines.shape)
     squared = position[0, 0] ** 2 + position[0, 1] ** 2 + position[0, 2] ** 2
+    lines = weak_directions(covariance, max(math.sqrt(squared), 1e-300), weak)
+    work, duals = (np.empty((6, 6)), np.empty((6, 6)), np.empty(6)), np.empty(lines.shape)
     values, off, mean, visible = np.empty(count), np.empty((count, 6)), np.zeros(6), np.empty(n)
     # what is known beside the detections, as it is about the fit
     fill_components(0, (rotation, position), known, room)

@@ -8,6 +8,7 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.model.compiled.assigning import fill_assignment
 from rootmatch.model.compiled.evidence import LOG_2PI
 
 
@@ -77,7 +78,8 @@ def fill_gates(points, covariance, image, limits, out):  # type: ignore[no-untyp
                 if assignment[i] >= 0 or owner[j] >= 0:
                     unique = False
                 assignment[i], owner[j] = j, i
-    return unique
+    if not unique:
+        fill_assignment(candidates, gains, assignment)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -98,13 +100,8 @@ def gate(points, covariance, image, limits, out):  # type: ignore[no-untyped-def
     limits : tuple of float
         Squared gate, the detection rate, and the least visibility of a point with candidates.
     out : tuple
-        Candidates (n, n') bool, gains (n, n'), and an assignment (n,) of the points that have one candidate of a
-        positive gain, which no other has; filled.
-
-    Returns
-    -------
-    bool
-        Whether each point and detection has at most one such candidate: then the assignment is the best.
+        Candidates (n, n') bool, gains (n, n'), and the most probable one-to-one assignment (n,) of independent pairs;
+        filled.
     """
     points, image, out, covariance = borrow((points, image, out, covariance))
-    return fill_gates(points, covariance, image, limits, out)
+    fill_gates(points, covariance, image, limits, out)

@@ -1,4 +1,4 @@
-"""Assignments about a predicted pose while each gate leaves one detection, compiled: a good prediction in one call.
+"""Assignments about a predicted pose and the poses that they lead to, compiled: a prediction in one call.
 
 It is what `rootmatch.model.prediction` does step by step, for what `rootmatch.model.compiled.settling` is for.
 """
@@ -18,9 +18,6 @@ from rootmatch.model.compiled.projection import linearise_one
 from rootmatch.model.compiled.steps import take_one_step
 from rootmatch.model.compiled.visibility import fill_visibility_of_pose
 
-ENDED, TORN, BEYOND = range(3)
-"""Why it came to an end: nothing changes any more, several detections are possible, or nothing or too much is near."""
-
 
 @part
 def is_equal_row(first, second):  # type: ignore[no-untyped-def]
@@ -32,7 +29,7 @@ def is_equal_row(first, second):  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def follow_unique_gates(covariance, scene, known, limits, at, out, near):  # type: ignore[no-untyped-def]
+def follow_gates(covariance, scene, known, limits, at, out, near):  # type: ignore[no-untyped-def]
     """Assignment and step in turn, from a predicted pose, until the assignment stays.
 
     Parameters
@@ -51,12 +48,12 @@ def follow_unique_gates(covariance, scene, known, limits, at, out, near):  # typ
         Assignments (T, n), and their evidence about these poses; filled.
     near : tuple
         Candidates (n, n') about the first pose and visibility (n,) there; candidates (n, n') about the last one, their
-        gains (n, n'), and the assignment (n,) of single ones; filled.
+        gains (n, n'), and the assignment (n,) by them; filled.
 
     Returns
     -------
-    int, int
-        How many assignments were made, and why it ended. Where it is torn, the next pose is looked about.
+    int
+        How many assignments were made: none if nothing or too much is near.
     """
     covariance, scene, known, at, out, near = borrow((covariance, scene, known, at, out, near))
     pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
@@ -79,7 +76,7 @@ def follow_unique_gates(covariance, scene, known, limits, at, out, near):  # typ
         tilt = 0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
         tilt = min(math.sqrt(max(tilt, 0.0)), 1.0)
         fill_visibility_of_pose(turn, expected[turn], cosine, view_cosine, tilt, visible)
-        unique = fill_gates(
+        fill_gates(
             (pixels[turn], jacobian[turn], exact, visible),
             covariance,
             (target, sigma, isotropic, clutter[0], log_weights),
@@ -94,18 +91,16 @@ def follow_unique_gates(covariance, scene, known, limits, at, out, near):  # typ
                     first[i, j] = candidates[i, j]
                     count += candidates[i, j]
             if not 0 < count <= most:
-                return 0, BEYOND
-        if not unique:
-            return turn, TORN
+                return 0
         matched = 0
         for i in range(n):
             assignments[turn, i] = row[i]
             matched += row[i] >= 0
         if matched == 0:
-            return turn, ENDED
+            return turn
         for before in range(turn):
             if is_equal_row(assignments[before], row):
-                return turn, ENDED
+                return turn
         fill_components(turn, poses, known, room)
         weigh_one(turn, turn, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
         total = 0.0
@@ -114,9 +109,9 @@ def follow_unique_gates(covariance, scene, known, limits, at, out, near):  # typ
         # from this pose into the place of the next one
         take_one_step(turn, weighed[1], rotation, position, longest, rotation[1:], position[1:])
         if matched >= total:  # nothing is left to assign
-            return turn + 1, ENDED
+            return turn + 1
         if turn + 1 < assignments.shape[0]:
             for p in range(6):
                 for q in range(6):
                     covariance[p, q] = weighed[2][turn, p, q]
-    return assignments.shape[0], ENDED
+    return assignments.shape[0]

@@ -2,45 +2,20 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-
-SWEEPS = 8
-"""Rounds of rotations in which a symmetric matrix becomes diagonal: each squares what is left beside the diagonal."""
+from rootmatch.model.compiled.eigenvectors import diagonalise
 
 
 @part
 def least_axis(matrix, axes, out):  # type: ignore[no-untyped-def]
-    """Unit eigenvector (3,) of the least eigenvalue of a symmetric matrix (3, 3), by Jacobi's rotations.
+    """Unit eigenvector (3,) of the least eigenvalue of a symmetric matrix (3, 3), which becomes diagonal.
 
-    The matrix becomes diagonal; ``axes`` (3, 3): scratch.
+    ``axes`` (3, 3): scratch.
     """
-    for i in range(3):
-        for j in range(3):
-            axes[i, j] = 1.0 if i == j else 0.0
-    for turn in range(3 * SWEEPS):
-        p = (turn % 3) // 2
-        q = 2 if turn % 3 else 1
-        beside = matrix[p, q]
-        if beside == 0.0:
-            continue
-        half = 0.5 * (matrix[q, q] - matrix[p, p])
-        tangent = beside / (half + math.copysign(math.sqrt(half * half + beside * beside), half))
-        c = 1.0 / math.sqrt(1.0 + tangent * tangent)
-        s = tangent * c
-        for i in range(3):
-            first, second = matrix[i, p], matrix[i, q]
-            matrix[i, p], matrix[i, q] = c * first - s * second, s * first + c * second
-        for i in range(3):
-            first, second = matrix[p, i], matrix[q, i]
-            matrix[p, i], matrix[q, i] = c * first - s * second, s * first + c * second
-            first, second = axes[i, p], axes[i, q]
-            axes[i, p], axes[i, q] = c * first - s * second, s * first + c * second
-        matrix[p, q] = matrix[q, p] = 0.0
+    diagonalise(matrix, axes)
     least = 0
     for i in range(1, 3):
         least = i if matrix[i, i] < matrix[least, least] else least

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers, median
 from rootmatch.options import Options, option
 from rootmatch.samplers.guided.hypotheses import Hypotheses
 
@@ -52,7 +52,7 @@ def least_telling_matches(density: Floats, variance: Floats, minimal: int, sets:
     sets : float
         Number of sets with all their images.
     """
-    worth = -math.log(2.0 * math.pi * float(np.median(variance * density)))
+    worth = -math.log(2.0 * math.pi * median(variance * density))
     return minimal + math.ceil((math.log(sets) + TRUSTED) / worth) if worth > 0.0 else len(density)
 
 

@@ -91,7 +91,8 @@ def run_visible_tests(
     n_target = grid.positions.shape[1]
 
     # a task is a set with one image of its first point
-    bounds = [len(ring.images) * bound for bound in chunk_bounds(first, last, chunks)]
+    each = len(ring.images)
+    bounds = [each * bound for bound in chunk_bounds(first, last, chunks)]
 
     def test_some(first_task: int, last_task: int) -> None:
         scratch, block = np.zeros((2 * ROOTS, BLOCK)), np.zeros((BLOCK_ROWS, BLOCK))
