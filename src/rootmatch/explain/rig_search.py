@@ -208,7 +208,7 @@ def _verify_hypotheses(
     if narrowing and (more := _narrow(model, own, kept)) is not None:
         every, found, _ = refit_proposals(model, more)
         parts.append(_select_best(every, found, kept))
-    return parts[0] if len(parts) == 1 else _merge(*parts)
+    return parts[0] if len(parts) == 1 else _merge(parts[0], parts[1])
 
 
 def _select_best(every: Proposals, found: Evidence, most: int) -> tuple[Integers, Floats]:

@@ -61,7 +61,7 @@ STEPS, LEAST_NEAR = 16, 5e-4
 """Steps of the tolerance in which distances are compared, and the least tolerance over the extent of a body: distances
 are up to 2,000 tolerances then, 32,000 steps, and a word of 16 bits holds 32,767."""
 MOST_POINTS = 400
-"""Number of points beyond which no symmetries are sought. A round value: of 300, it takes .4 to 1.5 s, once a body."""
+"""Number of points beyond which no symmetries are sought. A round value: of 300, it takes up to .8 s, once a body."""
 
 
 class NearSymmetry(NamedTuple):

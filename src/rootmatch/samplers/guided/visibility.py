@@ -36,8 +36,8 @@ each object."""
 MISSED = 0.005
 """Probability of having missed a pose that explains as many points, below which a search ends. By construction."""
 MISSED_OF_NOTHING = 0.05
-"""The same where no pose is beyond chance, and one that shows enough was hardly left unmet: as much may have been missed
-beside a match that is trusted."""
+"""The same where no pose is beyond chance and one that shows enough was hardly left unmet: as much may be missed beside
+a match that is trusted."""
 LOST = 0.25
 """Probability that a set leads to nothing though all of it is detected, where that is known: of triples listed by
 shape, and without normals. In 180 development scenes of benchmarks/constellations.py (sim-15-20, sim-0-0, sim-5-0-near)
