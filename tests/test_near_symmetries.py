@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
+from rootmatch.model.bit_rows import choose_bits, clear_bits, pack_words
 from rootmatch.model.near_symmetries import (
     ANGLE,
     APART,
@@ -226,3 +227,18 @@ def test_what_is_never_symmetric_and_that_each_body_is_asked_once() -> None:
     assert find_symmetries(CUBE, None) is find_symmetries(CUBE.copy(), None)
     with pytest.raises(ValueError, match="read-only"):
         find_symmetries(CUBE, None)[0].image[0] = 0
+
+
+def test_some_true_values_of_packed_rows_are_those_of_a_list_of_all() -> None:
+    rng = np.random.default_rng(3)
+    mask = rng.random((40, 100)) < 0.05
+    words = pack_words(mask)
+    row, column = np.nonzero(mask)
+    assert np.array_equal(choose_bits(words, 1_000), (row, column))
+    chosen = np.column_stack(choose_bits(words, 30))
+    assert len(np.unique(chosen, axis=0)) == 30
+    assert mask[tuple(chosen.T)].all()
+    first = np.unique(row, return_index=True)[1]
+    clear_bits(words, row[first], column[first])
+    assert np.array_equal(choose_bits(words, 1_000), (np.delete(row, first), np.delete(column, first)))
+    assert len(choose_bits(pack_words(mask[:0]), 5)[0]) == 0

@@ -23,6 +23,7 @@ from rootmatch.samplers.guided.visibility import (
     random_miss_probability,
     sets_within_views,
     sphere,
+    unmet_probability,
     views_of_parts,
 )
 
@@ -145,6 +146,12 @@ def test_missed_at_random_is_how_often_random_sets_all_fail(matched: int, lost: 
     expected = failing.all(axis=1).mean()
     assert random_miss_probability(matched, 6, 3, 3) == pytest.approx(expected, abs=0.015)
     assert random_miss_probability(6, 6, 3, 2) <= MISSED < random_miss_probability(5, 6, 3, 2)
+
+
+def test_unmet_is_the_mean_over_how_many_points_may_be_shown() -> None:
+    each = [random_miss_probability(shown, 12, 3, 40) for shown in range(11)]
+    assert unmet_probability(5, 10, 12, 3, 40) == pytest.approx(sum(each[5:]) / 11)
+    assert unmet_probability(5, 10, 12, 3, 400) < unmet_probability(5, 10, 12, 3, 40) < each[5]
 
 
 @pytest.mark.parametrize("clutter", [0, 5])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.image_decision import assess_image
 from rootmatch.explain.image_hypotheses import Candidate, is_search_needless, make_detection_model
@@ -73,6 +74,11 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
     searching = task.deadline.part(SEARCHED)
     views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
     parts = [camera_task(task, k, guided) for k in views]
+    # otherwise a tracker's search goes on in the next frames: that takes less than narrowing here, and the tracker
+    # knows when it has come to enough cameras to have missed nothing
+    in_all, is_enough = task.search_camera is None, False
+    unmet = np.minimum(np.bincount(model.image_indices, minlength=len(missed_by)), n)
+    verified, log_odds = _verify_hypotheses(model, [], limits)
     for number, (k, own, part) in enumerate(parts):
         if len(own) < task.minimal or searching.passed():
             continue
@@ -84,7 +90,7 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
                 continue  # triples tell all: a search for four there meets nothing else
         if len(own) < LEAST:
             continue
-        sampled = sample(part)
+        sampled, met = sample(part), len(hypotheses)
         evaluated += sampled.evaluated
         whole, missed_by[k] = whole and sampled.evaluated < guided.budget, sampled.missed
         tensors.append(renumber_tensor(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))
@@ -93,11 +99,19 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
-    # otherwise a tracker's search goes on in the next frames: that takes less than narrowing here, and the tracker
-    # knows when it has come to enough cameras to have missed nothing
-    in_all = task.search_camera is None
-    (verified, log_odds), all_triples = _verify_hypotheses(model, hypotheses, limits, narrowing=in_all), False
-    if in_all and not _is_enough(task, model, verified, evaluated):
+        unmet[k] = min(unmet[k], LEAST - 1)  # a pose that shows more here was met
+        if in_all and number + 1 < len(parts):
+            verified, log_odds = _merge(
+                (verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits, narrowing=False), limits[1]
+            )
+            is_enough = _missed_probability(verified, missed_by) <= TRUST.missed
+            is_enough = is_enough and _is_enough(task, model, verified, evaluated, int(unmet.sum()))
+            if is_enough:
+                break
+    all_triples = False
+    if not is_enough:
+        verified, log_odds = _verify_hypotheses(model, hypotheses, limits, narrowing=in_all)
+    if in_all and not is_enough and not _is_enough(task, model, verified, evaluated, int(unmet.sum())):
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
@@ -105,8 +119,7 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
                 hypotheses += led
                 all_triples |= every
         if len(hypotheses) > met:
-            more, their_odds = _verify_hypotheses(model, hypotheses[met:], limits)
-            verified = np.concatenate([verified, more])[np.argsort(-np.append(log_odds, their_odds), kind="stable")]
+            verified, _ = _merge((verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits))
     tensor = concatenate_tensors(tensors, task.row_shape, task.row_weights)
     missed = 0.0 if all_triples or not in_all else _missed_probability(verified, missed_by)
     return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
@@ -148,17 +161,28 @@ def _search_triples(
     return search_rig_triples(of_triples, model, k, own, guided)
 
 
-def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, evaluated: int) -> bool:
-    """Whether the body was met, so that no pose of which each camera shows three explains as much.
+def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, evaluated: int, unmet: int) -> bool:
+    """Whether the body was met, so that no pose explains as much that the searches so far have not met.
 
-    Triples take four times as long as all else (benchmarks/rigs.py, bodies).
+    ``unmet``: most sightings of such a pose, three in each camera that was searched. Triples take four times as long
+    as all else (benchmarks/rigs.py, bodies).
     """
+    if not len(verified) or unmet - task.minimal > np.count_nonzero(verified[0] >= 0):
+        return False
     told = Candidate.of(task, list(verified)).alone()
     level = false_alarm_level(evaluated, StoppingOptions())
     if not len(told.probabilities) or not float(told.modes.log_mass[0]) > level:
         return False
-    unmet = np.minimum(np.bincount(model.image_indices), LEAST - 1).sum()  # what shows more in a camera was met there
     return is_search_needless(model, told, task.minimal, of_several=task.budget is not None, unmet=float(unmet))
+
+
+def _merge(
+    first: tuple[Integers, Floats], second: tuple[Integers, Floats], most: int | None = None
+) -> tuple[Integers, Floats]:
+    """Two lots of assignments (K, n) with their log-odds (K,) as one, the most probable first."""
+    assignments, log_odds = (np.concatenate(each) for each in zip(first, second, strict=True))
+    order = np.argsort(-log_odds, kind="stable")[:most]
+    return assignments[order], log_odds[order]
 
 
 def _verify_hypotheses(
@@ -182,9 +206,7 @@ def _verify_hypotheses(
     if narrowing and (more := _narrow(model, own, kept)) is not None:
         every, found, _ = refit_proposals(model, more)
         parts.append(_select_best(every, found, kept))
-    assignments, log_odds = (np.concatenate(each) for each in zip(*parts, strict=True))
-    order = np.argsort(-log_odds, kind="stable")
-    return assignments[order], log_odds[order]
+    return parts[0] if len(parts) == 1 else _merge(parts[0], parts[1])
 
 
 def _select_best(every: Proposals, found: Evidence, most: int) -> tuple[Integers, Floats]:

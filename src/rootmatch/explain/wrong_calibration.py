@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import Status
 from rootmatch.explain.explain import explain
+from rootmatch.explain.finding import Finding
 from rootmatch.explain.mistake import Mistake, each_body, scale_noise
 from rootmatch.explain.task import MatchingTask
-from rootmatch.problems.pose_fit.pose import Pose
 
 FACTORS = (5.0, 20.0, 60.0)
 """Factors on σ with which matches are sought before the camera is fitted. Of ten points about 1 m away, focal lengths
@@ -37,12 +37,12 @@ def wrong_calibration(task: MatchingTask) -> Iterator[Mistake]:
     if not isinstance(camera, Camera) or task.problem.source_is_image:
         return
     remedy = "calibrate the camera again, or use the calibration of this zoom and image size"
-    name = partial(_name, camera)
-    yield Mistake("the focal length is wrong", remedy, partial(_calibrate, 1), complete=name, fitted=1)
+    name, known = partial(_name, camera), dict[tuple[int, float], Finding]()
+    yield Mistake("the focal length is wrong", remedy, partial(_calibrate, 1, known), complete=name, fitted=1)
     if camera.lens is None:
         remedy = "calibrate the camera with its lens, Camera.from_opencv(K, dist), or undistort the detections"
         mistake = "the camera has distortion that was left out"
-        yield Mistake(mistake, remedy, partial(_calibrate, 2), complete=name, fitted=2)
+        yield Mistake(mistake, remedy, partial(_calibrate, 2, known), complete=name, fitted=2)
 
 
 def _name(given: Camera, mistake: Mistake, match: Any) -> Mistake:
@@ -54,8 +54,10 @@ def _name(given: Camera, mistake: Mistake, match: Any) -> Mistake:
     return mistake._replace(name=f"{mistake.name}: {found}")
 
 
-def _calibrate(unknowns: int, given: MatchingTask) -> MatchingTask:
+def _calibrate(unknowns: int, known: dict[tuple[int, float], Finding], given: MatchingTask) -> MatchingTask:
     """The task with the camera that fits its matches.
+
+    ``known``: what was found with the camera as given, by body and factor on σ, whatever is fitted to it.
 
     Raises
     ------
@@ -63,24 +65,30 @@ def _calibrate(unknowns: int, given: MatchingTask) -> MatchingTask:
         If too few points match with any camera.
     """
     task = given.without_priors()
-    for body in each_body(task):
+    for k, body in enumerate(each_body(task)):
         for factor in FACTORS:
-            camera: Camera | None = task.problem.camera  # type: ignore[attr-defined]
-            for coarser in (factor, AFTER):
+            if (k, factor) not in known or known[k, factor].task.deadline.passed():
+                known[k, factor] = _explain_noisier(body, factor)
+            found = known[k, factor]
+            camera = _fit_camera(body, found, unknowns)
+            if camera is not None:
                 changed = replace(body.problem, camera=camera)  # type: ignore[type-var]
-                found = explain(replace(body, problem=changed, points=scale_noise(body.points, 1.0, coarser)))
-                camera = _fit_camera(body, found.assignment, found.pose, unknowns)
-                if camera is None:
-                    break
+                found = _explain_noisier(replace(body, problem=changed), AFTER)
+                camera = _fit_camera(body, found, unknowns)
             if camera is not None and found.status is Status.MATCHED:
                 return replace(task, problem=replace(task.problem, camera=camera))  # type: ignore[type-var]
     raise InputError("too few points match to tell the camera")
 
 
-def _fit_camera(task: MatchingTask, assignment: Integers, start: Pose | None, unknowns: int) -> Camera | None:
+def _explain_noisier(task: MatchingTask, factor: float) -> Finding:
+    return explain(replace(task, points=scale_noise(task.points, 1.0, factor)))
+
+
+def _fit_camera(task: MatchingTask, found: Finding, unknowns: int) -> Camera | None:
     """The camera with another focal length, and another k1 if two are unknown, that fits matches; None of too few."""
     from scipy.optimize import least_squares  # slow to import
 
+    assignment, start = found.assignment, found.pose
     own = np.flatnonzero(assignment >= 0)
     if start is None or len(own) < FEWEST:
         return None

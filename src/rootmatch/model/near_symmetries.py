@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import triangle_frames
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
+from rootmatch.model.bit_rows import choose_bits, clear_bits, pack_words
 from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.motions import fit_motions
@@ -60,9 +61,7 @@ STEPS, LEAST_NEAR = 16, 5e-4
 """Steps of the tolerance in which distances are compared, and the least tolerance over the extent of a body: distances
 are up to 2,000 tolerances then, 32,000 steps, and a word of 16 bits holds 32,767."""
 MOST_POINTS = 400
-"""Number of points beyond which no symmetries are sought. A round value: of 300, it takes .4 to 1.5 s, once a body."""
-WORD = 64
-"""Bits of the words that record third points."""
+"""Number of points beyond which no symmetries are sought. A round value: of 300, it takes up to .8 s, once a body."""
 
 
 class NearSymmetry(NamedTuple):
@@ -234,16 +233,13 @@ def _align_triples(body: _Body, triples: Integers) -> tuple[Floats, Floats]:
     pairs = np.flatnonzero(_is_same_side(steps, steps[a, b]))
     triple, pair = np.divmod(pairs, n * n)
     k, j = np.divmod(pair, n)
-    both = _pack_words(_is_same_side(steps, steps[a, c]))[triple, k]
-    both &= _pack_words(_is_same_side(steps, steps[b, c]))[triple, j]
-    some = np.flatnonzero(both.any(axis=1))
-    row, m = np.nonzero(np.unpackbits(both[some].view(np.uint8), axis=1, bitorder="little"))
-    triple, k, j = triple[some][row], k[some][row], j[some][row]
-    first, second = (np.column_stack(one) for one in ((a[triple], b[triple], c[triple]), (k, j, m)))
-    moved = np.flatnonzero((first != second).any(axis=1))
-    if len(moved) > (most := min(MOST_LAID, COUNTED // n**2)):
-        moved = np.sort(np.random.default_rng(1).choice(moved, most, replace=False))
-    first, second = first[moved], second[moved]
+    both = pack_words(_is_same_side(steps, steps[a, c]))[triple, k]
+    both &= pack_words(_is_same_side(steps, steps[b, c]))[triple, j]
+    itself = np.flatnonzero((k == a[triple]) & (j == b[triple]))
+    clear_bits(both, itself, c[triple[itself]])
+    row, m = choose_bits(both, min(MOST_LAID, COUNTED // n**2))
+    triple = triple[row]
+    first, second = (np.column_stack(one) for one in ((a[triple], b[triple], c[triple]), (k[row], j[row], m)))
     frames = triangle_frames(source[first]), triangle_frames(source[second])
     rotations = frames[1] * (1.0, 1.0, body.sign) @ frames[0].swapaxes(1, 2)
     if unit is not None:
@@ -287,14 +283,6 @@ def _is_same_side(steps: NDArray[np.int16], sides: NDArray[np.int16]) -> Bools:
     """Which of all distances (n, n) are that of a side (T,), as (T, n, n); all in steps."""
     # what is less than the least is a large number without its sign: one comparison instead of two
     return np.asarray((steps - (sides - STEPS)[:, None, None]).view(np.uint16) <= np.uint16(2 * STEPS))
-
-
-def _pack_words(mask: Bools) -> NDArray[np.uint64]:
-    """Rows (..., n) of truth values as words (..., W)."""
-    packed = np.packbits(mask, axis=-1, bitorder="little")
-    out = np.zeros((*mask.shape[:-1], -(-mask.shape[-1] // WORD) * WORD // 8), np.uint8)
-    out[..., : packed.shape[-1]] = packed
-    return out.view(np.uint64)
 
 
 def _count_mapped(body: _Body, rotations: Floats, shifts: Floats) -> Integers:

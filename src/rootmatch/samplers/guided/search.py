@@ -19,7 +19,7 @@ from rootmatch.hypergraph import enumeration
 from rootmatch.jit.threads import worthwhile_threads
 from rootmatch.problems.padding import pad_tables
 from rootmatch.samplers.base import SamplingTask
-from rootmatch.samplers.guided import batches, rivals
+from rootmatch.samplers.guided import batches, rivals, visibility
 from rootmatch.samplers.guided.crowding import CROWDING
 from rootmatch.samplers.guided.detection_grid import grid_of
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
@@ -45,13 +45,7 @@ from rootmatch.samplers.guided.sequential_test import (
 from rootmatch.samplers.guided.stopping import false_alarm_level, has_found_enough, least_telling_matches
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.verification import CANDIDATES, allowed_shares, verify
-from rootmatch.samplers.guided.visibility import (
-    MISSED,
-    TriedSets,
-    covering_waves,
-    detected_views,
-    random_miss_probability,
-)
+from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, detected_views
 
 VERIFIED = 10_000_000
 """Pairs of a prediction and a detection that are compared between two looks at the time: some milliseconds."""
@@ -179,15 +173,17 @@ class Search:
         matched = self.minimal + 1 if by_chance else self._best_match_count()
         if tried is not None:
             self.missed = tried.missed(matched)
-        elif not self.single or not (by_chance or (matched := max(matched, self.fewest)) > self.minimal + 1):
+            return self.missed <= MISSED
+        if not self.single or not (by_chance or (matched := max(matched, self.fewest)) > self.minimal + 1):
             return False
-        else:
-            self.missed = random_miss_probability(matched, self.n, self.minimal, sets_done)
-            if self.hypotheses and not by_chance:
-                self.missed = min(
-                    self.missed, recurrence_miss_probability(strongest_assignment(self.hypotheses), self.drawn)
-                )
-        return self.missed <= MISSED
+        given = self.n, self.minimal, sets_done
+        self.missed = unmet = visibility.random_miss_probability(matched, *given)
+        if self.hypotheses and not by_chance:
+            best = strongest_assignment(self.hypotheses)
+            self.missed = unmet = min(self.missed, recurrence_miss_probability(best, self.drawn))
+            if unmet <= visibility.MISSED_OF_NOTHING and not self.is_beyond_chance():
+                unmet = min(unmet, visibility.unmet_probability(self.fewest, min(self.shape), *given))
+        return unmet <= MISSED
 
     def _best_match_count(self) -> int:
         """Points that the hypothesis with the highest evidence matches, or a minimal set and one more."""

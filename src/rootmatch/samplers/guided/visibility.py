@@ -35,6 +35,9 @@ ORDERED = 400
 each object."""
 MISSED = 0.005
 """Probability of having missed a pose that explains as many points, below which a search ends. By construction."""
+MISSED_OF_NOTHING = 0.05
+"""The same where no pose is beyond chance and one that shows enough was hardly left unmet: as much may be missed beside
+a match that is trusted."""
 LOST = 0.25
 """Probability that a set leads to nothing though all of it is detected, where that is known: of triples listed by
 shape, and without normals. In 180 development scenes of benchmarks/constellations.py (sim-15-20, sim-0-0, sim-5-0-near)
@@ -174,6 +177,14 @@ def random_miss_probability(matched: int, n: int, size: int, sets: float) -> flo
     inside = math.comb(matched, size) / math.comb(n, size)
     lost = LOST if matched < n else LOST_OF_ALL
     return float((1.0 - (1.0 - lost) * inside) ** sets)
+
+
+def unmet_probability(least: int, most: int, n: int, size: int, sets: float) -> float:
+    """Probability that an object shows ``least`` of its n points or more, and none of so many sets met its pose.
+
+    It shows any number of points up to ``most`` as probably.
+    """
+    return sum(random_miss_probability(k, n, size, sets) for k in range(least, most + 1)) / (most + 1)
 
 
 class TriedSets:

@@ -27,6 +27,8 @@ ROUNDS = 4
 """Rounds in which a motion is fitted to the points that it explains; the gate narrows from one to the next."""
 ENTRIES = 50_000
 """Pairs of points that are compared at once: as many as stay in the processor's cache."""
+FITTED = 5_000
+"""Motions of triples that are fitted at once."""
 TRIPLES, LEAST, BLOCK = 6_000, 12, 64
 """Most triples that are tried, and least, however clear the best motion is, and how many at once later on: three of ten
 matched points in a hundred are among so many with 99.5 %."""
@@ -144,15 +146,16 @@ class MotionSearch:
         clouds = self.clouds
         self.judged += len(images)
         self.evaluated += len(images) * self.n
-        step = max(1, ENTRIES // (self.n * self.n_target))
-        counts, every = np.empty(len(images), np.int64), []
-        for start in range(0, len(images), step):
-            checkpoint()
-            part = slice(start, start + step)
-            every.append(
+        motions = concatenate_motions(
+            [
                 fit_motions(clouds.source[sources[part]], clouds.target[images[part]], clouds.scaled, clouds.mirror)
-            )
-            counts[part] = every[-1].explained(clouds, WIDE, self.allowed)
+                for part in _slices(len(images), FITTED)
+            ]
+        )
+        step, counts = max(1, ENTRIES // (self.n * self.n_target)), np.empty(len(images), np.int64)
+        for part in _slices(len(images), step):
+            checkpoint()
+            counts[part] = motions.take(part).explained(clouds, WIDE, self.allowed)
         # the best ones of each triple
         order = np.lexsort((-counts, number))
         ordered = number[order]
@@ -160,7 +163,7 @@ class MotionSearch:
         chosen = order[(rank < REFINED) & (counts[order] > 3)]
         if not len(chosen):
             return
-        chosen, at, motions = chosen[np.argsort(-counts[chosen], kind="stable")], 0, concatenate_motions(every)
+        chosen, at = chosen[np.argsort(-counts[chosen], kind="stable")], 0
         together = 1  # few at first: where one of them is right, hardly any other is of account
         while at < len(chosen):
             next_ones = chosen[at : at + together].tolist()
@@ -232,6 +235,11 @@ class MotionSearch:
     def assignments(self) -> Integers:
         """Assignments (K, n) of the motions, the highest evidence first."""
         return np.array([one.assignment for one in self.hypotheses], np.int64).reshape(-1, self.n)
+
+
+def _slices(count: int, step: int) -> list[slice]:
+    """Slices of so many rows at most; one that is empty where there are none."""
+    return [slice(start, start + step) for start in range(0, max(count, 1), step)]
 
 
 def _turn(corners: Floats) -> Floats:
