@@ -8,13 +8,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 
 BEAM = 4096
-"""Most joint hypotheses that are kept from one body to the next, see `thinned`. A round value."""
+"""Most joint hypotheses that are kept from one body to the next, see `thin_hypotheses`. A round value."""
+FEW = 64
+"""Joint hypotheses that are not looked through for some that can be merged: it would take longer. A round value."""
+
+
+class _Step(NamedTuple):
+    """What a body adds to joint hypotheses (K,) of those before it: each takes one of its modes, or none."""
+
+    before: Floats
+    """(K,) log-odds."""
+    row: Integers
+    """(E,) the joint hypothesis that goes on."""
+    mode: Integers
+    """(E,) with this mode of the body."""
+    gain: Floats
+    """(E,) and so much more log-odds."""
+    after: Integers
+    """(E,) as this joint hypothesis."""
+
+    def thinned(self, kept: Integers, more: Floats, count: int) -> _Step:
+        """The same where some of so many joint hypotheses are kept, and have so much more log-odds."""
+        place = np.full(count, -1)
+        place[kept] = np.arange(len(kept))
+        after = place[self.after]
+        left = after >= 0
+        return _Step(self.before, self.row[left], self.mode[left], (self.gain + more[after])[left], after[left])
 
 
 def joint_marginals(
@@ -22,6 +48,7 @@ def joint_marginals(
     masses: Sequence[Floats],
     log_left: Callable[[Bools], Floats],
     *,
+    images: Integers | None = None,
     given: Sequence[int] | None = None,
     same: Sequence[Sequence[int]] = (),
 ) -> list[Floats]:
@@ -37,6 +64,8 @@ def joint_marginals(
     log_left : callable
         From detections (K, n') that are taken to the logarithm (K,) of the odds of as many clutter points as they
         leave; part of the log-odds.
+    images : (n',) int array, optional
+        The image of each detection, if that depends on how many are taken in each.
     given : sequence of int, optional
         The body on which the log-odds of each depend; −1 for none.
     same : sequence of sequence of int
@@ -51,10 +80,11 @@ def joint_marginals(
         return [_softmax(np.concatenate([masses[0], [0.0]]))]
     count, of_each = uses[0].shape[1], given or [-1] * len(uses)
     alike = {k: (alike[p - 1] if p else -1, len(alike) - p) for alike in same for p, k in enumerate(alike)}
+    asks = [of if mass.ndim > 1 else -1 for of, mass in zip(of_each, masses, strict=True)]
     absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
     taken, value = np.zeros((1, count), np.float32), np.zeros(1)
-    whole, chosen = value, np.empty((1, 0), np.int64)
-    for k, (used, mass, of) in enumerate(zip(uses, masses, of_each, strict=True)):
+    chosen, steps = np.empty((1, 0), np.int64), list[_Step]()
+    for k, (used, mass, of) in enumerate(zip(uses, masses, asks, strict=True)):
         before, orders = alike.get(k, (-1, 1))
         own = np.atleast_2d(mass) - log_left(used) + math.log(orders)
         mine, own = np.concatenate([used, absent]), np.concatenate([own, np.zeros((len(own), 1))], axis=1)
@@ -63,23 +93,67 @@ def joint_marginals(
         if before >= 0:  # bodies that are the same in the order of their hypotheses stand for all orders
             (ordered,) = ((mode > chosen[row, before]) | (mode == len(used))).nonzero()
             row, mode = row[ordered], mode[ordered]
-        value = value[row] + own[chosen[row, of] if of >= 0 and len(own) > 1 else 0, mode]
-        taken = taken[row] + mine[mode]
-        whole = value + log_left(taken > 0.5)
+        step = _Step(value, row, mode, own[chosen[row, of] if of >= 0 else 0, mode], np.arange(len(row)))
+        value, taken = value[row] + step.gain, taken[row] + mine[mode]
         chosen = np.concatenate([chosen[row], mode[:, None]], axis=1)
-        if len(value) > BEAM:
+        following = range(k + 1, len(uses))
+        if len(value) > FEW and following:
+            asked = {asks[j] for j in following} | {alike[j][0] for j in following if j in alike}
+            wanted = np.asarray(np.concatenate([uses[j] for j in following]).any(axis=0))
+            first, after = _find_equal(taken, wanted, images, chosen[:, [j for j in range(k + 1) if j in asked]])
+            value, step = _sum_logs(value, after, len(first)), step._replace(after=after)
+            taken, chosen = taken[first], chosen[first]
+        if len(value) > BEAM and following:
+            whole = value + log_left(taken > 0.5)
             kept, more = thin_hypotheses(
                 whole - taken @ _largest_future_worth(uses[k + 1 :], masses[k + 1 :], count), BEAM
             )
-            value, taken, whole, chosen = value[kept] + more, taken[kept], whole[kept] + more, chosen[kept]
-    shares = _softmax(whole)
-    counts = [np.bincount(chosen[:, k], shares, mass.shape[-1] + 1) for k, mass in enumerate(masses)]
-    found = [np.asarray(one, np.float64) for one in counts]
+            step = step.thinned(kept, more, len(value))
+            value, taken, chosen = value[kept] + more, taken[kept], chosen[kept]
+        steps.append(step)
+    found = _marginals(steps, log_left(taken > 0.5), [mass.shape[-1] + 1 for mass in masses])
     for bodies in same:
         for each in bodies, [k for k, of in enumerate(of_each) if of in bodies]:  # and what depends on them
             mean = np.sum([found[k] for k in each], axis=0) / max(len(each), 1)
             found = [mean if k in each else one for k, one in enumerate(found)]
     return found
+
+
+def _find_equal(taken: Floats, wanted: Bools, images: Integers | None, asked: Integers) -> tuple[Integers, Integers]:
+    """The first (G,) of each kind of joint hypotheses (K,), and the kind (K,) of each.
+
+    Those are of one kind to which nothing that follows makes a difference: which of the ``wanted`` detections (n',)
+    they have ``taken`` (K, n'), how many in each image, and what they chose (K, …) of bodies that are ``asked`` for.
+    """
+    image = np.zeros(len(wanted), np.int64) if images is None else images
+    in_each = taken @ (image[:, None] == np.arange(image.max(initial=0) + 1)).astype(np.float32)
+    told = np.ascontiguousarray(np.concatenate([taken[:, wanted], in_each, asked], axis=1), np.int16)
+    kinds, first = dict[bytes, int](), list[int]()
+    kind = np.empty(len(told), np.int64)
+    for k, one in enumerate(told.view(f"V{told.itemsize * told.shape[1]}").ravel().tolist()):
+        kind[k] = kinds.setdefault(one, len(kinds))
+        if len(kinds) > len(first):
+            first.append(k)
+    return np.array(first), kind
+
+
+def _marginals(steps: Sequence[_Step], after: Floats, counts: Sequence[int]) -> list[Floats]:
+    """The probability of each mode, of so many, by all joint hypotheses; ``after``: (K,) what the last are worth."""
+    found = list[Floats]()
+    for step, count in zip(reversed(steps), reversed(counts), strict=True):
+        worth = step.gain + after[step.after]
+        found.append(np.bincount(step.mode, _softmax(step.before[step.row] + worth), count).astype(np.float64))
+        after = _sum_logs(worth, step.row, len(step.before))
+    return found[::-1]
+
+
+def _sum_logs(values: Floats, groups: Integers, count: int) -> Floats:
+    """Logarithms (count,) of the sums of what has logarithms (K,), by groups (K,)."""
+    top = np.full(count, -np.inf)
+    np.maximum.at(top, groups, values)
+    top = np.maximum(top, -1e300)
+    with np.errstate(divide="ignore"):
+        return np.asarray(top + np.log(np.bincount(groups, np.exp(values - top[groups]), count)))
 
 
 def _largest_future_worth(uses: Sequence[Bools], masses: Sequence[Floats], count: int) -> Floats:
