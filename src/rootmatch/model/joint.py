@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
 
@@ -127,14 +128,13 @@ def _find_equal(taken: Floats, wanted: Bools, images: Integers | None, asked: In
     """
     image = np.zeros(len(wanted), np.int64) if images is None else images
     in_each = taken @ (image[:, None] == np.arange(image.max(initial=0) + 1)).astype(np.float32)
-    told = np.ascontiguousarray(np.concatenate([taken[:, wanted], in_each, asked], axis=1), np.int16)
-    kinds, first = dict[bytes, int](), list[int]()
-    kind = np.empty(len(told), np.int64)
-    for k, one in enumerate(told.view(f"V{told.itemsize * told.shape[1]}").ravel().tolist()):
-        kind[k] = kinds.setdefault(one, len(kinds))
-        if len(kinds) > len(first):
-            first.append(k)
-    return np.array(first), kind
+    told = np.concatenate([taken[:, wanted], in_each, asked], axis=1).astype(np.int16)
+    every = _row_bytes(told)
+    kinds = {one: k for k, one in enumerate(dict.fromkeys(every))}
+    kind = np.array([kinds[one] for one in every])
+    first = np.empty(len(kinds), np.int64)
+    first[kind[::-1]] = np.arange(len(kind))[::-1]  # the last of equal places to be written counts
+    return first, kind
 
 
 def _marginals(steps: Sequence[_Step], after: Floats, counts: Sequence[int]) -> list[Floats]:
@@ -191,14 +191,20 @@ def remaining_parts(assignments: Integers, others: Bools, shared: Bools, least: 
     The row (P,) that each is part of, and the parts (P, n) with so many matches at the ``least``; ``shared`` (J, K):
     which take anything from which.
     """
-    known, rows, parts = {one.tobytes() for one in assignments}, list[int](), [assignments[:0]]
-    for other, row in np.argwhere(shared).tolist():
-        part = np.where((assignments[row] >= 0) & others[other, assignments[row]], -1, assignments[row])
-        if np.count_nonzero(part >= 0) >= least and part.tobytes() not in known:
-            known.add(part.tobytes())
-            rows.append(row)
-            parts.append(part[None])
-    return np.array(rows, np.int64), np.concatenate(parts)
+    other, row = shared.nonzero()
+    own = assignments[row]
+    parts = np.where((own >= 0) & others[other[:, None], own], -1, own)
+    (enough,) = (np.count_nonzero(parts >= 0, axis=1) >= least).nonzero()
+    known = dict.fromkeys(_row_bytes(assignments), -1)
+    for k, part in zip(enough.tolist(), _row_bytes(parts[enough]), strict=True):
+        known.setdefault(part, k)
+    kept = np.array([k for k in known.values() if k >= 0], np.int64)
+    return row[kept], parts[kept]
+
+
+def _row_bytes(rows: NDArray[np.signedinteger]) -> list[bytes]:
+    """Each row of a table (K, m), to compare it as a whole."""
+    return np.ascontiguousarray(rows).view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist()
 
 
 def _softmax(log_odds: Floats) -> Floats:
