@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.arrays import Bools, Floats, Integers
 
@@ -86,24 +85,28 @@ def joint_marginals(
     taken, value = np.zeros((1, count), np.float32), np.zeros(1)
     chosen, steps = np.empty((1, 0), np.int64), list[_Step]()
     for k, (used, mass, of) in enumerate(zip(uses, masses, asks, strict=True)):
-        before, orders = alike.get(k, (-1, 1))
+        previous, orders = alike.get(k, (-1, 1))
         own = np.atleast_2d(mass) - log_left(used) + math.log(orders)
         mine, own = np.concatenate([used, absent]), np.concatenate([own, np.zeros((len(own), 1))], axis=1)
         with np.errstate(invalid="ignore"):  # BLAS may set the flag for what it pads small matrices with
             row, mode = (taken @ mine.T < 0.5).nonzero()  # which joint hypotheses leave which modes their detections
-        if before >= 0:  # bodies that are the same in the order of their hypotheses stand for all orders
-            (ordered,) = ((mode > chosen[row, before]) | (mode == len(used))).nonzero()
+        if previous >= 0:  # bodies that are the same in the order of their hypotheses stand for all orders
+            (ordered,) = ((mode > chosen[row, previous]) | (mode == len(used))).nonzero()
             row, mode = row[ordered], mode[ordered]
-        step = _Step(value, row, mode, own[chosen[row, of] if of >= 0 else 0, mode], np.arange(len(row)))
-        value, taken = value[row] + step.gain, taken[row] + mine[mode]
-        chosen = np.concatenate([chosen[row], mode[:, None]], axis=1)
-        following = range(k + 1, len(uses))
-        if len(value) > FEW and following:
+        gain = own[chosen[row, of] if of >= 0 else 0, mode]
+        before, value, first = value, value[row] + gain, np.arange(len(row))
+        following, after = range(k + 1, len(uses)), first
+        if len(row) > FEW and following:
             asked = {asks[j] for j in following} | {alike[j][0] for j in following if j in alike}
             wanted = np.asarray(np.concatenate([uses[j] for j in following]).any(axis=0))
-            first, after = _find_equal(taken, wanted, images, chosen[:, [j for j in range(k + 1) if j in asked]])
-            value, step = _sum_logs(value, after, len(first)), step._replace(after=after)
-            taken, chosen = taken[first], chosen[first]
+            of_taken, of_mode = _key_weights(wanted, images, [j in asked for j in range(k + 1)])
+            keys = taken.astype(np.int64) @ of_taken + chosen @ of_mode[:k]
+            own_keys = mine.astype(np.int64) @ of_taken + np.arange(len(mine)) * of_mode[k]
+            first, after = _find_equal(keys[row] + own_keys[mode])
+            value = _sum_logs(value, after, len(first))
+        step = _Step(before, row, mode, gain, after)
+        taken = taken[row[first]] + mine[mode[first]]
+        chosen = np.concatenate([chosen[row[first]], mode[first, None]], axis=1)
         if len(value) > BEAM and following:
             whole = value + log_left(taken > 0.5)
             kept, more = thin_hypotheses(
@@ -120,21 +123,25 @@ def joint_marginals(
     return found
 
 
-def _find_equal(taken: Floats, wanted: Bools, images: Integers | None, asked: Integers) -> tuple[Integers, Integers]:
-    """The first (G,) of each kind of joint hypotheses (K,), and the kind (K,) of each.
+def _key_weights(wanted: Bools, images: Integers | None, asked: Sequence[bool]) -> tuple[Integers, Integers]:
+    """Weights of taken detections (n',) and of the mode of each body: a joint hypothesis has their sum as its key.
 
-    Those are of one kind to which nothing that follows makes a difference: which of the ``wanted`` detections (n',)
-    they have ``taken`` (K, n'), how many in each image, and what they chose (K, …) of bodies that are ``asked`` for.
+    Keys differ, but by a chance of 2⁻⁶⁴, where that makes a difference to what follows: by which of the ``wanted``
+    detections (n',) are taken, by how many are in each image, and by the modes of bodies that are ``asked`` for.
     """
     image = np.zeros(len(wanted), np.int64) if images is None else images
-    in_each = taken @ (image[:, None] == np.arange(image.max(initial=0) + 1)).astype(np.float32)
-    told = np.concatenate([taken[:, wanted], in_each, asked], axis=1).astype(np.int16)
-    every = _row_bytes(told)
-    kinds = {one: k for k, one in enumerate(dict.fromkeys(every))}
-    kind = np.array([kinds[one] for one in every])
-    first = np.empty(len(kinds), np.int64)
-    first[kind[::-1]] = np.arange(len(kind))[::-1]  # the last of equal places to be written counts
-    return first, kind
+    some = np.random.default_rng(0).integers(-(2**63), 2**63 - 1, len(wanted) + len(asked) + image.max(initial=0) + 1)
+    of_taken, of_mode, of_image = np.split(some, [len(wanted), len(wanted) + len(asked)])
+    return of_image[image] + wanted * of_taken, of_mode * np.array(asked)
+
+
+def _find_equal(keys: Integers) -> tuple[Integers, Integers]:
+    """The first (G,) of each kind of joint hypotheses by their keys (K,), in order, and the kind (K,) of each."""
+    _, first, kind = np.unique(keys, return_index=True, return_inverse=True)
+    order = first.argsort()
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return first[order], place[kind]
 
 
 def _marginals(steps: Sequence[_Step], after: Floats, counts: Sequence[int]) -> list[Floats]:
@@ -202,7 +209,7 @@ def remaining_parts(assignments: Integers, others: Bools, shared: Bools, least: 
     return row[kept], parts[kept]
 
 
-def _row_bytes(rows: NDArray[np.signedinteger]) -> list[bytes]:
+def _row_bytes(rows: Integers) -> list[bytes]:
     """Each row of a table (K, m), to compare it as a whole."""
     return np.ascontiguousarray(rows).view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist()
 
