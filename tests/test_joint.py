@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import rootmatch as rm
 from rootmatch.model.joint import joint_marginals
 
 Floats = NDArray[np.float64]
+LogLeft = Callable[[NDArray[np.bool_]], Floats]
 
 
 def log_left(taken: NDArray[np.bool_]) -> Floats:
@@ -22,7 +24,9 @@ def log_left(taken: NDArray[np.bool_]) -> Floats:
     return np.asarray(gammaln(count - taken.sum(axis=1) + 0.5) - gammaln(count + 0.5))
 
 
-def by_hand(uses: list[NDArray[np.bool_]], masses: list[Floats], given: list[int]) -> list[Floats]:
+def by_hand(
+    uses: list[NDArray[np.bool_]], masses: list[Floats], given: list[int], log_left: LogLeft = log_left
+) -> list[Floats]:
     """The marginals, by all joint hypotheses one by one."""
     expected, count = [np.zeros(len(one) + 1) for one in uses], uses[0].shape[1]
     for chosen in itertools.product(*(range(len(one) + 1) for one in uses)):
@@ -48,6 +52,20 @@ def test_marginals_are_those_of_all_joint_hypotheses() -> None:
         joint_marginals(uses, masses, log_left, given=given), by_hand(uses, masses, given), strict=True
     ):
         np.testing.assert_allclose(found, wanted, rtol=1e-6)
+
+
+def test_joint_hypotheses_that_are_merged_count_for_as_much() -> None:
+    """Four bodies of which few detections are contested, in two images with as many detections."""
+    rng, images = np.random.default_rng(2), np.repeat([0, 1], 9)
+    uses = [(rng.random((5, 18)) < 0.6) & np.isin(np.arange(18) % 9, [2 * k, 2 * k + 1, 8]) for k in range(4)]
+    masses = [*(rng.normal(0.0, 2.0, 5) for _ in range(3)), rng.normal(0.0, 2.0, (6, 5))]
+
+    def left_in_each(taken: NDArray[np.bool_]) -> Floats:
+        return log_left(taken[:, images == 0]) + 3.0 * log_left(taken[:, images == 1])
+
+    found = joint_marginals(uses, masses, left_in_each, images=images, given=[-1, -1, -1, 1])
+    for one, wanted in zip(found, by_hand(uses, masses, [-1, -1, -1, 1], left_in_each), strict=True):
+        np.testing.assert_allclose(one, wanted, rtol=1e-6)
 
 
 def test_bodies_that_are_the_same_have_the_same_marginals() -> None:

@@ -91,7 +91,7 @@ def joint_posterior(
     def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
         return joint_marginals(
             [*uses, *(uses[k] for k, _ in named)], [*masses, *(mass for _, mass in named)], models[0].log_odds_of_left,
-            given=[*(-1 for _ in parts), *(k for k, _ in named)], same=same,
+            images=models[0].image_indices, given=[*(-1 for _ in parts), *(k for k, _ in named)], same=same,
         )  # fmt: skip
 
     shares = weighed(named)

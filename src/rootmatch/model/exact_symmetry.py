@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, cache_by_values
 from rootmatch.model.point_set_model import log_student_factor
 from rootmatch.model.priors import NOISE_FREEDOM, probability
 from rootmatch.problems.points import PointClouds
@@ -72,9 +72,18 @@ def exact_symmetry_probability(clouds: PointClouds, first: Integers, second: Int
 
     ``first`` (m,) are the points, ``second`` (m,) those whose places they take; ``mirror``: or by a reflection.
     """
+    order = first.argsort()  # whatever the order, it is the same question: of other labellings, and of every frame
+    return _exact_symmetry_probability(clouds.source, clouds.source_variance, first[order], second[order], mirror)
+
+
+@cache_by_values(1024)
+def _exact_symmetry_probability(
+    source: Floats, variance: Floats, first: Integers, second: Integers, mirror: bool
+) -> float:
+    """See `exact_symmetry_probability`."""
     every, place = np.unique(np.concatenate([first, second]), return_inverse=True)
-    points = clouds.source[every]
-    covariance = clouds.source_variance[every, None, None] * np.eye(points.shape[1])
+    points = source[every]
+    covariance = variance[every, None, None] * np.eye(points.shape[1])
     found = fit_exact_shape(points, covariance, [(place[: len(first)], place[len(first) :])], mirror)
     return 0.0 if found is None else probability(found.log_odds)
 

@@ -8,13 +8,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 
 BEAM = 4096
-"""Most joint hypotheses that are kept from one body to the next, see `thinned`. A round value."""
+"""Most joint hypotheses that are kept from one body to the next, see `thin_hypotheses`. A round value."""
+FEW = 64
+"""Joint hypotheses that are not looked through for some that can be merged: it would take longer. A round value."""
+
+
+class _Step(NamedTuple):
+    """What a body adds to joint hypotheses (K,) of those before it: each takes one of its modes, or none."""
+
+    before: Floats
+    """(K,) log-odds."""
+    row: Integers
+    """(E,) the joint hypothesis that goes on."""
+    mode: Integers
+    """(E,) with this mode of the body."""
+    gain: Floats
+    """(E,) and so much more log-odds."""
+    after: Integers
+    """(E,) as this joint hypothesis."""
+
+    def thinned(self, kept: Integers, more: Floats, count: int) -> _Step:
+        """The same where some of so many joint hypotheses are kept, and have so much more log-odds."""
+        place = np.full(count, -1)
+        place[kept] = np.arange(len(kept))
+        after = place[self.after]
+        left = after >= 0
+        return _Step(self.before, self.row[left], self.mode[left], (self.gain + more[after])[left], after[left])
 
 
 def joint_marginals(
@@ -22,6 +48,7 @@ def joint_marginals(
     masses: Sequence[Floats],
     log_left: Callable[[Bools], Floats],
     *,
+    images: Integers | None = None,
     given: Sequence[int] | None = None,
     same: Sequence[Sequence[int]] = (),
 ) -> list[Floats]:
@@ -37,6 +64,8 @@ def joint_marginals(
     log_left : callable
         From detections (K, n') that are taken to the logarithm (K,) of the odds of as many clutter points as they
         leave; part of the log-odds.
+    images : (n',) int array, optional
+        The image of each detection, if that depends on how many are taken in each.
     given : sequence of int, optional
         The body on which the log-odds of each depend; −1 for none.
     same : sequence of sequence of int
@@ -51,35 +80,87 @@ def joint_marginals(
         return [_softmax(np.concatenate([masses[0], [0.0]]))]
     count, of_each = uses[0].shape[1], given or [-1] * len(uses)
     alike = {k: (alike[p - 1] if p else -1, len(alike) - p) for alike in same for p, k in enumerate(alike)}
+    asks = [of if mass.ndim > 1 else -1 for of, mass in zip(of_each, masses, strict=True)]
     absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
     taken, value = np.zeros((1, count), np.float32), np.zeros(1)
-    whole, chosen = value, np.empty((1, 0), np.int64)
-    for k, (used, mass, of) in enumerate(zip(uses, masses, of_each, strict=True)):
-        before, orders = alike.get(k, (-1, 1))
+    chosen, steps = np.empty((1, 0), np.int64), list[_Step]()
+    for k, (used, mass, of) in enumerate(zip(uses, masses, asks, strict=True)):
+        previous, orders = alike.get(k, (-1, 1))
         own = np.atleast_2d(mass) - log_left(used) + math.log(orders)
         mine, own = np.concatenate([used, absent]), np.concatenate([own, np.zeros((len(own), 1))], axis=1)
         with np.errstate(invalid="ignore"):  # BLAS may set the flag for what it pads small matrices with
             row, mode = (taken @ mine.T < 0.5).nonzero()  # which joint hypotheses leave which modes their detections
-        if before >= 0:  # bodies that are the same in the order of their hypotheses stand for all orders
-            (ordered,) = ((mode > chosen[row, before]) | (mode == len(used))).nonzero()
+        if previous >= 0:  # bodies that are the same in the order of their hypotheses stand for all orders
+            (ordered,) = ((mode > chosen[row, previous]) | (mode == len(used))).nonzero()
             row, mode = row[ordered], mode[ordered]
-        value = value[row] + own[chosen[row, of] if of >= 0 and len(own) > 1 else 0, mode]
-        taken = taken[row] + mine[mode]
-        whole = value + log_left(taken > 0.5)
-        chosen = np.concatenate([chosen[row], mode[:, None]], axis=1)
-        if len(value) > BEAM:
+        gain = own[chosen[row, of] if of >= 0 else 0, mode]
+        before, value, first = value, value[row] + gain, np.arange(len(row))
+        following, after = range(k + 1, len(uses)), first
+        if len(row) > FEW and following:
+            asked = {asks[j] for j in following} | {alike[j][0] for j in following if j in alike}
+            wanted = np.asarray(np.concatenate([uses[j] for j in following]).any(axis=0))
+            of_taken, of_mode = _key_weights(wanted, images, [j in asked for j in range(k + 1)])
+            keys = taken.astype(np.int64) @ of_taken + chosen @ of_mode[:k]
+            own_keys = mine.astype(np.int64) @ of_taken + np.arange(len(mine)) * of_mode[k]
+            first, after = _find_equal(keys[row] + own_keys[mode])
+            value = _sum_logs(value, after, len(first))
+        step = _Step(before, row, mode, gain, after)
+        taken = taken[row[first]] + mine[mode[first]]
+        chosen = np.concatenate([chosen[row[first]], mode[first, None]], axis=1)
+        if len(value) > BEAM and following:
+            whole = value + log_left(taken > 0.5)
             kept, more = thin_hypotheses(
                 whole - taken @ _largest_future_worth(uses[k + 1 :], masses[k + 1 :], count), BEAM
             )
-            value, taken, whole, chosen = value[kept] + more, taken[kept], whole[kept] + more, chosen[kept]
-    shares = _softmax(whole)
-    counts = [np.bincount(chosen[:, k], shares, mass.shape[-1] + 1) for k, mass in enumerate(masses)]
-    found = [np.asarray(one, np.float64) for one in counts]
+            step = step.thinned(kept, more, len(value))
+            value, taken, chosen = value[kept] + more, taken[kept], chosen[kept]
+        steps.append(step)
+    found = _marginals(steps, log_left(taken > 0.5), [mass.shape[-1] + 1 for mass in masses])
     for bodies in same:
         for each in bodies, [k for k, of in enumerate(of_each) if of in bodies]:  # and what depends on them
             mean = np.sum([found[k] for k in each], axis=0) / max(len(each), 1)
             found = [mean if k in each else one for k, one in enumerate(found)]
     return found
+
+
+def _key_weights(wanted: Bools, images: Integers | None, asked: Sequence[bool]) -> tuple[Integers, Integers]:
+    """Weights of taken detections (n',) and of the mode of each body: a joint hypothesis has their sum as its key.
+
+    Keys differ, but by a chance of 2⁻⁶⁴, where that makes a difference to what follows: by which of the ``wanted``
+    detections (n',) are taken, by how many are in each image, and by the modes of bodies that are ``asked`` for.
+    """
+    image = np.zeros(len(wanted), np.int64) if images is None else images
+    some = np.random.default_rng(0).integers(-(2**63), 2**63 - 1, len(wanted) + len(asked) + image.max(initial=0) + 1)
+    of_taken, of_mode, of_image = np.split(some, [len(wanted), len(wanted) + len(asked)])
+    return of_image[image] + wanted * of_taken, of_mode * np.array(asked)
+
+
+def _find_equal(keys: Integers) -> tuple[Integers, Integers]:
+    """The first (G,) of each kind of joint hypotheses by their keys (K,), in order, and the kind (K,) of each."""
+    _, first, kind = np.unique(keys, return_index=True, return_inverse=True)
+    order = first.argsort()
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return first[order], place[kind]
+
+
+def _marginals(steps: Sequence[_Step], after: Floats, counts: Sequence[int]) -> list[Floats]:
+    """The probability of each mode, of so many, by all joint hypotheses; ``after``: (K,) what the last are worth."""
+    found = list[Floats]()
+    for step, count in zip(reversed(steps), reversed(counts), strict=True):
+        worth = step.gain + after[step.after]
+        found.append(np.bincount(step.mode, _softmax(step.before[step.row] + worth), count).astype(np.float64))
+        after = _sum_logs(worth, step.row, len(step.before))
+    return found[::-1]
+
+
+def _sum_logs(values: Floats, groups: Integers, count: int) -> Floats:
+    """Logarithms (count,) of the sums of what has logarithms (K,), by groups (K,)."""
+    top = np.full(count, -np.inf)
+    np.maximum.at(top, groups, values)
+    top = np.maximum(top, -1e300)
+    with np.errstate(divide="ignore"):
+        return np.asarray(top + np.log(np.bincount(groups, np.exp(values - top[groups]), count)))
 
 
 def _largest_future_worth(uses: Sequence[Bools], masses: Sequence[Floats], count: int) -> Floats:
@@ -117,14 +198,20 @@ def remaining_parts(assignments: Integers, others: Bools, shared: Bools, least: 
     The row (P,) that each is part of, and the parts (P, n) with so many matches at the ``least``; ``shared`` (J, K):
     which take anything from which.
     """
-    known, rows, parts = {one.tobytes() for one in assignments}, list[int](), [assignments[:0]]
-    for other, row in np.argwhere(shared).tolist():
-        part = np.where((assignments[row] >= 0) & others[other, assignments[row]], -1, assignments[row])
-        if np.count_nonzero(part >= 0) >= least and part.tobytes() not in known:
-            known.add(part.tobytes())
-            rows.append(row)
-            parts.append(part[None])
-    return np.array(rows, np.int64), np.concatenate(parts)
+    other, row = shared.nonzero()
+    own = assignments[row]
+    parts = np.where((own >= 0) & others[other[:, None], own], -1, own)
+    (enough,) = (np.count_nonzero(parts >= 0, axis=1) >= least).nonzero()
+    known = dict.fromkeys(_row_bytes(assignments), -1)
+    for k, part in zip(enough.tolist(), _row_bytes(parts[enough]), strict=True):
+        known.setdefault(part, k)
+    kept = np.array([k for k in known.values() if k >= 0], np.int64)
+    return row[kept], parts[kept]
+
+
+def _row_bytes(rows: Integers) -> list[bytes]:
+    """Each row of a table (K, m), to compare it as a whole."""
+    return np.ascontiguousarray(rows).view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist()
 
 
 def _softmax(log_odds: Floats) -> Floats:

@@ -43,7 +43,10 @@ def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -
     best = [
         _add_partial_labellings(model, one, k, uses) for k, (model, one) in enumerate(zip(models, best, strict=True))
     ]
-    each = [*(_body_hypotheses(model, one, count) for model, one in zip(models, best, strict=True)), *copies]
+    each = [
+        *(_body_hypotheses(model, one, count) for model, one in zip(models, best, strict=True)),
+        *(one for one in copies if len(one[1])),
+    ]
     each_of = joint_marginals([used for used, _ in each], [mass for _, mass in each], models[0].log_odds_of_left)
     return [
         sort_hypotheses(one.assignments, share[: len(one.assignments)], one.sums)
