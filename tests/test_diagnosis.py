@@ -398,3 +398,19 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     assert f"frame 1, the first that is not matched:\n{named}" in many.stderr
     tracked = CliRunner().invoke(app, ["track", *files, *options])
     assert "rootmatch: --diagnose: `rootmatch match` has it, with the same files" in tracked.stderr
+
+
+@pytest.mark.parametrize("absent", [0, 1])
+def test_units_of_several_bodies_are_told_by_those_that_are_found(absent: int) -> None:
+    rng = np.random.default_rng(5)
+    bodies = [rng.uniform(-80.0, 80.0, (6, 3)) for _ in range(3)]
+    poses = [(Rotation.random(random_state=k).as_matrix(), (500.0 * k, 0.0, 0.0)) for k in range(3 - absent)]
+    seen = np.vstack([points @ R.T + t for points, (R, t) in zip(bodies, poses, strict=False)])
+    target = rng.permutation(seen) + rng.normal(0, 0.2, seen.shape)
+    labels = np.repeat(["a", "b", "c"], 6)
+    match = rm.match(np.vstack(bodies) / 10.0, target, rm.Rigid(), noise=(0.0, 0.2), bodies=labels)
+    assert not match
+    first = match.diagnose(SECONDS).fits[0]
+    assert re.search(r"the target is (9\.9|10)\S* times the source \(centimetres and millimetres\?\)", first.mistake)
+    assert (first.bodies, first.matched) == ((3 - absent, 3), 6 * (3 - absent))
+    assert f"{3 - absent} of 3 bodies matched" in str(first)

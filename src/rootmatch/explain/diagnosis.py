@@ -23,7 +23,7 @@ FEWEST_FREEDOM = 6
 """Degrees of freedom of a match that tell a factor on σ, those of four points in space: three stray points look like
 noise as easily."""
 LEAD = 5.0
-"""Log-odds over what is trusted as given, and over changes that mean nothing, from which a change corrects a mistake:
+"""Log-odds over what was found as given, and over changes that mean nothing, from which a change corrects a mistake:
 noise prefers one or another. A value that was fitted costs as much: one known to .3 % of its prior's width. A round
 value."""
 
@@ -50,6 +50,9 @@ class Trial:
     borne_out : bool
         False if the noise is said to be larger, and the residuals of the match do not show it; or if a small change of
         the camera fits hardly better than others of its size.
+    bodies : (int, int), optional
+        Of several bodies, how many are trusted, and how many there are. Points and log-odds are those of the trusted
+        ones then, unless there is none.
     """
 
     mistake: str
@@ -59,11 +62,19 @@ class Trial:
     log_odds: float | None
     probability: float | None = None
     borne_out: bool = True
+    bodies: tuple[int, int] | None = None
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the match is trusted, or that of any of several bodies: others may not be there."""
+        return self.status is Status.MATCHED if self.bodies is None else self.bodies[0] > 0
 
     def __str__(self) -> str:
         odds = "" if self.log_odds is None else f", log-odds {self.log_odds:.1f}"
-        told = self.mistake or "as given"
-        return f"{told}: {self.status.name.lower()}, {self.matched} points{odds}"
+        told, status = self.mistake or "as given", self.status.name.lower()
+        if self.bodies is not None:
+            status = f"{self.bodies[0]} of {self.bodies[1]} bodies matched"
+        return f"{told}: {status}, {self.matched} points{odds}"
 
 
 @dataclass(frozen=True)
@@ -88,11 +99,10 @@ class Diagnosis:
     def fits(self) -> tuple[Trial, ...]:
         """Mistakes that would explain the points: their match is trusted and more probable than the input as given.
 
-        By far, if that is trusted itself.
+        By far, if that found anything itself.
         """
-        before = -math.inf if self.given.log_odds is None else self.given.log_odds
-        before += LEAD if self.given.status is Status.MATCHED else 0.0
-        trusted = [one for one in self.trials if one.status is Status.MATCHED and one.borne_out]
+        before = -math.inf if self.given.log_odds is None else self.given.log_odds + LEAD
+        trusted = [one for one in self.trials if one.is_trusted and one.borne_out]
         return tuple(one for one in trusted if one.log_odds is None or one.log_odds > max(before, 0.0))
 
     def __str__(self) -> str:
@@ -140,14 +150,18 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
 
 
 def _trial(mistake: Mistake, match: Any) -> Trial:
-    matched = int((match.assignment >= 0).sum())
+    every = [match] if match.bodies is None else [*match.bodies.values()]
+    trusted = [one for one in every if one.status is Status.MATCHED]
+    matched = sum(int((one.assignment >= 0).sum()) for one in trusted or every)
     # for an untrusted match, they may take longer to compute than the match did
-    known = match.finding.log_odds if match.status is Status.UNTRUSTED else match.log_odds
+    odds = [one.finding.log_odds if one.status is Status.UNTRUSTED else one.log_odds for one in trusted or every]
+    known = None if None in odds else float(sum(odds))
+    bodies = None if match.bodies is None else (len(trusted), len(every))
     borne_out = _is_borne_out(NOISIER[mistake.name], match.finding) if mistake.name in NOISIER else True
-    if mistake.complete and match.status is Status.MATCHED:
+    if mistake.complete and trusted:
         mistake = mistake.complete(mistake, match)
     known = known - LEAD * mistake.fitted if matched and known is not None else None
-    return Trial(mistake.name, mistake.remedy, match.status, matched, known, borne_out=borne_out)
+    return Trial(mistake.name, mistake.remedy, match.status, matched, known, borne_out=borne_out, bodies=bodies)
 
 
 def _is_borne_out(factor: float, found: Finding) -> bool:

@@ -18,7 +18,16 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats
 from rootmatch.deadline import OutOfTime, checkpoint
-from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_budgets, search_order, search_rounds
+from rootmatch.explain.bodies import (
+    LATE,
+    ROUNDS,
+    SURE,
+    SearchedBody,
+    Solve,
+    search_budgets,
+    search_order,
+    search_rounds,
+)
 from rootmatch.explain.body_findings import join_findings
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.finding import Finding, make_empty_finding
@@ -34,14 +43,15 @@ from rootmatch.explain.image_hypotheses import (
 from rootmatch.explain.in_time import prediction_deadline
 from rootmatch.explain.known_place import find_pairs_by_angle
 from rootmatch.explain.known_pose import propose_by_knowledge
+from rootmatch.explain.likeness import look_alike_by_errors
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
-from rootmatch.model.mode_search import NEGLIGIBLE
+from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, empty_posterior
 from rootmatch.model.prediction import COMPLETE
 from rootmatch.model.priors import PRESENT_ODDS
-from rootmatch.model.proposals import Proposals
+from rootmatch.model.proposals import Proposals, join_proposals
 
 IN_VIEW, DOUBTED = 0.95, 0.9
 """Probabilities that a body is in view, and of its pose: if the first is higher and the second lower, a longer search
@@ -217,6 +227,10 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
         _predict(task, bodies)
         if choice is None:
             search_rounds(task, bodies, _Body.is_worth_searching, search)
+            tried = set[tuple[int, bytes]]()
+            for _ in range(ROUNDS):
+                if _try_in_places_of_others(bodies, tried):
+                    search_rounds(task, bodies, _Body.is_worth_searching, search)
         else:
             # what is near its points takes longer to weigh than all else, and a search changes it
             predicted = _finding(task, bodies, beside=False)
@@ -234,6 +248,31 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
                     rival.free = body.told.modes.uses(task.shape[1])[0]
                     search(rival, budget, _with_remaining_budget(of_part, bodies))
     return _finding(task, bodies)
+
+
+def _try_in_places_of_others(bodies: list[_Body], tried: set[tuple[int, bytes]]) -> bool:
+    """Try each body where others may be, as far as its points are known; whether anything was tried.
+
+    Of points with errors a search meets many places that nearly fit, and the right one may not be among those that it
+    keeps: then another body takes that, and leaves its own. ``tried``: bodies and places, so far.
+    """
+    places = [(one, one.told.modes.take(np.flatnonzero(one.told.probabilities > 1.0 - SURE))) for one in bodies]
+    new = False
+    for body in bodies:
+        parts, own = list[Proposals](), body.candidate.model
+        for other, modes in places:
+            keys = [(body.number, one.tobytes()) for one in modes.assignments]
+            some = modes.take(np.array([k for k, key in enumerate(keys) if key not in tried], np.int64))
+            tried.update(keys)
+            if other is not body and len(some.assignments):
+                there = Proposals(some.assignments, some.rotation, some.position)
+                parts += look_alike_by_errors(there, (other.task, other.candidate.model), (body.task, own))
+        if parts:
+            found = find_modes(own, join_proposals(parts), body.candidate.modes, of_several=True, least=-HOPELESS)
+            body.candidate, new = copy_with(body.candidate, modes=found), True
+    if new:
+        _weigh(bodies)
+    return new
 
 
 def _finding(task: MatchingTask, bodies: list[_Body], beside: bool = True) -> Finding:

@@ -30,7 +30,7 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import likeliest_lit_points, swap_to_likeliest
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.elsewhere import log_odds_of_another
-from rootmatch.model.evidence import residual_statistics
+from rootmatch.model.evidence import residual_statistics, settle_poses
 from rootmatch.model.image_alike import alike_log_odds
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
@@ -241,7 +241,9 @@ def odds_lead(probability: float | None) -> float:
 
 def mode_misfit(model: DetectionModel, modes: Modes, k: int) -> Misfit:
     """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
-    squared, _ = residual_statistics(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    own = slice(k, k + 1)  # a mode that few steps led to may be far from its best pose
+    _, at = settle_poses(model, modes.assignments[own], modes.rotation[own], modes.position[own])
+    squared, _ = residual_statistics(model, modes.assignments[k], at.rotation[0], at.position[0])
     return Misfit.of(squared, round(float(modes.freedom[k])))
 
 

@@ -226,7 +226,7 @@ def _sum_first_mode(model: DetectionModel, modes: Modes, told: Posterior) -> Mod
     if not len(told.probabilities) or first.summed[0] or told.probabilities[0] < LIKELY:
         return modes
     same = (modes.rotation == first.rotation[0]).all(axis=(1, 2)) & (modes.position == first.position[0]).all(axis=1)
-    return grow_mode(model, modes, int(np.flatnonzero(same)[0]))
+    return grow_mode(model, modes, int(same.argmax())) if same.any() else modes  # what is left of one has its own pose
 
 
 def is_search_needless(

@@ -13,12 +13,16 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers, cache_by_values
 from rootmatch.explain.body_labels import SAME_SHAPE, twin_points
+from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.exact_shapes import Copies
 from rootmatch.model.exchanged import Places
+from rootmatch.model.proposals import Proposals, look_alikes
+from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.points import PointClouds, distances
+from rootmatch.problems.pose_fit.point_set_fit import fit_point_sets
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.samplers.point_sets.congruent import GATE, congruent_labellings
+from rootmatch.samplers.point_sets.congruent import GATE, congruent_labellings, is_small
 from rootmatch.samplers.point_sets.motions import fit_motions
 
 LEAST, SHARE = 4, 0.5
@@ -31,6 +35,11 @@ OF_BODY = "points", "normals", "view_cosine", "source_covariance", "rate", "reso
 """What a model of an image has of its body."""
 MOST_POINTS = 16
 """Number of points beyond which a body is compared with its copies and mirror images alone: ten milliseconds."""
+
+
+WAYS, LEAST_CHANCE = 4, 1e-4
+"""Ways in which bodies are tried in each other's places if their points have errors, and the least chance of points as
+far apart as theirs. Round values."""
 
 
 @cache_by_values(256)
@@ -54,6 +63,44 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
         for known, every in (proper, found.proper), (mirrored, found.mirrored):
             known += [one for one in every[:1] if not known and np.count_nonzero(one >= 0) >= least]
     return (*proper, *mirrored)
+
+
+def look_alike_by_errors(
+    places: Proposals, first: tuple[MatchingTask, DetectionModel], second: tuple[MatchingTask, DetectionModel]
+) -> list[Proposals]:
+    """Poses of a second body in places of a first one, in each way in which they are alike by their points' errors.
+
+    Each body by its task and its model; empty if the points of neither have errors.
+    """
+    points = [task.points for task, _ in (first, second)]
+    if all(one.source_covariance is None for one in points):
+        return []
+    deviations = [
+        np.zeros(len(one.source)) if one.source_covariance is None else mean_deviation(one.source_covariance)
+        for one in points
+    ]
+    (_, model), (task, own) = first, second
+    ways = _likenesses_by_errors(points[0].source, points[1].source, *deviations)
+    return [look_alikes(places, model.points, own.points, task.sighting_rows(way)[None]) for way in ways]
+
+
+@cache_by_values(256)
+def _likenesses_by_errors(first: Floats, second: Floats, deviations: Floats, others: Floats) -> Integers:
+    """Ways (T, n) in which bodies are alike as far as their points are known, the nearest first; see `likenesses`.
+
+    ``deviations`` (n,), ``others`` (m,): standard deviation of a coordinate of each of their points.
+    """
+    from scipy.special import gammaincc  # slow to import
+
+    clouds = PointClouds(first, second, deviations**2, others**2, scaled=False, mirror=False)
+    every = congruent_labellings(clouds, False).proper if is_small(clouds) else np.empty((0, len(first)), np.int64)
+    matched = (every >= 0).sum(axis=1)
+    every = every[matched >= max(LEAST, SHARE * min(len(first), len(second)))]
+    if not len(every):
+        return np.empty((0, len(first)), np.int64)
+    fit = fit_point_sets(clouds, every, False)
+    ways = np.lexsort((fit.chi2, -(every >= 0).sum(axis=1)))
+    return np.asarray(every[ways[gammaincc(0.5 * fit.dof, 0.5 * fit.chi2)[ways] >= LEAST_CHANCE][:WAYS]])
 
 
 def find_copies(bodies: Sequence[tuple[Floats, DetectionModel]]) -> list[Copies] | None:

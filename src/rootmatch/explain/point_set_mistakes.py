@@ -54,8 +54,12 @@ def list_point_set_mistakes(problem: Similarity, given: PointSets) -> Iterator[M
 
 
 def _with_scale(mistake: Mistake, match: Any) -> Mistake:
-    """A mistake about units with the factor that was found, or about the scale if it is that of no two units."""
-    scale = float(match.pose.scale)
+    """A mistake about units with the factor that was found, or about the scale if it is that of no two units.
+
+    Of several bodies, the median of those that are trusted.
+    """
+    found = [match] if match.bodies is None else [one for one in match.bodies.values() if one]
+    scale = float(np.median([one.pose.scale for one in found]))
     factor = max(scale, 1.0 / scale)
     larger, smaller = ("target", "source") if scale > 1.0 else ("source", "target")
     units = [names for ratio, names in UNITS.items() if abs(math.log(factor / ratio)) < NEAR]

@@ -9,8 +9,9 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.model.detection_model import HIGHEST_RATE
 
-BY_CHANCE = 1e-4
-"""Probability that a camera has as few sightings of a body from which that is not told. A round value."""
+BY_CHANCE = 1e-3
+"""Probability that a camera has as few sightings of a body from which that is not told: a camera that was knocked, or
+hidden, is far more frequent. A round value."""
 FEW = 2
 """Sightings in a camera that clutter may make: a minimal set has one more."""
 

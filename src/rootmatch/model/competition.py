@@ -17,7 +17,7 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.copy_or_alike import log_alike_factor
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import weigh_assignments
+from rootmatch.model.evidence import settle_poses, weigh_assignments
 from rootmatch.model.exact_shapes import Copies, exact_shape_log_gains
 from rootmatch.model.exchanged import own_prior
 from rootmatch.model.joint import joint_marginals, remaining_parts
@@ -232,15 +232,18 @@ def _add_partial_modes(model: DetectionModel, modes: Modes, k: int, uses: Sequen
     which, assignments = remaining_parts(modes.assignments, others, shared, model.prior.least)
     if not len(which):
         return modes
-    found = weigh_assignments(model, assignments, model.linearise_about(modes.rotation[which], modes.position[which]))
-    usable = np.isfinite(found.log_odds)
     part_of = modes.take(which)
+    # what is another's may have pulled the pose aside
+    found, at = settle_poses(model, assignments, part_of.rotation, part_of.position)
+    usable = np.isfinite(found.log_odds)
     given = (assignments < 0) & (part_of.assignments >= 0)  # to another body
     lost = part_of._replace(
         assignments=assignments,
+        rotation=at.rotation,
+        position=at.position,
         covariance=found.covariance,
         log_odds=found.log_odds,
-        log_mass=found.log_odds + part_of.log_mass - part_of.log_odds,
+        log_mass=found.log_odds + _gains_beside(part_of, given),
         freedom=found.freedom,
         visible=found.visible,
         detected=found.detected,
@@ -249,3 +252,13 @@ def _add_partial_modes(model: DetectionModel, modes: Modes, k: int, uses: Sequen
         near=empty_changes_each(*assignments.shape),
     )
     return modes.and_(lost.take(usable.nonzero()[0]))
+
+
+def _gains_beside(modes: Modes, given: Bools) -> Floats:
+    """What the changes of modes gain (M,) that leave ``given`` points (M, n) as they are: others would be no change."""
+    gains = modes.log_mass - modes.log_odds
+    for k in np.flatnonzero(modes.summed):
+        changed, log_odds, _ = modes.near[k]
+        same = (changed[:, given[k]] == modes.assignments[k, given[k]]).all(axis=1)
+        gains[k] = min(gains[k], np.logaddexp.reduce(np.append(log_odds[same] - modes.log_odds[k], 0.0)))
+    return gains
