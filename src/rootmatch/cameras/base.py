@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.algebra.rotation import cross
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.errors import InputError, UnseenPixelError
+from rootmatch.errors import InputError, UnseenPixelError, quote_value
 
 RIM = 0.05
 """Part of an image's width on both sides of its rim where a predicted point is less and less expected in it: the pose
@@ -143,3 +145,14 @@ def check_camera(camera: object, name: str = "camera", rigs: bool = False) -> No
         raise InputError(f"{name}: a Rig given, which P3P and UP2P alone take; give one camera")
     if getattr(camera, "camera", None) is not None:
         raise InputError(f"{name}: Bearings(camera) given, a measurement; give the camera itself, or Bearings()")
+
+
+def check_deviation(value: Any, name: str, unit: str) -> float:
+    """A standard deviation of a calibration; of 0, what it belongs to is exact."""
+    try:
+        sigma = float(value)
+    except (TypeError, ValueError, OverflowError):
+        sigma = math.nan
+    if not 0.0 <= sigma < math.inf:
+        raise InputError(f"{name} is {quote_value(value)}; give a standard deviation in {unit}, 0 if it is exact")
+    return sigma

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, Integers, as_floats, cache_by_values
-from rootmatch.cameras.base import CameraModel, tangent_axes
+from rootmatch.cameras.base import CameraModel, check_deviation, tangent_axes
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
@@ -329,17 +329,6 @@ def describe_outside_circle(camera: Camera, pixels: Floats, unseen: Bools, index
         f"{'lies' if count == 1 else 'lie'} outside of the lens's image circle "
         f"(radius {camera.lens.radius * camera.focal:.0f} px)"
     )
-
-
-def check_deviation(value: Any, name: str, unit: str) -> float:
-    """A standard deviation of a calibration; of 0, what it belongs to is exact."""
-    try:
-        sigma = float(value)
-    except (TypeError, ValueError, OverflowError):
-        sigma = math.nan
-    if not 0.0 <= sigma < math.inf:
-        raise InputError(f"{name} is {quote_value(value)}; give a standard deviation in {unit}, 0 if it is exact")
-    return sigma
 
 
 def _check_size(size: Any) -> tuple[float, float]:

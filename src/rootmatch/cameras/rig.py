@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.arrays import Bools, Floats, as_floats, as_points, cache_by_values
-from rootmatch.cameras.base import CameraModel, image_membership, tangent_axes
-from rootmatch.cameras.pinhole import Camera, check_deviation
+from rootmatch.cameras.base import CameraModel, check_deviation, image_membership, tangent_axes
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import warn_of_degrees
 from rootmatch.errors import InputError
 

@@ -42,8 +42,6 @@ HIGHEST_RATE = 0.999
 """Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
 USUAL_RATE = 0.9
 """Detection rate assumed if none is given, where it is not integrated over."""
-
-
 RATE_PRIOR, RATE_PRIOR_WITHOUT_NORMALS = (9.0, 1.0), (1.0, 1.0)
 """Beta distributions of the rate at which a visible point is detected: nine in ten if normals tell which are visible;
 without them it also covers how much of the body hides the rest. Their effects are measured in docs/model.md."""
@@ -74,7 +72,7 @@ class DetectionModel:
     target_covariance : (n', 2, 2) array, optional
         Of the detections, px², if their noise differs by axis; ``sigma`` is then the root mean square of both axes.
     calibration_noise : (n',) array, optional
-        Part of ``sigma`` that stands for errors of the calibration, px; if that is not exact.
+        Part of ``sigma`` that stands for errors of the calibration, px.
     rate : float, optional
         Rate at which a visible point is detected; integrated over if not given.
     prior : PoseDensity
@@ -188,8 +186,8 @@ class DetectionModel:
 
     def log_odds_of_left(self, taken: NDArray[np.bool_]) -> Floats:
         """Logarithm (K,) of the odds of as many clutter points as detections (K, n') that are taken leave."""
-        matches = taken.astype(np.float32) @ self._in_each_image
-        return np.asarray(self._log_counts[np.arange(matches.shape[1]), matches.astype(np.int64)].sum(axis=1))
+        matches = (taken.astype(np.float32) @ self._in_each_image).astype(np.int64)
+        return np.asarray(self._log_counts[np.arange(matches.shape[1]), matches].sum(axis=1))
 
     @once
     def _in_each_image(self) -> NDArray[np.float32]:
@@ -348,6 +346,5 @@ def count_triples(n: int, n_target: int) -> int:
 @lru_cache(maxsize=256)
 def log_count_odds(counts: tuple[int, ...], most: int) -> Floats:
     """Logarithm (C, most + 1) of the odds of 0, 1, 2 … clutter points fewer than images have detections (C,)."""
-    left = [[math.lgamma(max(count - k, 0) + 0.5) for k in range(most + 1)] for count in counts]
-    every = np.array(left)
+    every = np.array([[math.lgamma(max(count - k, 0) + 0.5) for k in range(most + 1)] for count in counts])
     return np.asarray(every - every[:, :1])

@@ -139,8 +139,11 @@ def bend_step(P, step, along, out):  # type: ignore[no-untyped-def]
     `rootmatch.problems.pose_fit.either_axes`.
     """
     rows, size = P.shape[0], step.shape[0]
-    out[:, :] = P
-    along[:] = step
+    for i in range(rows):
+        for j in range(rows):
+            out[i, j] = P[i, j]
+    for i in range(size):
+        along[i] = step[i]
     if P[0, 0] + P[1, 1] + P[2, 2] < STRAIGHT * STRAIGHT:
         return
     x, y, z, u, v, w = step[0], step[1], step[2], step[3], step[4], step[5]
