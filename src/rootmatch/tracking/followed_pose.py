@@ -26,7 +26,8 @@ class FollowedPose:
     weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
     pose of something else. ``place``: number of the place that it has with all hypotheses about the same detections;
     ``alone``: the largest log-odds of that place without a prediction, since there were several places.
-    ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then.
+    ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then. ``unfollowed``:
+    probability, if the body is in that place, of poses that a frame left possible there and that are not followed.
     """
 
     filter: MotionFilter
@@ -37,6 +38,7 @@ class FollowedPose:
     alone: float = -math.inf
     since: float = -math.inf
     log_absent: float = -math.inf
+    unfollowed: float = 0.0
 
     @property
     def total(self) -> float:
