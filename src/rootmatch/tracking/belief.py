@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rootmatch.arrays import Floats
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import mode_misfit
@@ -252,8 +253,11 @@ class Belief:
         left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
         if origin[0] < 0 and found.facts.missed > EXISTS and is_met_by_search(found.task, model, modes.assignments[0]):
             left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
-        unfollowed[after[0].place] = max(left, unfollowed.get(after[0].place, 0.0))
-        self.poses = [copy_with(one, unfollowed=unfollowed.get(one.place, 0.0)) for one in self.poses]
+        for lead in after[:1]:
+            unfollowed[lead.place] = max(left, unfollowed.get(lead.place, 0.0))
+        for k, one in enumerate(self.poses):
+            if one.unfollowed != (chance := unfollowed.get(one.place, 0.0)):
+                self.poses[k] = copy_with(one, unfollowed=chance)
         if not known and len({one.place for one in self.poses if copy_chance(one.alone) >= LIKELY}) > 1:
             self.gone = GonePlaces()  # they are in view again
         if known and any(one.filter.time == time for one in self.poses):
@@ -307,8 +311,10 @@ class Belief:
             misfit = Misfit(factor**2, factor, found.noise_dof, found.alike)
         else:
             misfit = mode_misfit(model, modes, step.mode)
+        stands = found.status is Status.MATCHED or math.isfinite(step.weighed)
+        shows = stands + (last.shows if step.origin >= 0 and last.filter.time == self.time else 0)
         log_other = update_identity(last.log_other, misfit, TEMPER, len(model.images) > 1)
         return copy_with(
             last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
-            alone=step.alone,
+            alone=step.alone, weighed=step.weighed, shows=shows,
         )  # fmt: skip

@@ -39,11 +39,17 @@ class FollowedPose:
     since: float = -math.inf
     log_absent: float = -math.inf
     unfollowed: float = 0.0
+    weighed: float = -math.inf
+    shows: int = 0
 
     @property
     def total(self) -> float:
         """Logarithm of its weight with the last frame."""
         return self.log_weight + self.shown
+
+    def alone_with(self, told: float) -> float:
+        """``alone`` after a frame that tells log-odds by itself."""
+        return self.alone + (told - self.alone) / (1 + self.shows)
 
 
 class Step(NamedTuple):
@@ -59,6 +65,8 @@ class Step(NamedTuple):
     """Probability that the mode is what became of the prediction."""
     place: int
     alone: float
+    """See `FollowedPose`."""
+    weighed: float = -math.inf
     """See `FollowedPose`."""
     more: float = 0.0
     """Part of ``log_weight``: by how much more the place shows than before."""
