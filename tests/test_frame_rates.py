@@ -115,4 +115,6 @@ def test_a_body_that_is_found_again_at_a_frame_a_second_is_followed() -> None:
         shown = np.concatenate([np.empty((0, 2)) if 3 <= k < 9 else camera.project(seen), stars])
         match = one.update(shown + rng.normal(0.0, 0.2, shown.shape))
         states.append(bool(match))
+        assert "the prior" not in match.advice
     assert states == [not 3 <= k < 9 for k in range(24)]
+    assert repr(one) == "Tracker(P3P, 9 points, TRACKING)"

@@ -202,7 +202,7 @@ class Gaussian(Mixed):
             return bounded
         values, vectors = np.linalg.eigh(bounded[:3, :3])
         change = bounded[:, :3] @ vectors / values  # of the pose by its rotation
-        return bounded - change * np.maximum(values - 1.0 / ANY_TURN, 0.0) @ change.T
+        return np.asarray(bounded - change * np.maximum(values - 1.0 / ANY_TURN, 0.0) @ change.T)
 
     def log_gain(self, radius: float) -> float:
         """Logarithm of what restricting a normal distribution to where a body may be at all adds to its density.

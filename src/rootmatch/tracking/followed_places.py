@@ -3,11 +3,12 @@
 Two hypotheses about the same detections are poses of one thing, and each frame tells more of which it is. Two that
 share none are things in two places. Each of them is found where it was expected, whatever it is: the body, a copy of
 it, or clutter that stays. So frames tell nothing of which one was asked for, but by what each shows for itself alone.
-With O, the odds of what was seen in a place at best, without a prediction, against clutter, and κ, the odds of a copy,
+With O, the odds of what is seen in a place, without a prediction, against clutter, and κ, the odds of a copy,
 
     P(the body is in X) ∝ O_X Π_Y≠X (1 + κ O_Y) ∝ 1 / (κ + 1 / O_X)
 
-Frames repeat this evidence rather than add to it, so a place has the largest of them. Beyond 1 / κ all are alike.
+Frames repeat this evidence rather than add to it, so a place has the mean of what they say since it came in sight, as
+one frame would: the best of many is what chance shows as well. Beyond 1 / κ all are alike, but for how well each fits.
 A place that is no longer seen keeps its share: the body may have left the view, as well as a copy.
 
 A place that is met while another one is followed has the body if that was not in view when the other one was found and
@@ -264,7 +265,7 @@ def relative_log_weights(model: DetectionModel, modes: Modes, each: Floats, own:
     """Log-weights (M,) of modes in other places relative to the followed one, whose first mode is given.
 
     By what each shows for itself, and by how much less probable it is because other bodies explain it as well.
-    ``each`` (M,): logarithms of the probabilities of the modes in the frame; ``own`` (M,): `log_weight` of their places.
+    ``each`` (M,): logarithms of the probabilities of the modes in the frame; ``own`` (M,): `log_weight` of each place.
     """
     (told,) = joint_posterior([model], [modes], [()])  # as if there was no other body
     same = (told.modes.assignments == modes.assignments[:, None]).all(axis=2)

@@ -25,7 +25,8 @@ class FollowedPose:
     ``shown``: log-probability that just these of its visible points were seen in the last frame. It is no part of the
     weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
     pose of something else. ``place``: number of the place that it has with all hypotheses about the same detections;
-    ``alone``: the largest log-odds of that place without a prediction, since there were several places.
+    ``alone``: mean log-odds of that place without a prediction; ``shows``: the frames that it is of, those in a row in
+    which the place was trusted, or weighed among several; ``weighed``: `log_weight` by which it was weighed last.
     ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then. ``unfollowed``:
     probability, if the body is in that place, of poses that a frame left possible there and that are not followed.
     """

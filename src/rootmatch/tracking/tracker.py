@@ -113,8 +113,7 @@ max_evaluations
         check_followed(problem, source)
         self.matcher = Matcher(**given)
         self.tracking, self._turns, self._steps = tracking, Turns(), FrameSteps()
-        self.labels = self.matcher.labels
-        self._bodies: dict[Label | None, FollowedBody] = {}
+        self.labels, self._bodies = self.matcher.labels, dict[Label | None, FollowedBody]()
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
         self._identical: Groups = []
@@ -127,6 +126,10 @@ max_evaluations
             turns = near_symmetric_motions(points[own], None if normals is None else normals[own], TURNS)
             self._bodies[label] = FollowedBody(points[own], tracking, turns)
         self.reset()
+
+    def __repr__(self) -> str:
+        told = [f"{'' if label is None else f'{label}: '}{state.name}" for label, state in self.states.items()]
+        return f"Tracker({self.matcher.problem.name}, {len(self.matcher.source)} points, {', '.join(told)})"
 
     @property
     def state(self) -> TrackingState:
@@ -223,10 +226,9 @@ max_evaluations
         """
         started = perf_counter()
         deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
-        given: dict[Label | None, Prior] = {}
         if prior is not None:
             check_predicted(prior, self.labels, self.matcher.problem)
-            given.update(prior.items() if isinstance(prior, Mapping) else {None: prior}.items())
+        given: dict[Label | None, Prior] = {**prior} if isinstance(prior, Mapping) else {None: prior} if prior else {}
         with self._turns:
             when, before = self._time(time), self.time
             if before is not None and when <= before:
@@ -253,9 +255,7 @@ max_evaluations
         candidates: ArrayLike | None,
     ) -> Finding:
         """The finding of a frame: about the predicted poses, and by a search if they do not hold."""
-        poses: dict[Label | None, Prior] = {}
-        rivals: dict[Label | None, Rivals] = {}
-        frame = self._frame
+        poses, rivals, frame = dict[Label | None, Prior](), dict[Label | None, Rivals](), self._frame
         for label, body in self._bodies.items():
             told = given.get(label)
             if body.belief and not isinstance(told, Pose):

@@ -70,7 +70,8 @@ class WeighedModes(NamedTuple):
                 out.append(
                     Step(
                         float(self.weights[k]), float(self.shown[k]), of, k, chance,
-                        place=int(self.place[k]), alone=float(self.alone[k]), more=float(self.more[k]), weighed=float(self.own[k]),
+                        place=int(self.place[k]), alone=float(self.alone[k]), more=float(self.more[k]),
+                        weighed=float(self.own[k]),
                     )
                 )  # fmt: skip
         return out
