@@ -198,7 +198,7 @@ class Gaussian(Mixed):
         scale = np.sqrt(np.maximum(self.covariance.diagonal(), least**2))
         unit = scale[:, None] * scale
         bounded = np.asarray((self.covariance / unit + RIDGE) * unit)
-        if float(bounded[:3, :3].trace()) * ANY_TURN <= 1.0:
+        if (bounded[0, 0] + bounded[1, 1] + bounded[2, 2]) * ANY_TURN <= 1.0:
             return bounded
         values, vectors = np.linalg.eigh(bounded[:3, :3])
         change = bounded[:, :3] @ vectors / values  # of the pose by its rotation
@@ -210,7 +210,7 @@ class Gaussian(Mixed):
         So a vague one is never less than the density of any place, as of `Broad` about the predicted one.
         """
         reach2, spread = float(self.position @ self.position) + radius**2, self.bounded_covariance[3:, 3:]
-        if float(spread.trace()) < VAGUE * reach2:
+        if spread[0, 0] + spread[1, 1] + spread[2, 2] < VAGUE * reach2:
             return 0.0
         precision, _ = Broad(radius).position_terms(self.position[None])
         return 0.5 * float(np.linalg.slogdet(np.eye(3) + spread @ precision[0])[1])
