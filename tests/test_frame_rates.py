@@ -101,3 +101,20 @@ def test_a_flight_sampled_more_often_is_known_as_well() -> None:
 def test_the_size_of_accelerations_is_learnt_at_any_rate(rate: float) -> None:
     """Of a body that accelerates as the model has it; a frame that tells little changes little."""
     assert 0.7 < followed(rate, 1.0).scale < 1.5
+
+
+def test_a_body_that_is_found_again_at_a_frame_a_second_is_followed() -> None:
+    """The default motion predicts next to nothing over a second, and what is found is no jump away from that."""
+    rng = np.random.default_rng(161310)
+    points, turn = rng.uniform(-2.0, 2.0, (9, 3)), Rotation.random(random_state=3).as_matrix()
+    camera = rm.Camera(5800.0, 5800.0, 512.0, 512.0, size=(1024, 1024))
+    one = rm.Tracker(points, rm.P3P(camera), noise=0.2, tracking=TrackingOptions(interval=1.0))
+    stars, states = rng.uniform(0.0, 1024.0, (8, 2)), []
+    for k in range(24):
+        seen = points @ turn.T + np.array([0.0, 0.0, 90.0 * 0.95**k])
+        shown = np.concatenate([np.empty((0, 2)) if 3 <= k < 9 else camera.project(seen), stars])
+        match = one.update(shown + rng.normal(0.0, 0.2, shown.shape))
+        states.append(bool(match))
+        assert "the prior" not in match.advice
+    assert states == [not 3 <= k < 9 for k in range(24)]
+    assert repr(one) == "Tracker(P3P, 9 points, TRACKING)"

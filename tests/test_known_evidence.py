@@ -16,7 +16,7 @@ import rootmatch as rm
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import settle_poses, step_poses
 from rootmatch.model.known_density import Known
-from rootmatch.model.pose_density import Broad, Doubted
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -160,3 +160,15 @@ def test_the_vaguer_the_knowledge_the_nearer_to_none(kind: str) -> None:
     assert -0.01 <= worth[-1] < (0.5 if kind == "position" else 2.1)  # 1 rad, the most, is a seventh of all turns
     np.testing.assert_allclose(turned, R, atol=1e-3)
     np.testing.assert_allclose(moved, t, atol=1e-3)
+
+
+def test_a_vague_prediction_is_no_less_than_nothing_known() -> None:
+    """After a second of which nothing is known a body may have turned several times, and is somewhere in the image."""
+    R, place, nothing = np.eye(3), np.array([0.1, -0.1, 1.0]), Broad(RADIUS)
+    at = R[None], place[None]
+    for width in (1e-4, 1e-2, 1.0, 10.0, 100.0):
+        known = Gaussian(R, place, np.diag([width**2] * 6))
+        told = Doubted([known], [math.log1p(-DOUBT)], nothing, DOUBT).terms(*at).log_density[0] - math.log1p(-DOUBT)
+        peak = max(-3.0 * math.log(2.0 * math.pi * width**2), float(nothing.terms(*at).log_density[0]))
+        assert peak - 1e-3 < told < peak + 1.6, width
+        assert Doubted([known], [math.log1p(-DOUBT)], nothing, DOUBT).prediction_indices(*at)[0] == 0

@@ -214,7 +214,7 @@ def test_a_vertical_narrows_a_prediction() -> None:
         (np.eye(4), "prior: ndarray given"),
         (rm.Pose(np.eye(3), T), "with a covariance"),
         (rm.Pose(np.eye(2), T[:2], np.eye(3)), "in space"),
-        ({"a": rm.Pose(np.eye(3), T, SPREAD)}, "prior: dict given"),
+        ({"a": rm.Pose(np.eye(3), T, SPREAD)}, "prior: dict given, of 'a', but no labels"),
     ],
 )
 def test_priors_that_cannot_be_used(prior: Any, text: str) -> None:

@@ -41,6 +41,8 @@ BODY = 0.5
 BODY_OF_FRAME = 0.7
 """The same of a tracker's frame, which searches for one."""
 LATE = "max_seconds were over before it was searched for"
+UNCONFIRMED = "the predicted pose is not confirmed"
+UNSEARCHED = "no pose is predicted, and nothing was searched for in this frame"
 LISTED = 5
 """Number of alternatives of a doubtful match that another body may rule out by taking their detections. A round
 value."""
@@ -107,6 +109,13 @@ class _Body(SearchedBody):
             return fewer
         listed = self.found.every[: 1 + LISTED]
         return fewer and not all(free[one[one >= 0]].all() for one in listed)
+
+
+def why_unsearched(part: MatchingTask) -> str:
+    """Why nothing is found of the body of a task that no search has come to."""
+    if part.deadline.stopped_early:
+        return LATE
+    return UNSEARCHED if part.prior_pose is None else UNCONFIRMED
 
 
 def match_bodies(task: MatchingTask, solve: Solve) -> Finding:

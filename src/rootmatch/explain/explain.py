@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.assessment import assess
-from rootmatch.explain.bodies import match_bodies
+from rootmatch.explain.bodies import UNCONFIRMED, match_bodies
 from rootmatch.explain.body_findings import find_no_body
 from rootmatch.explain.dense_image import match_dense
 from rootmatch.explain.finding import Finding, make_empty_finding
@@ -25,7 +25,7 @@ from rootmatch.explain.known_pose import match_known
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import estimate_noise_and_solve
 from rootmatch.explain.point_set_decision import decide_point_sets, judge_solution, make_point_set_model
-from rootmatch.explain.predicted_pose import UNCONFIRMED, match_predicted
+from rootmatch.explain.predicted_pose import match_predicted
 from rootmatch.explain.proposed_pairs import find_pair_motions, is_worth_drawing
 from rootmatch.explain.rig_search import match_rig
 from rootmatch.explain.sampling import keep_affordable, make_sweep, sample

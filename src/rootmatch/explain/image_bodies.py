@@ -19,7 +19,6 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.explain.bodies import (
-    LATE,
     ROUNDS,
     SURE,
     SearchedBody,
@@ -27,6 +26,7 @@ from rootmatch.explain.bodies import (
     search_budgets,
     search_order,
     search_rounds,
+    why_unsearched,
 )
 from rootmatch.explain.body_findings import join_findings
 from rootmatch.explain.body_labels import twin_points
@@ -287,7 +287,7 @@ def _finding(task: MatchingTask, bodies: list[_Body], beside: bool = True) -> Fi
         of_others = used - each[body.number] >= SURE
         one = body.tell(taken, of_others, beside)
         taken[one.assignment[one.assignment >= 0]] = True
-        unseen = LATE if body.among < 0 else one.reason
+        unseen = why_unsearched(body.task) if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen
         found[body.number] = one if one.reason == reason else copy_with(one, reason=reason)
     return join_findings(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))

@@ -8,7 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import SURE
+from rootmatch.explain.bodies import SURE, UNCONFIRMED, why_unsearched
 from rootmatch.explain.body_findings import restore_columns
 from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.image_bodies import Choice, SearchPart
@@ -19,9 +19,6 @@ from rootmatch.explain.inexact_points import allow_point_errors
 from rootmatch.explain.rivals import NONE
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
-
-UNCONFIRMED = "the predicted pose is not confirmed"
-UNSEARCHED = "no pose is predicted, and nothing was searched for in this frame"
 
 
 def match_predicted(
@@ -35,7 +32,7 @@ def match_predicted(
     """
     searchable = solve is not None and task.shape[1] >= task.problem.order
     body = Candidate.of(task, [])
-    predicted, found = None, make_empty_finding(task, UNSEARCHED if task.prior_pose is None else UNCONFIRMED)
+    predicted, found = None, make_empty_finding(task, why_unsearched(task))
     with prediction_deadline(task.deadline).within():
         predicted = propose_predicted(body.model)
         body = body.with_assignments([], predicted)

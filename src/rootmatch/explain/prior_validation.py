@@ -21,6 +21,9 @@ Prior = Pose | PosePrior
 
 def check_predicted(prior: object, labels: BodyLabels | None, problem: Problem) -> None:
     """Refuse anything but one prior or, with several bodies, priors of some of them by label."""
+    if labels is None and isinstance(prior, Mapping):
+        told = ", ".join(map(repr, prior))
+        raise InputError(f"prior: dict given, of {told}, but no labels as bodies=; give the pose itself, or bodies=")
     if labels is None:
         check_prior(prior, problem)
         return

@@ -96,7 +96,8 @@ def advice(
             "first, as the second of a pair counts as clutter"
         )
     if agrees_with_prior(finding) is False:
-        text += "; this pose contradicts the prior and was found without it; check the prior and its σ"
+        against, to_check = _contradiction_texts(finding)
+        text += f"; this pose contradicts {against} and was found without it; {to_check}"
     told = "max_seconds" in text or not stopped_early
     return text if told else f"{text}; max_seconds ended it before it was finished"
 
@@ -153,7 +154,8 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
         )
     if _is_maybe_chance(finding):
         chance, least = _format_distinct(facts.probability or 0.0, facts.min_probability)
-        against = "it contradicts the prior and is much more probable without; check the prior and its σ, or "
+        of, to_check = _contradiction_texts(finding)
+        against = f"it contradicts {of} and is much more probable without; {to_check}, or "
         to_give = _enumerate_inputs([*_missing_inputs(task), "fewer stray detections"])
         return (
             f"no trustworthy match: what was found could be chance (probability {chance}, `min_probability` {least}); "
@@ -177,6 +179,13 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
             f"check {problem.to_check} and the noise, or {to_give}{seen}"
         )
     return general_advice(Status.UNTRUSTED, problem)
+
+
+def _contradiction_texts(finding: Finding) -> tuple[str, str]:
+    """What a finding contradicts, and what to check of that: a prediction of a tracker's own is not what was given."""
+    if finding.task.rivals.places and not finding.contradicted:
+        return "the prediction from the frames before", "check their times, and how fast it may move by `MotionOptions`"
+    return "the prior", "check the prior and its σ"
 
 
 def _is_there(finding: Finding) -> bool:

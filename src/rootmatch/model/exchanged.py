@@ -81,7 +81,7 @@ class Exchanged(Mixed):
         left = math.log1p(-sum(math.exp(share) for _, share in self.others))
         (*parts, peaks, freedom), (*numbers, log_share, radius), (*pieces, known) = self.known.for_kernels
         own = *parts, peaks + left, freedom  # others follow what is known of the body itself
-        predictions = tuple(map(np.concatenate, zip(own, pack_predictions(self.others), strict=True)))
+        predictions = tuple(map(np.concatenate, zip(own, pack_predictions(self.others, radius), strict=True)))
         return predictions, (*numbers, log_share + left, radius), (*pieces, known + left)  # type: ignore[return-value]
 
     def is_in_other_place(self, rotation: Floats, position: Floats) -> Bools:

@@ -32,6 +32,11 @@ TURNS = 2.0 * math.pi
 EXACT = 1e-6
 """Smallest standard deviation of a prediction: in radians, relative to the distance, and relative to other
 directions."""
+LOG_PEAK = 3.0 * math.log(2.0 * math.pi)
+"""Of a standard normal distribution of six parameters: less this is the logarithm of its density at its peak."""
+VAGUE = 1e-3
+"""Variance of a place over its squared distance below which it is hardly vaguer by being in view: by less than the
+same part. A round value."""
 RIDGE = EXACT * np.eye(6)
 """Of a covariance in units of its standard deviations."""
 LEAST = 3
@@ -177,7 +182,7 @@ class Gaussian(Mixed):
     @once
     def for_kernels(self) -> Mixture:
         """See `PoseDensity.for_kernels`."""
-        return pack_predictions([(self, 0.0)]), Broad().weigh_share(-math.inf), NO_KNOWLEDGE
+        return pack_predictions([(self, 0.0)], math.inf), Broad().weigh_share(-math.inf), NO_KNOWLEDGE
 
     def tail_weight(self, squared: Floats) -> Floats:
         """How much the prediction counts at a squared deviation (K,) from it: 1 up to 6, the mean of six parameters."""
@@ -187,12 +192,28 @@ class Gaussian(Mixed):
 
     @once
     def bounded_covariance(self) -> Floats:
-        """The covariance, no more certain than `EXACT` in any direction."""
+        """The covariance, no more certain than `EXACT` in any direction, and of no more than all rotations."""
         distance = max(math.sqrt(self.position @ self.position), 1e-300)
         least = EXACT * np.array([1.0, 1.0, 1.0, distance, distance, distance])
         scale = np.sqrt(np.maximum(self.covariance.diagonal(), least**2))
         unit = scale[:, None] * scale
-        return np.asarray((self.covariance / unit + RIDGE) * unit)
+        bounded = np.asarray((self.covariance / unit + RIDGE) * unit)
+        if (bounded[0, 0] + bounded[1, 1] + bounded[2, 2]) * ANY_TURN <= 1.0:
+            return bounded
+        values, vectors = np.linalg.eigh(bounded[:3, :3])
+        change = bounded[:, :3] @ vectors / values  # of the pose by its rotation
+        return np.asarray(bounded - change * np.maximum(values - 1.0 / ANY_TURN, 0.0) @ change.T)
+
+    def log_gain(self, radius: float) -> float:
+        """Logarithm of what restricting a normal distribution to where a body may be at all adds to its density.
+
+        So a vague one is never less than the density of any place, as of `Broad` about the predicted one.
+        """
+        reach2, spread = float(self.position @ self.position) + radius**2, self.bounded_covariance[3:, 3:]
+        if spread[0, 0] + spread[1, 1] + spread[2, 2] < VAGUE * reach2:
+            return 0.0
+        precision, _ = Broad(radius).position_terms(self.position[None])
+        return 0.5 * float(np.linalg.slogdet(np.eye(3) + spread @ precision[0])[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +289,7 @@ class Doubted(Mixed):
                 every.append((rotations, directions, places, peaks + share))
         any_turn, field, depth, log_share, radius = self.without.for_kernels[1]
         broad = any_turn, field, depth, log_share + log_doubt, radius
-        return pack_predictions(normal), broad, _concatenate_knowledge(every) if every else NO_KNOWLEDGE
+        return pack_predictions(normal, radius), broad, _concatenate_knowledge(every) if every else NO_KNOWLEDGE
 
     @property
     def _weighted_predictions(self) -> list[tuple[Mixed, float]]:
@@ -286,15 +307,15 @@ def _log_mass(freedom: float) -> float:
     return math.log(within + tail * math.exp(-3.0) / inner**3)
 
 
-def pack_predictions(predictions: Sequence[tuple[Gaussian, float]]) -> tuple[Floats, ...]:
-    """Predictions with their shares as arrays for the kernel."""
+def pack_predictions(predictions: Sequence[tuple[Gaussian, float]], radius: float) -> tuple[Floats, ...]:
+    """Predictions of a body, of a ``radius`` as of `Broad`, with their shares as arrays for the kernel."""
     if not predictions:
         return NO_PREDICTIONS
     return (
         np.array([one.rotation for one, _ in predictions]),
         np.array([one.position for one, _ in predictions]),
         np.array([one.bounded_covariance for one, _ in predictions]),
-        np.array([share - _log_mass(one.freedom) - 3.0 * math.log(2.0 * math.pi) for one, share in predictions]),
+        np.array([one.log_gain(radius) + share - _log_mass(one.freedom) - LOG_PEAK for one, share in predictions]),
         np.array([one.freedom for one, _ in predictions], dtype=float),
     )
 

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rootmatch.arrays import Floats
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import mode_misfit
@@ -85,8 +86,6 @@ class Belief:
         """Of the body in the places in which others of its family are followed."""
         self.time = -math.inf
         """Of the last frame that was taken in, seconds."""
-        self.unfollowed = 0.0
-        """Probability of poses that a frame left possible and that are not followed, as there were too many."""
         self.gone = GonePlaces()
         self.given_up: MotionFilter | None = None
         self.most = 0
@@ -110,6 +109,11 @@ class Belief:
         """See `log_returned`; 0 if the body was seen in the last frame, or the caller says where it is now."""
         unseen = self.poses and all(one.filter.time < self.time < time for one in self.poses)
         return log_returned(time - self.time) if unseen else 0.0
+
+    @property
+    def unfollowed(self) -> float:
+        """See `FollowedPose.unfollowed`; of the most probable hypothesis."""
+        return self.poses[0].unfollowed if self.poses else 0.0
 
     @property
     def places(self) -> dict[int, float]:
@@ -156,7 +160,7 @@ class Belief:
     def lose(self, absent: float = 1.0) -> None:
         """Give up all: what is found next may be what was in any of the places, or else, if the body is ``absent``."""
         self._keep([False] * len(self.poses))
-        self.unfollowed, self.absent, self.most = 0.0, absent, 0
+        self.absent, self.most = absent, 0
 
     def keep_best(self, time: float) -> None:
         """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
@@ -242,13 +246,18 @@ class Belief:
         stands = origin[0] >= 0 or not weighed.is_shown or 0 in [step.mode for step in after]
         new = None if stands else (int(weighed.place[0]), float(weighed.weights[0] + weighed.shown[0]))
         every = share_misfit_odds(every, new)
-        known, self.poses = bool(self.poses), pool_place_weights([one for one in every if one.log_other < GIVEN_UP])
+        known, unfollowed = bool(self.poses), {one.place: one.unfollowed for one in self.poses}
+        self.poses = pool_place_weights([one for one in every if one.log_other < GIVEN_UP])
         share = np.exp([step.total - after[0].total for step in after])
         kept = np.array([step in likely for step in after], np.bool_)
         left = float(share[~kept].sum() / max(share.sum(), 1.0) + told.probabilities[len(origin) :].sum())
         if origin[0] < 0 and found.facts.missed > EXISTS and is_met_by_search(found.task, model, modes.assignments[0]):
             left = max(left, found.facts.missed)  # of what looks like itself, and does so in the next frame too
-        self.unfollowed = max(left, self.unfollowed if known else 0.0)
+        for lead in after[:1]:
+            unfollowed[lead.place] = max(left, unfollowed.get(lead.place, 0.0))
+        for k, one in enumerate(self.poses):
+            if one.unfollowed != (chance := unfollowed.get(one.place, 0.0)):
+                self.poses[k] = copy_with(one, unfollowed=chance)
         if not known and len({one.place for one in self.poses if copy_chance(one.alone) >= LIKELY}) > 1:
             self.gone = GonePlaces()  # they are in view again
         if known and any(one.filter.time == time for one in self.poses):
@@ -302,8 +311,10 @@ class Belief:
             misfit = Misfit(factor**2, factor, found.noise_dof, found.alike)
         else:
             misfit = mode_misfit(model, modes, step.mode)
+        stands = found.status is Status.MATCHED or math.isfinite(step.weighed)
+        shows = stands + (last.shows if step.origin >= 0 and last.filter.time == self.time else 0)
         log_other = update_identity(last.log_other, misfit, TEMPER, len(model.images) > 1)
         return copy_with(
             last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
-            alone=step.alone,
+            alone=step.alone, weighed=step.weighed, shows=shows,
         )  # fmt: skip

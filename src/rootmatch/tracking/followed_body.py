@@ -67,7 +67,7 @@ class TrackingOptions(Options):
     interval : float
         Seconds between frames that are given without a time.
     coasting : float
-        Seconds without a match after which a body is lost.
+        Seconds without a match after which a body is lost: at a frame a second, the default takes one missed frame.
     present : float
         Detections, relative to the last matched frame, from which a frame whose prediction fails is searched.
     search_budget : int
@@ -82,7 +82,8 @@ class TrackingOptions(Options):
     interval: float = option(1.0 / 60.0, above=0.0)
     """Seconds between frames that are given without a time."""
     coasting: float = option(0.5, least=0.0)
-    """Seconds without a match after which a body is lost."""
+    """Seconds without a match after which a body is lost, whatever the interval: three intervals or more let it be
+    missed in a frame or two."""
     present: float = option(0.7, least=0.0)
     """Number of detections, relative to the last matched frame, from which a frame is searched: with fewer, the body is
     hidden. A round value."""

@@ -3,11 +3,12 @@
 Two hypotheses about the same detections are poses of one thing, and each frame tells more of which it is. Two that
 share none are things in two places. Each of them is found where it was expected, whatever it is: the body, a copy of
 it, or clutter that stays. So frames tell nothing of which one was asked for, but by what each shows for itself alone.
-With O, the odds of what was seen in a place at best, without a prediction, against clutter, and κ, the odds of a copy,
+With O, the odds of what is seen in a place, without a prediction, against clutter, and κ, the odds of a copy,
 
     P(the body is in X) ∝ O_X Π_Y≠X (1 + κ O_Y) ∝ 1 / (κ + 1 / O_X)
 
-Frames repeat this evidence rather than add to it, so a place has the largest of them. Beyond 1 / κ all are alike.
+Frames repeat this evidence rather than add to it, so a place has the mean of what they say since it came in sight, as
+one frame would: the best of many is what chance shows as well. Beyond 1 / κ all are alike, but for how well each fits.
 A place that is no longer seen keeps its share: the body may have left the view, as well as a copy.
 
 A place that is met while another one is followed has the body if that was not in view when the other one was found and
@@ -32,6 +33,7 @@ from rootmatch.model.modes import Modes, is_same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.priors import COPY, IN_VIEW, PRESENT_ODDS
 from rootmatch.tracking.followed_pose import FollowedPose
+from rootmatch.tracking.mistaken_identity import FLOOR
 from rootmatch.tracking.two_states import later_chance
 
 RETURN = 1.0
@@ -85,8 +87,10 @@ class GonePlaces:
 
 def sort_into_places(
     model: DetectionModel, modes: Modes, origin: Integers, followed: Sequence[FollowedPose], shown: Floats
-) -> tuple[Integers, Floats, Floats]:
+) -> tuple[Integers, Floats, Floats, Floats]:
     """The place (M,) of each mode, its log-odds alone, and what is added to its log-weight for what it shows alone.
+
+    Last, `log_weight` of each place; −∞ if there is one place only.
 
     Of what is expected in several places, which points are shown tells nothing: either may be that of something else,
     which shows the same. So ``shown`` (M,), the log-probability of the points that each shows, changes.
@@ -103,22 +107,24 @@ def sort_into_places(
     """
     known = [one.place for one in followed]
     alone, more = np.full(len(origin), max((one.alone for one in followed), default=-math.inf)), np.zeros(len(origin))
+    weight = np.full(len(origin), -math.inf)
     if len(origin) == 1 and len({*known}) <= 1 and (origin[0] >= 0 or not known):
-        return np.array(known[:1] or [0]), alone, more
+        return np.array(known[:1] or [0]), alone, more, weight
     place = assign_places(modes.uses(model.shape[1]), origin, known)
     every = set(place.tolist())
     if len(every.union(known)) == 1:
-        return place, alone, more
+        return place, alone, more, weight
     told, reference = sole_odds(model, modes), int((origin >= 0).argmax())
     for number in every:
         own = place == number
         first = int(own.argmax())
-        before = max((one.alone for one in followed if one.place == number), default=-math.inf)
-        alone[own] = now = max(before, float(told[first]))
+        last = next((one for one in followed if one.place == number), None)
+        alone[own] = now = float(told[first]) if last is None else last.alone_with(float(told[first]))
         shown[own] += shown[reference] - shown[first]
-        if math.isfinite(before):
-            more[own] = log_weight(now) - log_weight(before)
-    return place, alone, more
+        weight[own] = log_weight(now, FLOOR if last is None else last.log_other)
+        if last is not None and math.isfinite(last.weighed):
+            more[own] = weight[first] - last.weighed
+    return place, alone, more, weight
 
 
 def share_unseen(found: Finding, poses: Sequence[FollowedPose], places: Mapping[int, float]) -> float:
@@ -166,9 +172,12 @@ def sole_odds(model: DetectionModel, modes: Modes) -> Floats:
     return np.asarray(modes.log_mass - modes.log_odds + anywhere)
 
 
-def log_weight(alone: float) -> float:
-    """Logarithm of 1 / (κ + 1 / O): how probably a place is the body's, relative to others."""
-    return -float(np.logaddexp(math.log(COPY), -alone))
+def log_weight(alone: float, log_other: float = -math.inf) -> float:
+    """Logarithm of 1 / (κ + 1 / O) / (1 + q): how probably a place is the body's, relative to others.
+
+    ``log_other``: logarithm of the odds q that something else than the body is there, by how it fits.
+    """
+    return -float(np.logaddexp(math.log(COPY), -alone) + np.logaddexp(0.0, log_other))
 
 
 def copy_chance(alone: float) -> float:
@@ -252,13 +261,12 @@ def log_return(followed: FollowedPose, now: float) -> float:
     return followed.log_absent - IN_VIEW / RETURN * (now - followed.since)
 
 
-def relative_log_weights(model: DetectionModel, modes: Modes, each: Floats, alone: Floats, first: int) -> Floats:
+def relative_log_weights(model: DetectionModel, modes: Modes, each: Floats, own: Floats, first: int) -> Floats:
     """Log-weights (M,) of modes in other places relative to the followed one, whose first mode is given.
 
     By what each shows for itself, and by how much less probable it is because other bodies explain it as well.
-    ``each`` (M,): logarithms of the probabilities of the modes in the frame; ``alone`` (M,): as of `sort_into_places`.
+    ``each`` (M,): logarithms of the probabilities of the modes in the frame; ``own`` (M,): `log_weight` of each place.
     """
-    own = np.array([log_weight(one) for one in alone.tolist()])
     (told,) = joint_posterior([model], [modes], [()])  # as if there was no other body
     same = (told.modes.assignments == modes.assignments[:, None]).all(axis=2)
     same &= (told.modes.position == modes.position[:, None]).all(axis=2)

@@ -25,8 +25,10 @@ class FollowedPose:
     ``shown``: log-probability that just these of its visible points were seen in the last frame. It is no part of the
     weight, as the same points are hidden in the next frame, which tells it anew. ``log_other``: log-odds that it is the
     pose of something else. ``place``: number of the place that it has with all hypotheses about the same detections;
-    ``alone``: the largest log-odds of that place without a prediction, since there were several places.
-    ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then.
+    ``alone``: mean log-odds of that place without a prediction; ``shows``: the frames that it is of, those in a row in
+    which the place was trusted, or weighed among several; ``weighed``: `log_weight` by which it was weighed last.
+    ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then. ``unfollowed``:
+    probability, if the body is in that place, of poses that a frame left possible there and that are not followed.
     """
 
     filter: MotionFilter
@@ -37,11 +39,18 @@ class FollowedPose:
     alone: float = -math.inf
     since: float = -math.inf
     log_absent: float = -math.inf
+    unfollowed: float = 0.0
+    weighed: float = -math.inf
+    shows: int = 0
 
     @property
     def total(self) -> float:
         """Logarithm of its weight with the last frame."""
         return self.log_weight + self.shown
+
+    def alone_with(self, told: float) -> float:
+        """``alone`` after a frame that tells log-odds by itself."""
+        return self.alone + (told - self.alone) / (1 + self.shows)
 
 
 class Step(NamedTuple):
@@ -57,6 +66,8 @@ class Step(NamedTuple):
     """Probability that the mode is what became of the prediction."""
     place: int
     alone: float
+    """See `FollowedPose`."""
+    weighed: float = -math.inf
     """See `FollowedPose`."""
     more: float = 0.0
     """Part of ``log_weight``: by how much more the place shows than before."""

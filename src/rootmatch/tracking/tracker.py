@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 
 import numpy as np
@@ -36,7 +36,7 @@ from rootmatch.tracking import search_schedule
 from rootmatch.tracking.exchanged_bodies import Likeness, expect_exchanged, family_likenesses, know_others
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
-from rootmatch.tracking.identical_bodies import Groups, find_identical_bodies, name_places
+from rootmatch.tracking.identical_bodies import find_identical_bodies, name_places
 from rootmatch.tracking.inexact_points import InexactPoints
 from rootmatch.tracking.noise_scale import NoiseScale, is_frame_of_row, scale_noise_by
 from rootmatch.tracking.turns import Turns
@@ -113,20 +113,22 @@ max_evaluations
         check_followed(problem, source)
         self.matcher = Matcher(**given)
         self.tracking, self._turns, self._steps = tracking, Turns(), FrameSteps()
-        self.labels = self.matcher.labels
-        self._bodies: dict[Label | None, FollowedBody] = {}
+        self.labels, self._bodies = self.matcher.labels, dict[Label | None, FollowedBody]()
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
-        self._identical: Groups = []
-        self._alike: list[Likeness] = []
+        self._identical, self._alike = list[Sequence[Label]](), list[Likeness]()
         if self.labels is not None:
-            self._identical = find_identical_bodies(self.labels, points, normals)
+            self._identical = [*find_identical_bodies(self.labels, points, normals)]
             self._alike = family_likenesses(self.labels, points, self._identical)
             each = {label: self.labels.points_of(k) for k, label in enumerate(self.labels.names)}
         for label, own in each.items():
             turns = near_symmetric_motions(points[own], None if normals is None else normals[own], TURNS)
             self._bodies[label] = FollowedBody(points[own], tracking, turns)
         self.reset()
+
+    def __repr__(self) -> str:
+        told = ", ".join(state.name if k is None else f"{k}: {state.name}" for k, state in self.states.items())
+        return f"Tracker({type(self.matcher.problem).__name__}, {len(self.matcher.source)} points, {told})"
 
     @property
     def state(self) -> TrackingState:
@@ -223,10 +225,10 @@ max_evaluations
         """
         started = perf_counter()
         deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
-        given: dict[Label | None, Prior] = {}
         if prior is not None:
             check_predicted(prior, self.labels, self.matcher.problem)
-            given.update(prior.items() if isinstance(prior, Mapping) else {None: prior}.items())
+        told = prior.items() if isinstance(prior, Mapping) else {None: prior}.items() if prior else ()
+        given: dict[Label | None, Prior] = dict(told)
         with self._turns:
             when, before = self._time(time), self.time
             if before is not None and when <= before:
@@ -253,9 +255,7 @@ max_evaluations
         candidates: ArrayLike | None,
     ) -> Finding:
         """The finding of a frame: about the predicted poses, and by a search if they do not hold."""
-        poses: dict[Label | None, Prior] = {}
-        rivals: dict[Label | None, Rivals] = {}
-        frame = self._frame
+        poses, rivals, frame = dict[Label | None, Prior](), dict[Label | None, Rivals](), self._frame
         for label, body in self._bodies.items():
             told = given.get(label)
             if body.belief and not isinstance(told, Pose):
@@ -270,8 +270,8 @@ max_evaluations
         factor = self.noise_factor
         stated = join_camera_noise(self.matcher.problem.rig, self.matcher.noise if noise is None else noise, target)
         # the first frame is limited only as `rootmatch.match` is
-        limit = self.tracking.search_budget
-        budget = None if self.time is None else search_schedule.frame_budget(limit, when - self.time)
+        step = None if self.time is None else when - self.time
+        budget = None if step is None else search_schedule.frame_budget(self.tracking.search_budget, step)
 
         def explained(searching: bool | Choice, factor: float = factor) -> Finding:
             noise = stated if factor == 1.0 else scale_noise_by(stated, factor)

@@ -35,6 +35,8 @@ class WeighedModes(NamedTuple):
     alone: Floats
     more: Floats
     """(K,) both: log-odds of what each explains in its place for itself, and what the frames before add to that."""
+    own: Floats
+    """(K,) see `log_weight`, of the place of each; −∞ if there is one place only."""
     shown: Floats
     """(K,) part of each one's log-odds that tells which points are detected."""
     chances: Floats
@@ -69,6 +71,7 @@ class WeighedModes(NamedTuple):
                     Step(
                         float(self.weights[k]), float(self.shown[k]), of, k, chance,
                         place=int(self.place[k]), alone=float(self.alone[k]), more=float(self.more[k]),
+                        weighed=float(self.own[k]),
                     )
                 )  # fmt: skip
         return out
@@ -106,7 +109,7 @@ def weigh_modes(
     assert model is not None
     modes = told.modes.first(LOOKED_AT)
     shown = modes.detected.copy()
-    place, alone, more = sort_into_places(model, modes, origin, poses, shown)
+    place, alone, more, own = sort_into_places(model, modes, origin, poses, shown)
     count = int(np.count_nonzero(modes.assignments[0] >= 0))
     places = place.tolist()
     if count > most and len(set(places)) == 1:
@@ -121,10 +124,10 @@ def weigh_modes(
         weight[new] = weight[first] + each[new] - each[first]  # no later frame makes more of it
         if new.any() and origin[first] >= 0:
             not_there = log_return(poses[origin[first]], time)
-            weight[new] = weight[first] + not_there + relative_log_weights(model, modes, each, alone, first)[new]
+            weight[new] = weight[first] + not_there + relative_log_weights(model, modes, each, own, first)[new]
     is_shown = found.presence_probability + told.copy >= found.facts.min_probability
     weighed = WeighedModes(
         modes, origin, place,
-        alone=alone, more=more, shown=shown, chances=each, weights=weight, others=others, is_shown=is_shown,
+        alone=alone, more=more, own=own, shown=shown, chances=each, weights=weight, others=others, is_shown=is_shown,
     )  # fmt: skip
     return weighed, most
