@@ -299,7 +299,7 @@ class Belief:
             moving = last.filter.copy()
             moving.update(pose, time, step.chance)
         if step.mode == found.mode and (factor := found.noise_factor) is not None:
-            misfit = Misfit(factor**2, factor, found.noise_dof, found.alike)
+            misfit = Misfit(factor**2, factor, found.noise_dof, found.alike, found.another)
         else:
             misfit = mode_misfit(model, modes, step.mode)
         log_other = update_identity(last.log_other, misfit, TEMPER, len(model.images) > 1)

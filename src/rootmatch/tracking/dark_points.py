@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.followed_places import return_factor
@@ -31,6 +32,8 @@ class DarkPoints:
     def __init__(self) -> None:
         self.lit: Floats | None = None
         """Probability (n,) at `time`, of each sighting of a rig."""
+        self.placed: Bools | None = None
+        """Whether each point (m,) has been seen in its place, by two cameras at once, in a frame that was trusted."""
         self.foreign = ForeignLights(0)
         self.time = -math.inf
         self._ahead: tuple[float, Floats] | None = None
@@ -88,6 +91,9 @@ class DarkPoints:
         if log_back < 0.0:
             self.foreign.since = time
         self.foreign.take(found, present * _match_credibility(sure, matched)[1], before, time)
+        if found.model is not None and len(found.model.images) > 1 and found.status is Status.MATCHED:
+            seen = matched.reshape(len(found.model.images), -1).sum(axis=0) > 1
+            self.placed = seen if self.placed is None else self.placed | seen
         self.time, self._ahead = time, None
 
 

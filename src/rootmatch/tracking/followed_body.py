@@ -162,7 +162,8 @@ class FollowedBody:
         unseen = (time - self.belief.best.time) / self.options.interval
         moved = DOUBT if unseen <= 1.0 else 1.0 - (1.0 - DOUBT) ** unseen
         doubt = min(max(moved, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL)
-        return self.belief.predicted(time, doubt, self.dark.at(time))
+        pose, rivals = self.belief.predicted(time, doubt, self.dark.at(time))
+        return pose, rivals._replace(placed=self.dark.placed)
 
     def keep_best(self, time: float) -> None:
         """The caller says where the body is: nothing beside it is taken for its points."""
