@@ -203,6 +203,8 @@ def image_finding(
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
         pose=mode_pose(model, modes, k) if believed else None,
     )
+    if holds and isinstance(prior, Doubted) and prior.placed is not None:
+        fault = fault._replace(another=-math.inf)  # frames tell that together
     return discount_misfit(found, fault, len(model.images) > 1)
 
 

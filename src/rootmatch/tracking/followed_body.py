@@ -284,6 +284,7 @@ class FollowedBody:
         """
         if self.belief:
             self.dark.take(found, time, self.belief.presence_after_return(time))
+            found = copy_with(found, another=min(found.another, self.dark.more))
         self.belief.take(found, time, searched)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:

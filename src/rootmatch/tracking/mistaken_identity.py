@@ -21,6 +21,9 @@ from rootmatch.tracking.motion_filter import MotionFilter
 
 FLOOR = math.log(WRONG_MODEL)
 """Log-odds at first, and the least: those of a wrong model."""
+TEMPER = 0.5
+"""Weight of a frame's evidence: errors of the source points, or a σ that is stated too small, act in the same way in
+every frame. The weight delays decisions; it does not change which pose leads."""
 GIVEN_UP = math.log(9.0)
 """Log-odds from which a pose is no longer followed. A round value."""
 STAYS = 1.0
