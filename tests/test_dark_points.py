@@ -64,7 +64,7 @@ def finding(assignment: list[int], confidence: list[float], probability: float =
     options = SimpleNamespace(detection_rate=0.9)
     return SimpleNamespace(
         assignment=np.array(assignment), confidence=np.array(confidence), posterior=told, probability=probability,
-        task=SimpleNamespace(options=options), model=SimpleNamespace(), mode=0,
+        task=SimpleNamespace(options=options), model=SimpleNamespace(images=()), mode=0,
     )  # fmt: skip
 
 

@@ -214,3 +214,15 @@ def test_what_is_reported_of_points_that_are_off_is_by_the_noise_that_was_stated
     assert np.allclose(stated.pose.covariance, pose.covariance, rtol=0.05)
     assert stated.point_error == 0.0
     assert stated.pose.rms_sigma < 1.5
+
+
+def test_points_elsewhere_count_for_no_more_than_all_frames_tell_of_them() -> None:
+    """Frames repeat what something else has in the place of the points: a body may have them there as well."""
+    good, odds = Misfit.of(10.0, 10), FLOOR
+    for _ in range(10):
+        odds = update_identity(odds, good._replace(another=-2.3), 0.5)
+    assert odds == -2.3
+    assert update_identity(odds, good, 0.5) < odds
+    for _ in range(10):
+        odds = update_identity(odds, good._replace(another=5.0), 0.5)
+    assert odds >= GIVEN_UP

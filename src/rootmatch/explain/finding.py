@@ -72,6 +72,8 @@ class Finding:
     alike: Floats | None = None
     """(W,) log-odds of points that are off by each of `rootmatch.model.image_alike.ERRORS`, of those as given, where
     there is something near points that have no match."""
+    another: float = -math.inf
+    """Log-odds of something else that shares some of the points, see `rootmatch.model.elsewhere`."""
     mode: int = 0
     """Which mode of ``posterior`` it tells."""
     sequence_factor: float = 1.0

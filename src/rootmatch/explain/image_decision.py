@@ -154,8 +154,7 @@ def image_finding(
         whole, asked = asked, False
         with last.within():
             fault = fault._replace(alike=alike_log_odds(model, modes, k, of_others))
-            if not holds:  # what is followed was asked when it was found
-                fault = fault._replace(another=log_odds_of_another(model, modes, k, of_others))
+            fault = fault._replace(another=log_odds_of_another(model, modes, k, of_others))
             asked = whole
     # what there was no time to ask may be so
     missed = (missed_as_known if holds else missed) if asked else 1.0
@@ -199,10 +198,13 @@ def image_finding(
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
         alike=fault.alike,
+        another=fault.another,
         mode=k,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
         pose=mode_pose(model, modes, k) if believed else None,
     )
+    if holds and isinstance(prior, Doubted) and prior.placed is not None:
+        fault = fault._replace(another=-math.inf)  # frames tell that together
     return discount_misfit(found, fault, len(model.images) > 1)
 
 
@@ -213,7 +215,7 @@ def is_alike_possible(found: Finding, of_others: NDArray[np.bool_] | None) -> bo
         return False
     at = model, told.modes, found.mode, of_others
     with final_deadline().within():
-        return alike_log_odds(*at) is not None or (not found.prior_holds and log_odds_of_another(*at) > -math.inf)
+        return alike_log_odds(*at) is not None or log_odds_of_another(*at) > -math.inf
     return True
 
 

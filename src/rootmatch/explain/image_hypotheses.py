@@ -303,7 +303,7 @@ def _add_predictions(task: MatchingTask, without: Mixed, centre: NDArray[np.floa
         shares.append(math.log(max(share, 1e-300)) + math.log1p(-doubt))
     lit = task.rivals.lit
     known = 1.0 if lit is None or len(lit) != task.rows else lit
-    return Doubted(predictions, shares, without, doubt, task.rivals.places, lit=known)
+    return Doubted(predictions, shares, without, doubt, task.rivals.places, lit=known, placed=task.rivals.placed)
 
 
 def select_determined(task: MatchingTask, assignments: Sequence[Integers]) -> Integers:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Bools, Floats
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
@@ -23,6 +23,8 @@ class Rivals(NamedTuple):
     """Numbers of the places in which all of them are followed, the first one's before the others."""
     lit: Floats | None = None
     """(n,) probability that each sighting of a point is lit by the frames before; all are where not given."""
+    placed: Bools | None = None
+    """(m,) whether each point has been seen in its place before; none has where not given."""
 
     def given(self, known: PosePrior) -> Rivals:
         """The same poses with partial knowledge."""

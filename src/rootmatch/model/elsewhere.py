@@ -2,7 +2,8 @@
 
 A point without a detection in any image is dark or covered, and what else there is about the body is clutter of each
 image. Or it is elsewhere on the body: then several cameras see it in one place of space. Something else that shares a
-few of the body's points has its other points elsewhere, as a body seldom has.
+few of the body's points has its other points elsewhere, as a body seldom has. Least of all a body whose points were in
+place in the frames before.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from rootmatch.model.evidence import settle_poses
 from rootmatch.model.image_alike import REACH, cache_answer, perturb_points
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
+from rootmatch.model.pose_density import Doubted
 from rootmatch.model.prediction import HIDDEN
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
 
@@ -53,6 +55,7 @@ def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers,
     n = model.shape[0] // images
     assignments, rotation, position, (covariance,), (lit,) = mode
     at, own, off = model.linearise_about(rotation, position), assignments.copy(), np.zeros(n, np.bool_)
+    placed, moved = model.prior.placed if isinstance(model.prior, Doubted) else None, 0.0
     place, free, left, body, other = _Place(model, at, covariance), free.copy(), set(dark.tolist()), [], []
     for count in range(1, min(len(dark), MOST) + 1):
         each = [(*place.seen(np.arange(images) * n + one, lit, free), one) for one in sorted(left)]
@@ -64,7 +67,8 @@ def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers,
         wide = perturb_points(model, model.radius, np.tile(off, images))
         found, _ = settle_poses(wide, own, rotation, position)
         log_odds = float(found.log_odds[0]) - math.log(math.comb(n, count))
-        body.append(log_odds + count * math.log(INEXACT))
+        moved += math.log(WRONG_MODEL if placed is not None and placed[point] else INEXACT)
+        body.append(log_odds + moved)
         other.append(log_odds + math.log(WRONG_MODEL) + count * math.log(ANOTHER))
     if len(other) < LEAST:
         return -math.inf, -math.inf

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.frozen import once
 from rootmatch.model.compiled.known_terms import fill_prior_terms
 from rootmatch.model.priors import DEPTHS
@@ -236,6 +236,8 @@ class Doubted(Mixed):
         Those in which a tracker follows each of several predictions; see `rootmatch.tracking.followed_places`.
     lit : (n,) array or float
         Probability that each point of a body in a predicted pose is lit, by the frames before.
+    placed : (m,) bool array, optional
+        Whether each point has been seen in its place on the body by the frames before.
     """
 
     predictions: Sequence[Mixed]
@@ -244,6 +246,7 @@ class Doubted(Mixed):
     doubt: float
     places: Sequence[int] = ()
     lit: Floats | float = 1.0
+    placed: Bools | None = None
 
     @once
     def told(self) -> dict[str, Any]:

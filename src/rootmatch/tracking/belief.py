@@ -48,7 +48,7 @@ from rootmatch.tracking.followed_pose import (
     share_misfit_odds,
     unify_alike_moves,
 )
-from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, log_other_presence, update_identity
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, TEMPER, log_other_presence, update_identity
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.two_states import log_chance
 from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes, weigh_modes
@@ -57,9 +57,6 @@ MOST = 4
 """Largest number of poses followed at once, each for about a millisecond per frame. A round value."""
 NEGLIGIBLE = math.log(1e4)
 """Log-odds against the best hypothesis at which one is given up: the decision holds for the rest of a flight."""
-TEMPER = 0.5
-"""Weight of a frame's evidence: errors of the source points, or a σ that is stated too small, act in the same way in
-every frame. The weight delays decisions; it does not change which pose leads."""
 DOUBTED = 1e-3
 """Initial weight, relative to the best pose, of one that looks the same: frames may have decided wrongly. Round."""
 
@@ -308,7 +305,7 @@ class Belief:
             moving = last.filter.copy()
             moving.update(pose, time, step.chance)
         if step.mode == found.mode and (factor := found.noise_factor) is not None:
-            misfit = Misfit(factor**2, factor, found.noise_dof, found.alike)
+            misfit = Misfit(factor**2, factor, found.noise_dof, found.alike, found.another)
         else:
             misfit = mode_misfit(model, modes, step.mode)
         stands = found.status is Status.MATCHED or math.isfinite(step.weighed)

@@ -13,14 +13,20 @@ import math
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.model.detection_model import USUAL_RATE
+from rootmatch.model.elsewhere import LEAST
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.followed_places import return_factor
 from rootmatch.tracking.foreign_lights import LIT, ForeignLights, missed, rates
+from rootmatch.tracking.mistaken_identity import FLOOR, TEMPER
 from rootmatch.tracking.two_states import later_chance
 
 LASTS = 0.25
 """Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
+REMEMBERED = 100
+"""Frames of which the mean number of detections is remembered that the body does not explain. A round value."""
 FACING = 1e-3
 """Visibility of a point below which nothing is learned of it. A round value."""
 
@@ -31,6 +37,12 @@ class DarkPoints:
     def __init__(self) -> None:
         self.lit: Floats | None = None
         """Probability (n,) at `time`, of each sighting of a rig."""
+        self.placed: Bools | None = None
+        """Whether each point (m,) has been seen in its place, by two cameras at once, in a frame that was trusted."""
+        self.more = math.inf
+        """Log-odds that these are elsewhere, by how many detections are left; as if certain before any was seen."""
+        self.left, self.frames = 0.0, 0
+        """Mean number that is left where they are in place, and of how many frames."""
         self.foreign = ForeignLights(0)
         self.time = -math.inf
         self._ahead: tuple[float, Floats] | None = None
@@ -88,7 +100,30 @@ class DarkPoints:
         if log_back < 0.0:
             self.foreign.since = time
         self.foreign.take(found, present * _match_credibility(sure, matched)[1], before, time)
+        if found.model is not None and len(found.model.images) > 1 and found.status is Status.MATCHED:
+            seen = matched.reshape(len(found.model.images), -1).sum(axis=0) > 1
+            self.placed = seen if self.placed is None else self.placed | seen
+        if self.placed is not None:
+            self._count_left(found, matched.reshape(-1, len(self.placed)))
         self.time, self._ahead = time, None
+
+    def _count_left(self, found: Finding, matched: Bools) -> None:
+        """Whether more detections are left, with points that are dark in all cameras, than when these were in place.
+
+        What is beside the body and no point of it was there before. Both are numbers of a Poisson distribution.
+        """
+        assert found.posterior is not None
+        assert self.placed is not None
+        left = found.task.shape[1] - np.count_nonzero(matched)
+        dark = self.placed & ~matched.any(axis=0)
+        if np.count_nonzero(dark) < LEAST:
+            self.frames, self.more = min(self.frames + 1, REMEMBERED), FLOOR
+            self.left += (left - self.left) / self.frames
+            return
+        shown = found.posterior.modes.visible[found.mode].reshape(matched.shape)[:, dark].sum()
+        own, usual = USUAL_RATE * float(shown), self.left + 0.5
+        gained = left * math.log1p(own / usual) - own
+        self.more = max(self.more + TEMPER * gained, FLOOR)
 
 
 def _match_credibility(confidence: Floats, matched: Bools) -> tuple[float, Floats]:

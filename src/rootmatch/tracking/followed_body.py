@@ -163,7 +163,8 @@ class FollowedBody:
         unseen = (time - self.belief.best.time) / self.options.interval
         moved = DOUBT if unseen <= 1.0 else 1.0 - (1.0 - DOUBT) ** unseen
         doubt = min(max(moved, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL)
-        return self.belief.predicted(time, doubt, self.dark.at(time))
+        pose, rivals = self.belief.predicted(time, doubt, self.dark.at(time))
+        return pose, rivals._replace(placed=self.dark.placed)
 
     def keep_best(self, time: float) -> None:
         """The caller says where the body is: nothing beside it is taken for its points."""
@@ -284,6 +285,7 @@ class FollowedBody:
         """
         if self.belief:
             self.dark.take(found, time, self.belief.presence_after_return(time))
+            found = copy_with(found, another=min(found.another, self.dark.more))
         self.belief.take(found, time, searched)
         in_space = found.task.problem.takes_motion_prior
         if found.status is Status.MATCHED or self.belief:

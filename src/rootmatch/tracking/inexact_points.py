@@ -15,7 +15,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.inexact_points import error_gains
 from rootmatch.model.image_alike import OWN
 from rootmatch.model.priors import WRONG_MODEL
-from rootmatch.tracking.belief import TEMPER
+from rootmatch.tracking.mistaken_identity import TEMPER
 
 LEAST = 8.0 * math.log(WRONG_MODEL)
 """Log-odds from which frames are not asked any more: points stay as they are."""

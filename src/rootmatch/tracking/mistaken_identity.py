@@ -14,13 +14,16 @@ import math
 
 import numpy as np
 
-from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.motion_filter import MotionFilter
 
 FLOOR = math.log(WRONG_MODEL)
 """Log-odds at first, and the least: those of a wrong model."""
+TEMPER = 0.5
+"""Weight of a frame's evidence: errors of the source points, or a σ that is stated too small, act in the same way in
+every frame. The weight delays decisions; it does not change which pose leads."""
 GIVEN_UP = math.log(9.0)
 """Log-odds from which a pose is no longer followed. A round value."""
 STAYS = 1.0
@@ -60,4 +63,8 @@ def update_identity(
     if not misfit.dof and misfit.alike is None:
         return log_odds
     other = misfit.odds_of_something_else(of_rig) * math.exp(-as_off)
-    return max(log_odds + weight * math.log(other / (1.0 - WRONG_MODEL + WRONG_MODEL * other)), least)
+    by_fit, by_all = (
+        max(log_odds + weight * math.log(one / (1.0 - WRONG_MODEL + WRONG_MODEL * one)), least)
+        for one in (other, other + math.exp(min(misfit.another - FLOOR, MOST_ALIKE)))
+    )
+    return max(by_fit, min(by_all, misfit.another))
