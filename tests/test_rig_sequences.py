@@ -454,7 +454,7 @@ def test_without_sizes_frames_are_followed_too() -> None:
     ("options", "words"),
     [
         ({"prior": rm.Pose(np.eye(3), np.zeros(3))}, "covariance"),
-        ({"prior": {"left": rm.Pose(np.eye(3), np.zeros(3), np.eye(6))}}, "Pose"),
+        ({"prior": {"left": rm.Pose(np.eye(3), np.zeros(3), np.eye(6))}}, "pose itself"),
         ({"prior": rm.Pose(np.eye(3), np.zeros(3), np.eye(6)), "bodies": ["a"] * 10 + ["b"] * 10}, "dict"),
         ({"bodies": ["a"] * 18 + ["b"] * 2}, "too few points"),
         ({"prior": rm.Pose(np.eye(3), np.zeros(3), np.eye(6)), "motions": 2}, "motions"),

@@ -63,7 +63,7 @@ def test_chance_has_no_twins_and_what_is_near_points_waits_for_the_search(monkey
 def test_a_trackers_search_of_one_camera_does_not_narrow_poses(monkeypatch: pytest.MonkeyPatch) -> None:
     points, normals, _ = controllers()
     leds, rig, looked, camera = len(points) // 2, headset(), list[int | None](), list[int | None]([None])
-    scene, searched, narrowed = frame(0, 0, rig, clutter=2), rig_search._search_cameras, rig_search._narrow
+    scene, searched, narrowed = frame(1, 0, rig, clutter=20), rig_search._search_cameras, rig_search._narrow
 
     def looking(*given: Any) -> Any:
         looked.append(camera[0])

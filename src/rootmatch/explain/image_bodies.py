@@ -56,8 +56,6 @@ from rootmatch.model.proposals import Proposals, join_proposals
 IN_VIEW, DOUBTED = 0.95, 0.9
 """Probabilities that a body is in view, and of its pose: if the first is higher and the second lower, a longer search
 would add nothing, because several poses explain as much. Round values."""
-
-
 OF_IMAGE = "areas", "clutter", "image_indices", "images", "rays", "_in_each_image", "_log_counts"
 """What a model works out of the detections alone: the same for all bodies."""
 LEAST_LEFT = 0.1

@@ -76,7 +76,7 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
     parts = [camera_task(task, k, guided) for k in views]
     # otherwise a tracker's search goes on in the next frames: that takes less than narrowing here, and the tracker
     # knows when it has come to enough cameras to have missed nothing
-    in_all, is_enough = task.search_camera is None, False
+    in_all, enough = task.search_camera is None, None
     unmet = np.minimum(np.bincount(model.image_indices, minlength=len(missed_by)), n)
     verified, log_odds = _verify_hypotheses(model, [], limits)
     for number, (k, own, part) in enumerate(parts):
@@ -104,14 +104,17 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
             verified, log_odds = _merge(
                 (verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits, narrowing=False), limits[1]
             )
-            is_enough = _missed_probability(verified, missed_by) <= TRUST.missed
-            is_enough = is_enough and _is_enough(task, model, verified, evaluated, int(unmet.sum()))
-            if is_enough:
+            if _missed_probability(verified, missed_by) <= TRUST.missed:
+                enough = _sufficient_assignments(task, model, verified, evaluated, int(unmet.sum()))
+            if enough is not None:
                 break
     all_triples = False
-    if not is_enough:
+    if enough is not None:  # what its modes match, as what was verified was not narrowed
+        verified = np.concatenate([enough, verified])[: limits[1]]
+    else:
         verified, log_odds = _verify_hypotheses(model, hypotheses, limits, narrowing=in_all)
-    if in_all and not is_enough and not _is_enough(task, model, verified, evaluated, int(unmet.sum())):
+        enough = _sufficient_assignments(task, model, verified, evaluated, int(unmet.sum())) if in_all else verified
+    if enough is None:
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
@@ -161,19 +164,22 @@ def _search_triples(
     return search_rig_triples(of_triples, model, k, own, guided)
 
 
-def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, evaluated: int, unmet: int) -> bool:
-    """Whether the body was met, so that no pose explains as much that the searches so far have not met.
+def _sufficient_assignments(
+    task: MatchingTask, model: DetectionModel, verified: Integers, evaluated: int, unmet: int
+) -> Integers | None:
+    """Those of the modes (K, rows) if the body was met, so that no pose explains as much that was not met; else None.
 
     ``unmet``: most sightings of such a pose, three in each camera that was searched. Triples take four times as long
     as all else (benchmarks/rigs.py, bodies).
     """
     if not len(verified) or unmet - task.minimal > np.count_nonzero(verified[0] >= 0):
-        return False
+        return None
     told = Candidate.of(task, list(verified)).alone()
     level = false_alarm_level(evaluated, StoppingOptions())
     if not len(told.probabilities) or not float(told.modes.log_mass[0]) > level:
-        return False
-    return is_search_needless(model, told, task.minimal, of_several=task.budget is not None, unmet=float(unmet))
+        return None
+    needless = is_search_needless(model, told, task.minimal, of_several=task.budget is not None, unmet=float(unmet))
+    return told.modes.assignments if needless else None
 
 
 def _merge(
