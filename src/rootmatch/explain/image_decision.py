@@ -44,6 +44,9 @@ from rootmatch.solvers.base import Solution
 KEPT = 0.8
 """Part of its matches that has to remain of a trusted body: a pose that is certain with fewer is called ambiguous,
 because too much of what it shows is unknown. A round value."""
+UNSETTLED = 2.0
+"""Squared residuals over degrees of freedom beyond which a mode is settled before they are told: at its best pose so
+many are rare. A round value."""
 
 BY_ITS_LAW = (
     "something else that repeats itself as the body does, like another board on the same squares, explains more of the "
@@ -243,10 +246,13 @@ def odds_lead(probability: float | None) -> float:
 
 def mode_misfit(model: DetectionModel, modes: Modes, k: int) -> Misfit:
     """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
-    own = slice(k, k + 1)  # a mode that few steps led to may be far from its best pose
-    _, at = settle_poses(model, modes.assignments[own], modes.rotation[own], modes.position[own])
-    squared, _ = residual_statistics(model, modes.assignments[k], at.rotation[0], at.position[0])
-    return Misfit.of(squared, round(float(modes.freedom[k])))
+    freedom = round(float(modes.freedom[k]))
+    squared, _ = residual_statistics(model, modes.assignments[k], modes.rotation[k], modes.position[k])
+    if squared > UNSETTLED * freedom:  # a mode that few steps led to may be far from its best pose
+        own = slice(k, k + 1)
+        _, at = settle_poses(model, modes.assignments[own], modes.rotation[own], modes.position[own])
+        squared, _ = residual_statistics(model, modes.assignments[k], at.rotation[0], at.position[0])
+    return Misfit.of(squared, freedom)
 
 
 def mode_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:

@@ -35,7 +35,9 @@ def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bool
     Of the body as it is, or with its own points there. −∞ if fewer than two points are seen elsewhere, each by two
     cameras or more. Parameters are those of `rootmatch.model.image_alike.alike_log_odds`.
     """
-    rows = np.arange(model.shape[0]).reshape(max(len(model.images), 1), -1)
+    if len(model.images) < 2:
+        return -math.inf
+    rows = np.arange(model.shape[0]).reshape(len(model.images), -1)
     shown = modes.visible[k][rows] > HIDDEN
     own = np.array(modes.assignments[k])
     (dark,) = ((own[rows] < 0).all(axis=0) & (shown.sum(axis=0) > 1)).nonzero()

@@ -63,8 +63,10 @@ def update_identity(
     if not misfit.dof and misfit.alike is None:
         return log_odds
     other = misfit.odds_of_something_else(of_rig) * math.exp(-as_off)
-    by_fit, by_all = (
-        max(log_odds + weight * math.log(one / (1.0 - WRONG_MODEL + WRONG_MODEL * one)), least)
-        for one in (other, other + math.exp(min(misfit.another - FLOOR, MOST_ALIKE)))
-    )
-    return max(by_fit, min(by_all, misfit.another))
+
+    def after(odds: float) -> float:
+        return max(log_odds + weight * math.log(odds / (1.0 - WRONG_MODEL + WRONG_MODEL * odds)), least)
+
+    if misfit.another == -math.inf:
+        return after(other)
+    return max(after(other), min(after(other + math.exp(min(misfit.another - FLOOR, MOST_ALIKE))), misfit.another))
