@@ -441,7 +441,8 @@ class TestPriors:
         found, which = MIXTURE.terms(R, position), MIXTURE.prediction_indices(R, position)
         assert set(which.tolist()) == {-1, 0, 1}
         every = [prior.terms(R, position) for prior in (*MIXTURE.predictions, MIXTURE.without)]
-        shares = [*MIXTURE.log_shares, math.log(MIXTURE.doubt)]
+        gains = [one.log_gain(MIXTURE.without.radius) for one in MIXTURE.predictions]  # type: ignore[attr-defined]
+        shares = [*np.add(MIXTURE.log_shares, gains).tolist(), math.log(MIXTURE.doubt)]
         for k in range(40):
             values = [
                 one.log_density[k] + share - 0.5 * one.squared[k] for one, share in zip(every, shares, strict=True)

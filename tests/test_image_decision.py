@@ -145,7 +145,8 @@ def test_a_wrong_prediction_is_judged_by_what_is_known_without_it() -> None:
     found, broad = mixture.terms(rotation, position), Broad().terms(rotation, position)
     np.testing.assert_array_equal(mixture.prediction_indices(rotation, position), [0, -1])
     assert found.log_density[1] == pytest.approx(broad.log_density[1] + np.log(0.01))
-    assert found.log_density[0] == pytest.approx(prediction.terms(rotation, position).log_density[0] + np.log(0.99))
+    share = np.log(0.99) + prediction.log_gain(Broad().radius)
+    assert found.log_density[0] == pytest.approx(prediction.terms(rotation, position).log_density[0] + share)
     np.testing.assert_array_equal(found.precision[1], broad.precision[1])
 
 
