@@ -34,6 +34,11 @@ class CameraModel(ABC):
     def focal(self) -> float:
         """Units of a detection's noise per radian, on the optical axis: pixels, or 1 where noise is in radians."""
 
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether it states that its calibration is not exact."""
+        return False
+
     @abstractmethod
     def bearings(self, pixels: ArrayLike) -> Floats:
         """Unit rays (…, 3) in the camera frame of detections (…, 2).

@@ -21,13 +21,6 @@ NEAR = 0.5
 """Size of a body over its distance, at most: one that is all around a camera counts as smaller. A round value."""
 
 
-def is_uncertain(camera: CameraModel | None) -> bool:
-    """Whether a camera, or a rig, states that its calibration is not exact."""
-    if isinstance(camera, Rig):
-        return any((*camera.rotation_noise, *camera.position_noise)) or any(map(is_uncertain, camera.cameras))
-    return isinstance(camera, Camera) and camera.focal_noise + camera.centre_noise > 0.0
-
-
 def calibration_jacobian(camera: CameraModel, points: Floats) -> Floats:
     """Derivatives (…, n, 2, m) of the pixels of points (…, n, 3) by the errors, in units of their standard deviations.
 

@@ -113,6 +113,11 @@ class Camera(CameraModel):
                 "Camera.from_opencv_fisheye(K, D)"
             )
 
+    @property
+    def is_uncertain(self) -> bool:
+        """See `CameraModel.is_uncertain`."""
+        return self.focal_noise + self.centre_noise > 0.0
+
     @classmethod
     def from_matrix(cls, K: ArrayLike, *, size: tuple[float, float] | None = None) -> Camera:
         """Make a camera from the 3×3 intrinsic matrix ``K`` (no skew, last row 0 0 1), and the size of its image.

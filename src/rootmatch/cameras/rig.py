@@ -112,6 +112,11 @@ class Rig(CameraModel):
         return tuple(view[0] for view in self.views)
 
     @cached_property
+    def is_uncertain(self) -> bool:
+        """Whether a camera, or its pose, is not exact."""
+        return any((*self.rotation_noise, *self.position_noise)) or any(one.is_uncertain for one in self.cameras)
+
+    @cached_property
     def rotations(self) -> Floats:
         """R (C, 3, 3) of the cameras in the rig."""
         return np.array([view[1] for view in self.views])

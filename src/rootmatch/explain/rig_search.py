@@ -113,8 +113,9 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
         verified = np.concatenate([enough, verified])[: limits[1]]
     else:
         verified, log_odds = _verify_hypotheses(model, hypotheses, limits, narrowing=in_all)
-        enough = _sufficient_assignments(task, model, verified, evaluated, int(unmet.sum())) if in_all else verified
-    if enough is None:
+        if in_all:
+            enough = _sufficient_assignments(task, model, verified, evaluated, int(unmet.sum()))
+    if in_all and enough is None:
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():

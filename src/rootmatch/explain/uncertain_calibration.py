@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from rootmatch.arrays import Floats
-from rootmatch.cameras.calibration_errors import is_uncertain
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
@@ -22,8 +21,7 @@ def allow_for_calibration(problem: Problem, points: PointSets) -> tuple[PointSet
     InputError
         If the problem takes no account of such errors.
     """
-    cameras = [getattr(problem, name, None) for name in ("camera", "camera2")]
-    if not any(map(is_uncertain, cameras)):
+    if not any(getattr(getattr(problem, name, None), "is_uncertain", False) for name in ("camera", "camera2")):
         return points, None
     if not problem.takes_prior:
         told = "leave out focal_noise and centre_noise, which the poses of P3P and UP2P alone allow for"
