@@ -340,13 +340,13 @@ def test_what_a_prediction_proposes_by_the_deadline_is_handed_on(body: Body, mon
 def test_no_visible_set_is_begun_that_would_end_late(body: Body, monkeypatch: pytest.MonkeyPatch) -> None:
     outward = body.points / np.linalg.norm(body.points, axis=1, keepdims=True)
     task = MatchingTask.of(P3P(CAMERA), body.points, body.target, noise=0.4, normals=outward, options=MatchOptions())
-    begun, before = [0], visible_search.run_visible_tests
+    begun, before = [0], visible_search.run_listed_tests
 
     def counted(*arguments: Any, **options: Any) -> Any:
         begun[0] += 1
         return before(*arguments, **options)
 
-    monkeypatch.setattr(visible_search, "run_visible_tests", counted)
+    monkeypatch.setattr(visible_search, "run_listed_tests", counted)
     one_set = visible_search.SECONDS_PER_TRIPLE * 20 * 19 * 18
     for seconds, some in ((0.9 * one_set, False), (1.1 * one_set, True)):
         deadline = Deadline(seconds, clock=Clock())

@@ -17,9 +17,9 @@ from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.problems.padding import select_sources
 from rootmatch.samplers.guided import local_growth, local_search
 from rootmatch.samplers.guided.hypotheses import Hypotheses
+from rootmatch.samplers.guided.listed_triples import Ring, run_listed_tests
 from rootmatch.samplers.guided.local_growth import PartialVerification
 from rootmatch.samplers.guided.local_search import MISSED, LocalSearch
-from rootmatch.samplers.guided.local_triples import run_local_tests
 from rootmatch.samplers.guided.minimal_sets import nearest_other_points
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import verify_known
@@ -90,8 +90,9 @@ def test_local_tests_are_those_of_all_images_that_are_near(visible: float) -> No
     near = np.ascontiguousarray(search.near[:, : level.images])
     test = sequential_test(search.clutter, visible, 0, least=4, normals=False)
     assert (lookups_before_dropped(test, others.shape[1], 3) >= ALONG) == (visible < 0.5)
-    survivors, ratios, counts = run_local_tests(
-        search.tables, search.grid, test, sets, near, search.allowed, keep=500, chunks=2
+    ring = Ring(np.arange(search.n_target), near)
+    survivors, ratios, counts = run_listed_tests(
+        search.tables, search.grid, test, sets, ring, allowed=search.allowed, keep=500, chunks=2
     )
     arrangements = target_arrangements(search.n_target, 2)
     every, every_ratios, _ = run_sequential_tests(

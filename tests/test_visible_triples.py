@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 import rootmatch as rm
 from rootmatch.samplers.guided.detection_grid import build_grid
+from rootmatch.samplers.guided.listed_triples import make_rings, run_listed_tests
 from rootmatch.samplers.guided.model_views import ModelViews, model_views
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
 from rootmatch.samplers.guided.triangle_shapes import ANY, SIDE, image_cells
 from rootmatch.samplers.guided.visibility import LOST, TriedSets, detected_views
-from rootmatch.samplers.guided.visible_triples import make_rings, run_visible_tests
 from test_visibility import CAMERA, NOISE, ball, view
 
 Floats = NDArray[np.float64]
@@ -132,9 +132,10 @@ def test_what_survives_is_what_survives_the_general_search(masked: bool) -> None
     if masked:
         allowed[np.flatnonzero(truth >= 0), truth[truth >= 0]] = True
     ring = make_rings(np.arange(n_target), grid.positions, [n_target - 1])[0]
-    found, _, counts = run_visible_tests(
-        tables, grid, rules, sets, image_cells(grid.rays), ring, 0, len(chosen), allowed, 4000, 2
-    )
+    found, _, counts = run_listed_tests(
+        tables, grid, rules, sets.prepared, ring,
+        shapes=sets.shapes, cells=image_cells(grid.rays), allowed=allowed, keep=4000, chunks=2,
+    )  # fmt: skip
     general = prepare_sets(tables, chosen, sets.prepared.others, np.zeros(len(chosen), np.int64))
     arrangements = np.array(list(permutations(range(n_target), 2)), np.int32)
     every, _, all_counts = run_sequential_tests(
@@ -158,9 +159,10 @@ def test_rings_have_each_image_triple_once() -> None:
     def tried(sizes: list[int]) -> list[tuple[int, ...]]:
         every = []
         for ring in make_rings(images, grid.positions, sizes):
-            found, _, _ = run_visible_tests(
-                tables, grid, rules, sets, image_cells(grid.rays), ring, 0, len(sets.shapes), none, 4000, 2
-            )
+            found, _, _ = run_listed_tests(
+                tables, grid, rules, sets.prepared, ring,
+                shapes=sets.shapes, cells=image_cells(grid.rays), allowed=none, keep=4000, chunks=2,
+            )  # fmt: skip
             every += [tuple(row) for row in found.reshape(-1, 5).tolist() if row[0] >= 0]
         return sorted(every)
 

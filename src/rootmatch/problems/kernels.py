@@ -41,7 +41,7 @@ class ResidualKernels:
 
 @dataclass(frozen=True)
 class ListedKernels:
-    """Kernels that the search among listed image triples needs (`rootmatch.samplers.guided.visible_triples`)."""
+    """Kernels that the search among listed image triples needs (`rootmatch.samplers.guided.listed_triples`)."""
 
     gather: Kernel
     """``(tables, grid, a, b, c, block, k)``: fill column k of ``block`` (12, B) with an image triple: its bearings in

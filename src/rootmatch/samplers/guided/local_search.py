@@ -20,8 +20,8 @@ from rootmatch.problems.kernels import kernel_record
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
+from rootmatch.samplers.guided.listed_triples import Ring, run_listed_tests
 from rootmatch.samplers.guided.local_growth import VERIFIED, Lead, PartialVerification, grow_lead
-from rootmatch.samplers.guided.local_triples import run_local_tests
 from rootmatch.samplers.guided.minimal_sets import nearest_neighbours, nearest_other_points
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS
@@ -207,8 +207,8 @@ class LocalSearch(Search):
         sets = prepare_sets(self.tables, points, others, np.zeros(len(others), np.int64))
         # ever more patient with hidden points
         test = sequential_test(self.clutter, VISIBLE, level.waves, least=self.minimal + 1, normals=False)
-        survivors, ratios, counts = run_local_tests(
-            self.tables, self.grid, test, sets, near=near, allowed=self.allowed,
+        survivors, ratios, counts = run_listed_tests(
+            self.tables, self.grid, test, sets, Ring(np.arange(self.n_target), near), allowed=self.allowed,
             keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
             threads=worthwhile_threads(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip

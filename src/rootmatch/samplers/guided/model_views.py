@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
+from rootmatch.samplers.guided.listed_triples import VisibleSets
 from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE, nearest_neighbours, nearest_other_points, width
 from rootmatch.samplers.guided.sequential_test import PreparedSets, prepare_sets
 from rootmatch.samplers.guided.triangle_shapes import NARROW, add_near_shapes, shape_tables
@@ -20,7 +21,6 @@ from rootmatch.samplers.guided.visibility import (
     sets_within_views,
     sphere,
 )
-from rootmatch.samplers.guided.visible_triples import VisibleSets
 
 PREPARED = 4096
 """Triples that are prepared for images to come: some 60 µs and 5 kB each."""

@@ -16,6 +16,7 @@ from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.crowding import crowding
 from rootmatch.samplers.guided.dispatch import has_listed
+from rootmatch.samplers.guided.listed_triples import Ring, VisibleSets, make_rings, run_listed_tests
 from rootmatch.samplers.guided.local_search import CROWDED, IMAGES, LEAST, LOCAL, LocalSearch
 from rootmatch.samplers.guided.model_views import LARGEST_WAVE, model_views
 from rootmatch.samplers.guided.options import GuidedOptions
@@ -25,7 +26,6 @@ from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.triangle_shapes import CELLS, image_cells
 from rootmatch.samplers.guided.visibility import DETECTED, FACING, FAILURE, MISSED, covisible_share
-from rootmatch.samplers.guided.visible_triples import Ring, VisibleSets, make_rings, run_visible_tests
 
 MOST_DETECTIONS = 256
 """Detections beyond which the cells of their triples take too much memory: 34 MB."""
@@ -217,9 +217,8 @@ class VisibleSearch(Search):
         """
         test = self._test(0)._replace(floor=-math.inf, least=self.minimal)
         sets = self.views.whole(self.tables)
-        survivors, ratios, counts = run_visible_tests(
-            self.tables, self.grid, test, sets, self.cells,
-            ring=self.every, first=0, last=len(sets.shapes),
+        survivors, ratios, counts = run_listed_tests(
+            self.tables, self.grid, test, sets.prepared, self.every, shapes=sets.shapes, cells=self.cells,
             allowed=self.allowed, keep=max(most // 8, 1), chunks=CHUNKS,
         )  # fmt: skip
         self.evaluated += int(counts[:, ::2].sum())
@@ -255,9 +254,9 @@ class VisibleSearch(Search):
             self.evaluated += tasks // SHAPES_PER_SOLVED
             return
         most = batches.listed_verification_count(tasks)
-        survivors, ratios, counts = run_visible_tests(
-            self.tables, self.grid, self._test(0, seen), sets, self.cells,
-            ring=ring, first=first, last=last, allowed=allowed,
+        survivors, ratios, counts = run_listed_tests(
+            self.tables, self.grid, self._test(0, seen), sets.prepared, ring,
+            first=first, last=last, shapes=sets.shapes, cells=self.cells, allowed=allowed,
             keep=batches.survivors_per_chunk(most), chunks=batches.CHUNKS,
             threads=worthwhile_threads(tasks // (SHAPES_PER_SOLVED * batches.WORTH_A_THREAD)),
         )  # fmt: skip
