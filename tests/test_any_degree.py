@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 import oracles
-from rootmatch.algebra.any_degree import (
-    make_last_entry_kernel,
-    make_lesser_entry_kernel,
-    make_root_kernel,
-    make_singular_value_kernel,
-)
+from rootmatch.algebra.any_degree import make_root_kernel, make_singular_value_kernel
+from rootmatch.algebra.bezout import make_last_entry_kernel, make_lesser_entry_kernel
 
 DEGREES = (1, 5)  # two and four have tests of their own
 

@@ -13,8 +13,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from rootmatch.algebra import bezout
-from rootmatch.algebra.any_degree import make_lesser_entry_kernel
+from rootmatch.algebra.any_degree import NO_INFORMATION
+from rootmatch.algebra.bezout import make_last_entry_kernel, make_lesser_entry_kernel
 from rootmatch.algebra.sylvester import (
     smallest_singular_value_quadratic,
     smallest_singular_value_quartic,
@@ -22,8 +22,9 @@ from rootmatch.algebra.sylvester import (
 )
 
 Pair = tuple[np.ndarray, np.ndarray]
-UNIT = {4: bezout.unit_last_entry_quartic, 2: bezout.unit_last_entry_quadratic}
+UNIT = {degree: make_last_entry_kernel(degree) for degree in (4, 2)}
 LESSER = {degree: make_lesser_entry_kernel(degree) for degree in (4, 2)}
+ABOUT_ONE, LESSER_ABOUT_ONE = (make(4, about_one=True) for make in (make_last_entry_kernel, make_lesser_entry_kernel))
 LEAST = {4: smallest_singular_value_quartic, 2: smallest_singular_value_quadratic}
 
 
@@ -160,8 +161,8 @@ class TestAgainstFactorisations:
         rng = np.random.default_rng(6)
         zero, p = np.zeros(degree + 1), rng.normal(size=degree + 1)
         for first, second in ((zero, p), (p, zero), (zero, zero)):
-            assert UNIT[degree](*first, *second) == bezout.NO_INFORMATION > math.sqrt(2.0)
-            assert LESSER[degree](*first, *second) == bezout.NO_INFORMATION
+            assert UNIT[degree](*first, *second) == NO_INFORMATION > math.sqrt(2.0)
+            assert LESSER[degree](*first, *second) == NO_INFORMATION
             assert LEAST[degree](*first, *second) == pytest.approx(0.0, abs=1e-15)
 
     def test_a_common_root_at_infinity(self, degree: int) -> None:
@@ -243,7 +244,7 @@ class TestWhereTheyPart:
         for _ in range(60):
             p, q = (unit(v) for v in near_common_root(rng, 4))
             exact = by_fractions(p, q)
-            closed.append(abs(bezout.unit_last_entry_quartic(*p, *q) - exact))
+            closed.append(abs(UNIT[4](*p, *q) - exact))
             factored.append(abs(by_qr(p, q) - exact))
         assert np.median(closed) <= np.median(factored) < 1e-16
         assert max(closed) < 1e-13
@@ -257,9 +258,9 @@ class TestWhereTheyPart:
         for _ in range(40):
             shifted, in_x = crowded(rng, gap)
             exact = exact_in_x(shifted)
-            errors["x"].append(abs(bezout.unit_last_entry_quartic(*in_x[0], *in_x[1]) - exact))
+            errors["x"].append(abs(UNIT[4](*in_x[0], *in_x[1]) - exact))
             errors["QR"].append(abs(by_qr(unit(in_x[0]), unit(in_x[1])) - exact))
-            about = bezout.unit_last_entry_quartic_about_one(*shifted[0], *shifted[1])
+            about = ABOUT_ONE(*shifted[0], *shifted[1])
             errors["about one"].append(abs(about - exact))
             errors["relative"].append(abs(about / exact - 1.0))
         assert max(errors["QR"]) < 2e-15
@@ -274,7 +275,7 @@ class TestWhereTheyPart:
             shifted, in_x = crowded(rng, 1e-2)
             p, q = unit(in_x[0]), unit(in_x[1])
             wanted = min(by_qr(p, q), by_qr(p[::-1], q[::-1]))
-            value = bezout.lesser_unit_last_entry_quartic_about_one(*shifted[0], *shifted[1])
+            value = LESSER_ABOUT_ONE(*shifted[0], *shifted[1])
             assert value == pytest.approx(wanted, rel=1e-6, abs=3e-15)
 
     def test_least_singular_value_of_nearly_dependent_rows(self) -> None:

@@ -1,26 +1,26 @@
-"""Roots and resultants of polynomials of any degree, as straight-line kernels written for that degree.
+"""Roots and least singular values of polynomials of any degree, as straight-line kernels written for that degree.
 
-Quadratics and quartics have their own closed forms (`polynomial`, `bezout`, `sylvester`). For other degrees the text of
-a kernel is composed here, every loop over coefficients unrolled, so that it needs no array and runs wherever the others
-do; the least singular value alone works on a small array.
+Quadratics and quartics have their own closed forms (`polynomial`, `sylvester`). For other degrees the text of a kernel
+is composed here, every loop over coefficients unrolled, so that it needs no array and runs wherever the others do; the
+least singular value alone works on a small array.
 """
 
 from __future__ import annotations
 
 import math
 from functools import cache
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from rootmatch.algebra.bezout import NO_INFORMATION, unit_last_entry_quadratic, unit_last_entry_quartic
 from rootmatch.algebra.polynomial import roots_quadratic, roots_quartic
 from rootmatch.algebra.sylvester import smallest_singular_value_quadratic, smallest_singular_value_quartic
 from rootmatch.jit.decorators import kernel, scalar
 
 ITERATIONS = 60
 """Bound on the steps towards all roots at once; ten are usual. Not tuned."""
+NO_INFORMATION = 2.0
+"""Reported for a pair with a zero polynomial, which says nothing: above √2, the most |R| of a unit pair reaches."""
 
 
 def compile_text(text: str, name: str, names: dict[str, Any]) -> Any:
@@ -28,6 +28,11 @@ def compile_text(text: str, name: str, names: dict[str, Any]) -> Any:
     namespace: dict[str, Any] = {"math": math, "np": np, "__name__": __name__, **names}
     exec(compile(text, f"<composed {name}>", "exec"), namespace)
     return namespace[name]
+
+
+def coefficient_names(letter: str, degree: int) -> list[str]:
+    """Names of the coefficients of a polynomial, highest degree first."""
+    return [f"{letter}{k}" for k in range(degree, -1, -1)]
 
 
 @cache
@@ -75,12 +80,12 @@ def _quartic(c4, c3, c2, c1, c0):  # type: ignore[no-untyped-def]
 def _roots_text(degree: int) -> str:
     """All roots at once by Aberth's iteration in real arithmetic."""
     n = range(degree)
-    lines = [f"def roots({', '.join(f'c{k}' for k in range(degree, -1, -1))}):"]
+    lines = [f"def roots({', '.join(coefficient_names('c', degree))}):"]
     ends = ", ".join(f"c{k}" for k in range(degree + 1))
     lines += [
         f"    turn = abs(c{degree}) < abs(c0)",
         "    if turn:",
-        f"        {ends} = {', '.join(f'c{k}' for k in range(degree, -1, -1))}",
+        f"        {ends} = {', '.join(coefficient_names('c', degree))}",
         f"    scale = 1.0 / c{degree}",
     ]
     lines += [f"    a{k} = c{k} * scale" for k in n]
@@ -133,83 +138,9 @@ def _roots_text(degree: int) -> str:
 
 
 @cache
-def make_last_entry_kernel(degree: int) -> Any:
-    """Kernel ``(p_k, …, p_0, q_k, …, q_0) → |R_2k,2k|`` of both scaled to unit 2-norm; see `bezout`."""
-    if degree == 2:
-        return unit_last_entry_quadratic
-    if degree == 4:
-        return unit_last_entry_quartic
-    return scalar(compile_text(_last_entry_text(degree), "last_entry", {"NO_INFORMATION": NO_INFORMATION}))
-
-
-@cache
-def make_lesser_entry_kernel(degree: int) -> Any:
-    """Kernel ``(p_k, …, p_0, q_k, …, q_0) →`` the lesser |R_2k,2k| over the polynomials in x and in 1/x.
-
-    |R_2k,2k| = σ_min ‖y‖ / |y_last| with y the null vector (x^{2k−1}, …, 1), so the one-sided value blows up when the
-    common root has |x| > 1; the lesser of the two stays within a factor √(2k) of σ_min at a common root.
-    """
-    p, q = _names("p", degree), _names("q", degree)
-    text = (
-        f"def lesser({', '.join(p + q)}):\n"
-        f"    return min(forward({', '.join(p + q)}), forward({', '.join(p[::-1] + q[::-1])}))\n"
-    )
-    return scalar(compile_text(text, "lesser", {"forward": make_last_entry_kernel(degree)}))
-
-
-def _names(letter: str, degree: int) -> list[str]:
-    return [f"{letter}{k}" for k in range(degree, -1, -1)]
-
-
-def _last_entry_text(degree: int) -> str:
-    """|Res| / ‖(s, t)‖ by the Bézout matrix, its determinant and the first column of its adjugate."""
-    lines = [f"def last_entry({', '.join(_names('p', degree) + _names('q', degree))}):"]
-    for i in range(degree):
-        for j in range(i, degree):
-            terms = []
-            for k in range(i + 1):
-                high, low = i + j + 1 - k, k
-                if high <= degree:
-                    terms.append(f"(p{high} * q{low} - p{low} * q{high})")
-            lines.append(f"    b{i}_{j} = {' + '.join(terms)}")
-
-    def entry(i: int, j: int) -> str:
-        return f"b{min(i, j)}_{max(i, j)}"
-
-    def minor(columns: tuple[int, ...]) -> str:
-        return "m" + "_".join(map(str, columns)) if len(columns) > 1 else entry(degree - 1, columns[0])
-
-    for size in range(2, degree):
-        row = degree - size
-        for columns in combinations(range(degree), size):
-            parts = []
-            for place, column in enumerate(columns):
-                rest = columns[:place] + columns[place + 1 :]
-                parts.append(f"{'-' if place % 2 else '+'} {entry(row, column)} * {minor(rest)}")
-            lines.append(f"    {minor(columns)} = {' '.join(parts)}")
-    for j in range(degree):
-        rest = tuple(column for column in range(degree) if column != j)
-        value = minor(rest) if rest else "1.0"
-        lines.append(f"    c{j} = {'-' if j % 2 else ''}{value}")
-    lines.append(f"    det = {' + '.join(f'{entry(0, j)} * c{j}' for j in range(degree))}")
-    for letter in ("p", "q"):
-        lines.append(f"    norm_{letter} = {' + '.join(f'{letter}{k} * {letter}{k}' for k in range(degree + 1))}")
-        for m in range(degree):
-            terms = [f"c{j} * {letter}{j + m + 1}" for j in range(degree) if j + m + 1 <= degree]
-            lines.append(f"    {letter}t{m} = {' + '.join(terms)}")
-        lines.append(f"    cofactor_{letter} = {' + '.join(f'{letter}t{m} * {letter}t{m}' for m in range(degree))}")
-    lines += [
-        "    square = norm_q * cofactor_p + norm_p * cofactor_q",
-        "    value = abs(det) / math.sqrt(square if square > 0.0 else 1.0)",
-        "    return value if norm_p * norm_q > 0.0 else NO_INFORMATION",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-@cache
 def make_singular_value_kernel(degree: int) -> Any:
     """Kernel ``(p_k, …, p_0, q_k, …, q_0) → σ_min`` of the Sylvester matrix of both scaled to unit 2-norm."""
-    p, q = _names("p", degree), _names("q", degree)
+    p, q = coefficient_names("p", degree), coefficient_names("q", degree)
     closed = {2: smallest_singular_value_quadratic, 4: smallest_singular_value_quartic}.get(degree)
     lines = [f"def value({', '.join(p + q)}):"]
     for letter in ("p", "q"):

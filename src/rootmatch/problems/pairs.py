@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.algebra.any_degree import make_last_entry_kernel, make_lesser_entry_kernel, make_singular_value_kernel
+from rootmatch.algebra.any_degree import make_singular_value_kernel
+from rootmatch.algebra.bezout import make_last_entry_kernel, make_lesser_entry_kernel
 from rootmatch.jit.decorators import kernel
 from rootmatch.problems.limits import MOST_PAIRS
 from rootmatch.problems.residual_kinds import QR, SVD, QRBoth
@@ -26,7 +27,7 @@ def pair_orders(minimal: int) -> tuple[tuple[int, ...], ...]:
 
 
 def comparisons(degree: int) -> dict[type, Any]:
-    """Kernels that compare two polynomials of a degree, by the kind of residual; see `rootmatch.algebra.any_degree`."""
+    """Kernels that compare two polynomials of a degree, by the kind of residual; see `rootmatch.algebra.bezout`."""
     return {
         QR: make_last_entry_kernel(degree),
         QRBoth: make_lesser_entry_kernel(degree),

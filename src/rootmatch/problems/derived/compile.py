@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from rootmatch.algebra import any_degree
+from rootmatch.algebra import any_degree, bezout
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.derived.residuals_text import Residuals
 from rootmatch.problems.derived.tables import is_registered, register_derived
@@ -56,8 +56,8 @@ def compile_residuals(
         **decorators,
         **{name: wrap(function) for name, function in formulas.items() if not name.startswith("leaf_")},
         "find_roots": any_degree.make_root_kernel(degree),
-        "compare_qr": any_degree.make_last_entry_kernel(degree),
-        "compare_both": any_degree.make_lesser_entry_kernel(degree),
+        "compare_qr": bezout.make_last_entry_kernel(degree),
+        "compare_both": bezout.make_lesser_entry_kernel(degree),
         "ordinary": scaling_power,
         "compare_svd": any_degree.make_singular_value_kernel(degree),
         "ORDERS": pair_orders(residuals.m),

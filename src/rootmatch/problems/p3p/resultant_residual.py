@@ -7,12 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from rootmatch.algebra.any_degree import make_singular_value_kernel
-from rootmatch.algebra.bezout import (
-    NO_INFORMATION,
-    lesser_unit_last_entry_quartic_about_one,
-    unit_last_entry_quartic_about_one,
-)
+from rootmatch.algebra.any_degree import NO_INFORMATION, make_singular_value_kernel
+from rootmatch.algebra.bezout import make_last_entry_kernel, make_lesser_entry_kernel
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.kernels import ResidualKernels
 from rootmatch.problems.p3p.quartic import quartic_about_one, quartic_in_ratio
@@ -43,8 +39,8 @@ def residual_of_quartics(compare: Any) -> Any:
     return entry
 
 
-last_entry = residual_of_quartics(unit_last_entry_quartic_about_one)
-lesser_last_entry = residual_of_quartics(lesser_unit_last_entry_quartic_about_one)
+last_entry = residual_of_quartics(make_last_entry_kernel(4, about_one=True))
+lesser_last_entry = residual_of_quartics(make_lesser_entry_kernel(4, about_one=True))
 
 
 @scalar
