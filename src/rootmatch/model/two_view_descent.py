@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.algebra.elimination import solve_in_place
+from rootmatch.algebra.elimination import solve_damped
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.two_view_odds import epipolar_variance, inverse_distance_terms
@@ -18,21 +18,6 @@ from rootmatch.problems.pose_fit.descent import SETTLED
 
 IMPOSSIBLE = 6.0
 """Deviation, in σ, of a match that lies behind a camera, so that a fit can go on without it. A round value."""
-
-
-@part
-def solve_damped(normal, side, damping, dimensions, work, out):  # type: ignore[no-untyped-def]
-    """The damped symmetric system, by elimination; whether it has a finite solution."""
-    for a in range(dimensions):
-        for b in range(dimensions):
-            work[a, b] = normal[a, b]
-        work[a, a] = work[a, a] * (1.0 + damping) + 1e-300
-        out[a] = side[a]
-    solve_in_place(work, out, dimensions)
-    finite = True
-    for a in range(dimensions):
-        finite = finite and abs(out[a]) < 1e6
-    return finite
 
 
 @part

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
+from rootmatch.algebra.elimination import factorise, invert_factored
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.problems.pose_fit.either_axes import RIDGE
+from rootmatch.model.compiled.prior_terms import combine_axes, fill_arc_motion, turn_covariance
 from rootmatch.problems.pose_fit.reference_point import STRAIGHT
 
 SMALL = 1e-6
@@ -89,49 +90,6 @@ def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
 
 
 @part
-def invert(matrix, root, out):  # type: ignore[no-untyped-def]
-    """Inverse (p, p) of the first p rows and columns of a positive definite matrix; ``root`` (p, p): scratch."""
-    size = root.shape[0]
-    for j in range(size):
-        for i in range(j, size):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= root[i, k] * root[j, k]
-            root[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / root[j, j]
-    for column in range(size):
-        for i in range(size):
-            value = 1.0 if i == column else 0.0
-            for k in range(i):
-                value -= root[i, k] * out[k, column]
-            out[i, column] = value / root[i, i]
-        for i in range(size - 1, -1, -1):
-            value = out[i, column]
-            for k in range(i + 1, size):
-                value -= root[k, i] * out[k, column]
-            out[i, column] = value / root[i, i]
-
-
-@part
-def turn_covariance(P, turn, size, out):  # type: ignore[no-untyped-def]
-    """The covariance (p + 12, p + 12) of pose and motion whose axes are turned, into ``out``; a scale has none."""
-    rows = P.shape[0]
-    for a in range(rows):
-        for b in range(6, size):
-            out[a, b] = P[a, b]
-        for first in range(0, rows - size + 6, 3):
-            p = first if first < 6 else first + size - 6
-            u, v, w = P[a, p], P[a, p + 1], P[a, p + 2]
-            for b in range(3):
-                out[a, p + b] = turn[b, 0] * u + turn[b, 1] * v + turn[b, 2] * w
-    for b in range(rows):
-        for first in range(0, rows - size + 6, 3):
-            p = first if first < 6 else first + size - 6
-            u, v, w = out[p, b], out[p + 1, b], out[p + 2, b]
-            for a in range(3):
-                out[p + a, b] = turn[a, 0] * u + turn[a, 1] * v + turn[a, 2] * w
-
-
-@part
 def bend_step(P, step, along, out):  # type: ignore[no-untyped-def]
     """A predicted covariance as it is where a step (p,) takes the body, into ``out``, and the step ``along`` its arc.
 
@@ -146,39 +104,11 @@ def bend_step(P, step, along, out):  # type: ignore[no-untyped-def]
         along[i] = step[i]
     if P[0, 0] + P[1, 1] + P[2, 2] < STRAIGHT * STRAIGHT:
         return
-    x, y, z, u, v, w = step[0], step[1], step[2], step[3], step[4], step[5]
-    angle2, c = x * x + y * y + z * z, 1.0 / 12.0
-    if angle2 > 1e-4:
-        half = 0.5 * math.sqrt(angle2)
-        c = (1.0 - half / math.tan(half)) / angle2
-    e, f, g = y * w - z * v, z * u - x * w, x * v - y * u
-    along[3] = u + 0.5 * e + c * (y * g - z * f)
-    along[4] = v + 0.5 * f + c * (z * e - x * g)
-    along[5] = w + 0.5 * g + c * (x * f - y * e)
-    turn, turned, root, scale = np.empty((3, 3)), np.empty((rows, rows)), np.empty((rows, rows)), np.empty(rows)
-    fill_rotation(x, y, z, turn)
+    fill_arc_motion(along)
+    turn, turned = np.empty((3, 3)), np.empty((rows, rows))
+    fill_rotation(step[0], step[1], step[2], turn)
     turn_covariance(P, turn, size, turned)
-    for j in range(rows):
-        scale[j] = 1.0 / math.sqrt(max(P[j, j] + turned[j, j], 1e-300))
-    for j in range(rows):
-        for i in range(j, rows):
-            value = (P[i, j] + turned[i, j]) * scale[i] * scale[j] + (RIDGE if i == j else 0.0)
-            for k in range(j):
-                value -= root[i, k] * root[j, k]
-            root[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / root[j, j]
-    out[:, :] = 0.0
-    for side in range(2):  # rows of L⁻¹ C, of one covariance after the other
-        for column in range(rows):
-            for i in range(rows):
-                value = (turned[i, column] if side == 0 else P[i, column]) * scale[i]
-                for k in range(i):
-                    value -= root[i, k] * turned[k, column]
-                turned[i, column] = value / root[i, i]
-        for a in range(rows):
-            for b in range(a + 1):
-                for k in range(rows):
-                    out[a, b] += turned[k, a] * turned[k, b]
-                out[b, a] = out[a, b]
+    combine_axes(P, turned, np.empty((rows, rows)), np.empty(rows), out)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -208,7 +138,12 @@ def take_pose(before, step, fitted, out):  # type: ignore[no-untyped-def]
     size, straight = step.shape[0], step
     step = np.empty(size)
     bend_step(given, straight, step, P)
-    invert(P, np.empty((size, size)), inverse)
+    root = np.empty((size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            root[i, j] = P[i, j]
+    factorise(root, size, 1e-300)
+    invert_factored(root, size, inverse)
     gain, removed = np.empty((12, size)), np.empty((12, size))
     left, squared = 0.0, 0.0
     for p in range(size):

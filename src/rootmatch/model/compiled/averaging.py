@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from rootmatch.algebra.elimination import solve_in_place
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.eigenvectors import diagonalise
@@ -53,7 +54,7 @@ def project_out(duals, covariance, step, work):  # type: ignore[no-untyped-def]
             push[p, b] = 0.0
             for q in range(6):
                 push[p, b] += covariance[p, q] * duals[q, b]
-    # least squares by Gauss and Jordan: the normal matrix of directions that are independent is positive definite
+    # least squares: the normal matrix of directions that are independent is positive definite
     for a in range(w):
         along[a] = 0.0
         for p in range(6):
@@ -62,16 +63,10 @@ def project_out(duals, covariance, step, work):  # type: ignore[no-untyped-def]
             square[a, b] = 0.0
             for p in range(6):
                 square[a, b] += duals[p, a] * push[p, b]
-    for a in range(w):
-        for b in range(w):
-            if b != a:
-                ratio = square[b, a] / square[a, a]
-                along[b] -= ratio * along[a]
-                for c in range(a, w):
-                    square[b, c] -= ratio * square[a, c]
+    solve_in_place(square, along, w)
     for b in range(w):
         for p in range(6):
-            step[p] -= along[b] / square[b, b] * push[p, b]
+            step[p] -= along[b] * push[p, b]
 
 
 @part

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from rootmatch.algebra.elimination import factorise, solve_lower
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 
@@ -154,12 +155,9 @@ def factor_bordered(taken, more, descents, own, root, factor):  # type: ignore[n
             size += 1
     for a in range(size):
         for b in range(a + 1):
-            value = root[a] * root[b] * descents[own[a], own[b]]
-            if a == b and not taken[own[a]]:
-                value += 1.0
-            for c in range(b):
-                value -= factor[a, c] * factor[b, c]
-            factor[a, b] = math.sqrt(max(value, TINY)) if a == b else value / factor[b, b]
+            factor[a, b] = root[a] * root[b] * descents[own[a], own[b]]
+        factor[a, a] += 0.0 if taken[own[a]] else 1.0
+    factorise(factor, size, TINY)
     return size
 
 
@@ -200,13 +198,9 @@ def fill_given_densities(taken, more, descents, out):  # type: ignore[no-untyped
     size = factor_bordered(taken, more, descents, own, root, factor)
     solved = np.empty(size)
     for j in range(count):
-        squared = 0.0
         for a in range(size):
-            value = (1.0 if own[a] == j else 0.0) if taken[j] else root[a] * descents[own[a], j]
-            for b in range(a):
-                value -= factor[a, b] * solved[b]
-            solved[a] = value / factor[a, a]
-            squared += solved[a] * solved[a]
+            solved[a] = (1.0 if own[a] == j else 0.0) if taken[j] else root[a] * descents[own[a], j]
+        squared = solve_lower(factor, size, solved)
         out[j] = squared + more[j] if taken[j] else 1.0 / max(descents[j, j] - squared, TINY)
 
 

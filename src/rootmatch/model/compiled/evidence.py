@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from rootmatch.algebra.elimination import factorise, invert_factored
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.compiled.occluder import (
@@ -54,36 +55,16 @@ def invert_scaled(matrix, factor, scale, out):  # type: ignore[no-untyped-def]
     It is scaled to a unit diagonal first, as its units differ. ``factor`` (6, 6) and ``scale`` (6,): scratch.
     """
     logarithm = 0.0
-    for j in range(6):
-        scale[j] = math.sqrt(matrix[j, j])
-        logarithm += 2.0 * math.log(scale[j])
-    for j in range(6):
-        for i in range(j, 6):
-            value = matrix[i, j] / (scale[i] * scale[j])
-            if i == j:
-                value += RIDGE
-            for k in range(j):
-                value -= factor[i, k] * factor[j, k]
-            if i == j:
-                factor[j, j] = math.sqrt(max(value, 1e-300))
-                logarithm += 2.0 * math.log(factor[j, j])
-            else:
-                factor[i, j] = value / factor[j, j]
-    for column in range(6):
-        for i in range(6):
-            value = 1.0 if i == column else 0.0
-            for k in range(i):
-                value -= factor[i, k] * out[k, column]
-            out[i, column] = value / factor[i, i]
-        for i in range(5, -1, -1):
-            value = out[i, column]
-            for k in range(i + 1, 6):
-                value -= factor[k, i] * out[k, column]
-            out[i, column] = value / factor[i, i]
     for i in range(6):
+        scale[i] = 1.0 / math.sqrt(matrix[i, i])
         for j in range(i + 1):
-            value = 0.5 * (out[i, j] + out[j, i]) / (scale[i] * scale[j])
-            out[i, j] = out[j, i] = value
+            factor[i, j] = matrix[i, j] * scale[i] * scale[j] + (RIDGE if i == j else 0.0)
+    factorise(factor, 6, 1e-300)
+    invert_factored(factor, 6, out)
+    for i in range(6):
+        logarithm += 2.0 * math.log(factor[i, i] / scale[i])
+        for j in range(i + 1):
+            out[i, j] = out[j, i] = 0.5 * (out[i, j] + out[j, i]) * scale[i] * scale[j]
     return logarithm
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
+from rootmatch.algebra.elimination import factorise, solve_lower
 from rootmatch.jit.decorators import part
 from rootmatch.model.compiled.evidence import invert_scaled
+from rootmatch.problems.pose_fit.either_axes import RIDGE
 
 NO_TURN = 1e-9
 """Sine of the angle of a rotation below which it is none, or a half turn."""
@@ -64,10 +66,12 @@ def fill_broad_terms(k, row, positions, broad, log_share, out):  # type: ignore[
 
 
 @part
-def position_error(place, positions, k, step):  # type: ignore[no-untyped-def]
-    """The last three numbers of the step from the k-th pose to a predicted one, whose rotation vector is the first."""
-    x, y, z = step[0], step[1], step[2]
-    u, v, w = place[0] - positions[k, 0], place[1] - positions[k, 1], place[2] - positions[k, 2]
+def fill_arc_motion(step):  # type: ignore[no-untyped-def]
+    """The last three numbers of a step as the motion whose arc leads there, in place; the first are its turn.
+
+    See `rootmatch.algebra.rotation.arc_motion`.
+    """
+    x, y, z, u, v, w = step[0], step[1], step[2], step[3], step[4], step[5]
     angle2 = x * x + y * y + z * z
     c = 1.0 / 12.0
     if angle2 > 1e-4:
@@ -80,50 +84,52 @@ def position_error(place, positions, k, step):  # type: ignore[no-untyped-def]
 
 
 @part
-def rotate_covariance(covariance, turn, out):  # type: ignore[no-untyped-def]
-    """Covariance (6, 6) of a prediction in axes that ``turn`` (3, 3) takes to those it was in, into ``out``."""
-    for a in range(6):
-        for p in range(0, 6, 3):
+def turn_covariance(covariance, turn, size, out):  # type: ignore[no-untyped-def]
+    """A covariance whose axes are turned, into ``out``: of the pose in the first rows of so many, and of what follows.
+
+    A seventh row, of the scale, has no axis.
+    """
+    rows = covariance.shape[0]
+    for a in range(rows):
+        for b in range(6, size):
+            out[a, b] = covariance[a, b]
+        for first in range(0, rows - size + 6, 3):
+            p = first if first < 6 else first + size - 6
             u, v, w = covariance[a, p], covariance[a, p + 1], covariance[a, p + 2]
             for b in range(3):
-                out[a, p + b] = u * turn[0, b] + v * turn[1, b] + w * turn[2, b]
-    for b in range(6):
-        for p in range(0, 6, 3):
+                out[a, p + b] = turn[b, 0] * u + turn[b, 1] * v + turn[b, 2] * w
+    for b in range(rows):
+        for first in range(0, rows - size + 6, 3):
+            p = first if first < 6 else first + size - 6
             u, v, w = out[p, b], out[p + 1, b], out[p + 2, b]
             for a in range(3):
-                out[p + a, b] = turn[0, a] * u + turn[1, a] * v + turn[2, a] * w
+                out[p + a, b] = turn[a, 0] * u + turn[a, 1] * v + turn[a, 2] * w
 
 
 @part
 def combine_axes(covariance, turned, factor, scale, out):  # type: ignore[no-untyped-def]
-    """See `rootmatch.problems.pose_fit.either_axes`: of the covariance (6, 6) in both, into ``out``.
+    """See `rootmatch.problems.pose_fit.either_axes`: of the covariance (p, p) in both, into ``out``.
 
-    ``turned`` is overwritten; ``factor`` (6, 6) and ``scale`` (6,): scratch.
+    ``turned`` is overwritten; ``factor`` (p, p) and ``scale`` (p,): scratch.
     """
-    for j in range(6):
-        scale[j] = 1.0 / math.sqrt(covariance[j, j] + turned[j, j])
-    for j in range(6):
-        for i in range(j, 6):
-            value = (covariance[i, j] + turned[i, j]) * scale[i] * scale[j]
-            for k in range(j):
-                value -= factor[i, k] * factor[j, k]
-            factor[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / factor[j, j]
-    for a in range(6):
-        for b in range(6):
-            out[a, b] = 0.0
+    size = scale.shape[0]
+    for i in range(size):
+        scale[i] = 1.0 / math.sqrt(max(covariance[i, i] + turned[i, i], 1e-300))
+        for j in range(i + 1):
+            factor[i, j] = (covariance[i, j] + turned[i, j]) * scale[i] * scale[j] + (RIDGE if i == j else 0.0)
+    factorise(factor, size, 1e-300)
     for side in range(2):
-        # ``turned`` holds the rows of L⁻¹ C, of one covariance after the other
-        for column in range(6):
-            for i in range(6):
-                value = (turned[i, column] if side == 0 else covariance[i, column]) * scale[i]
-                for k in range(i):
-                    value -= factor[i, k] * turned[k, column]
-                turned[i, column] = value / factor[i, i]
-        for a in range(6):
+        # ``turned`` holds L⁻¹ C, column by column in its rows, of one covariance after the other
+        for a in range(size):
+            for i in range(size):
+                turned[a, i] = (turned[a, i] if side == 0 else covariance[a, i]) * scale[i]
+            solve_lower(factor, size, turned[a])
+        for a in range(size):
             for b in range(a + 1):
-                for k in range(6):
-                    out[a, b] += turned[k, a] * turned[k, b]
-                out[b, a] = out[a, b]
+                total = 0.0 if side == 0 else out[a, b]
+                for k in range(size):
+                    total += turned[a, k] * turned[b, k]
+                out[a, b] = out[b, a] = total
 
 
 @part
@@ -149,11 +155,13 @@ def fill_largest_terms(k, row, poses, predictions, broad, scratch, out, which): 
     which[row], squared[row], log_density[row] = count, 0.0, best
     for g in range(count):
         rotation_vector_between(means[g], rotations[k], turn, step)
-        position_error(places[g], positions, k, step)
+        for a in range(3):
+            step[3 + a] = places[g, a] - positions[k, a]
+        fill_arc_motion(step)
         for a in range(3):  # from the predicted axes to those about the pose; a rotation has its own axis in both
             moved[a] = step[a]
             moved[3 + a] = turn[0, a] * step[3] + turn[1, a] * step[4] + turn[2, a] * step[5]
-        rotate_covariance(covariances[g], turn, turned)
+        turn_covariance(covariances[g], turn.T, 6, turned)
         combine_axes(covariances[g], turned, factor, scale, covariance)
         log_volume = 0.5 * invert_scaled(covariance, factor, scale, whole)
         total = 0.0

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from rootmatch.algebra.elimination import factorise, solve_lower
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver, part
 
@@ -55,18 +56,9 @@ def is_near(first, second, moved, limit):  # type: ignore[no-untyped-def]
         step[i] = (step[i] - moved[i]) / scale[i]
         if not abs(step[i]) < limit:  # no coordinate is farther off than all together
             return False
-    root, squared = np.empty((6, 6)), 0.0
+    root = np.empty((6, 6))
     for i in range(6):
         for j in range(i + 1):
-            value = (covariance[i, j] + more[i, j]) / (scale[i] * scale[j])
-            if i == j:
-                value += TINY
-            for k in range(j):
-                value -= root[i, k] * root[j, k]
-            root[i, j] = math.sqrt(max(value, TINY * TINY)) if i == j else value / root[j, j]
-        value = step[i]
-        for k in range(i):
-            value -= root[i, k] * step[k]
-        step[i] = value / root[i, i]
-        squared += step[i] * step[i]
-    return squared < limit * limit
+            root[i, j] = (covariance[i, j] + more[i, j]) / (scale[i] * scale[j]) + (TINY if i == j else 0.0)
+    factorise(root, 6, TINY * TINY)
+    return solve_lower(root, 6, step) < limit * limit

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from rootmatch.algebra.elimination import solve_damped
 from rootmatch.jit.decorators import FASTMATH, driver, part
+
+DAMPING = 1e-3
+"""Share of the diagonal that is added to it. A round value."""
 
 
 @part
@@ -77,34 +81,8 @@ def _gather_normal_equations(ratio, seen, place, t, cell, variance, normal, righ
         second = ((-s - y * q) * scale, y * p * scale, p * scale, 0.0, scale, -y * scale)
         for k in range(6):
             right[k] += first[k] * along + second[k] * down
-            for m in range(k + 1):
+            for m in range(6):
                 normal[k, m] += weight * (first[k] * first[m] + second[k] * second[m])
-
-
-@part
-def _solve_damped(normal, right):  # type: ignore[no-untyped-def]
-    """Solve slightly damped normal equations in place, by Cholesky; whether they have a solution."""
-    for a in range(6):
-        normal[a, a] = normal[a, a] * 1.001 + 1e-12
-        for b in range(a + 1):
-            value = normal[a, b]
-            for m in range(b):
-                value -= normal[a, m] * normal[b, m]
-            if a == b:
-                if not value > 0.0:
-                    return False
-                normal[a, a] = np.sqrt(value)
-            else:
-                normal[a, b] = value / normal[b, b]
-    for a in range(6):
-        for m in range(a):
-            right[a] -= normal[a, m] * right[m]
-        right[a] /= normal[a, a]
-    for a in range(5, -1, -1):
-        for m in range(a + 1, 6):
-            right[a] -= normal[m, a] * right[m]
-        right[a] /= normal[a, a]
-    return True
 
 
 @part
@@ -153,7 +131,7 @@ def ascend(points, rotation, position, detections, origin, cell, taps, variance,
     h, w = detections.shape
     image, room = np.empty((h, w)), np.empty((h, w))
     seen, place = np.empty((points.shape[0], 3)), np.empty((points.shape[0], 2))
-    normal, step = np.empty((6, 6)), np.empty(6)
+    normal, right, work, step = np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty(6)
     for k in range(rotation.shape[0]):
         R, t = rotation[k], position[k]
         for turn in range(steps + 1):
@@ -173,7 +151,7 @@ def ascend(points, rotation, position, detections, origin, cell, taps, variance,
             if turn == steps:
                 break
             _blur(image, room, taps)
-            _gather_normal_equations(image, seen, place, t, cell, variance, normal, step)
-            if not _solve_damped(normal, step):
+            _gather_normal_equations(image, seen, place, t, cell, variance, normal, right)
+            if not solve_damped(normal, right, DAMPING, 6, work, step):
                 break
             _move_pose(R, t, step, 0.3)
