@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import combinations, permutations
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.checks import check_points
 
 TARGET_TUPLES = 2_000_000
@@ -44,15 +45,9 @@ class Invariant:
 
 def angle_sines(points: Floats) -> Floats:
     """Sines (T, 3) of the angles of triangles (T, 3, k) at their points: kept by similarity (Duchenne et al. 2011)."""
-    sides = np.stack([points[:, (k + 2) % 3] - points[:, (k + 1) % 3] for k in range(3)], axis=1)
-    lengths = np.linalg.norm(sides, axis=2)
-    first, second = sides[:, 0], sides[:, 1]
-    dots = (first * second).sum(axis=1)
-    area2 = np.sqrt(np.maximum((first**2).sum(axis=1) * (second**2).sum(axis=1) - dots**2, 0.0))
-    # twice the area is the product of two sides and the sine between them
-    products = np.stack([lengths[:, (k + 1) % 3] * lengths[:, (k + 2) % 3] for k in range(3)], axis=1)
-    sines: Floats = area2[:, None] / np.maximum(products, 1e-300)
-    return sines
+    first, second = points[:, 2] - points[:, 1], points[:, 0] - points[:, 2]
+    squared = (first**2).sum(axis=1) * (second**2).sum(axis=1) - (first * second).sum(axis=1) ** 2
+    return _sines(points, np.sqrt(np.maximum(squared, 0.0)))
 
 
 def signed_sines(points: Floats) -> Floats:
@@ -61,9 +56,13 @@ def signed_sines(points: Floats) -> Floats:
     What the code of Duchenne et al. computes, and with it all later ones that match points of a plane.
     """
     first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
-    area2 = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    signed: Floats = np.sign(area2)[:, None] * angle_sines(points)
-    return signed
+    return _sines(points, first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+
+
+def _sines(points: Floats, area2: Floats) -> Floats:
+    """Sines of angles from twice the areas (T,): these are products of two sides and the sine between them."""
+    lengths = side_lengths(points)
+    return area2[:, None] / np.maximum(np.roll(lengths, -1, axis=1) * np.roll(lengths, 1, axis=1), 1e-300)
 
 
 def side_lengths(points: Floats) -> Floats:
@@ -144,8 +143,6 @@ def nearest_hyperedges(
     five points of which four are on a line. Symmetric sets have several right matches. Noise plays no part: small
     tuples, whose features it moves far, count like large ones; `rootmatch.Similarity` and `rootmatch.Rigid` model it.
     """
-    from scipy.spatial import cKDTree  # slow to import
-
     chosen = _choose_invariant(invariant)
     dimension = np.shape(np.asarray(source))[-1] if np.ndim(source) == 2 else 0
     if dimension not in chosen.dimensions:
@@ -161,26 +158,37 @@ def nearest_hyperedges(
     rng = np.random.default_rng(seed)
     of_source = _tuples(n, chosen.order, wanted, rng)
     of_target = _tuples(n_target, chosen.order, TARGET_TUPLES, rng)
-    tree = cKDTree(chosen.features(second[of_target]))
-    near_in_order = min(near, len(of_target))
-    sources, targets, gaps = [], [], []
+    i, j, gap = nearest_tuples(chosen.features, (first, of_source), (second, of_target), near)
+    return i.reshape(-1, chosen.order).astype(np.int32), j.reshape(-1, chosen.order).astype(np.int32), gap.ravel()
+
+
+def nearest_tuples(
+    features: Callable[[Floats], Floats], source: tuple[Floats, Integers], target: tuple[Floats, Integers], count: int
+) -> tuple[Integers, Integers, Floats]:
+    """The target tuples with the most alike features for each source tuple, in all orders.
+
+    ``source``, ``target``: points (n, k) and tuples (T, d) of them. ``count``: target tuples for each, at most d! T'.
+
+    Returns
+    -------
+    source_index, target_index : (T, count, d) arrays
+        In no particular order.
+    distance : (T, count) array
+    """
+    from scipy.spatial import cKDTree  # slow to import
+
+    (points, of_source), (seen, of_target) = source, target
+    # few are asked for: most of the time is that of building it, which takes a third so
+    tree = cKDTree(features(seen[of_target]), compact_nodes=False, balanced_tree=False)
     # target tuples are in one order each, so the source tuples are queried in all of theirs
-    for order in permutations(range(chosen.order)):
-        queried = of_source[:, order]
-        gap, place = tree.query(chosen.features(first[queried]), k=near_in_order)
-        gap, place = gap.reshape(len(queried), -1), place.reshape(len(queried), -1)
-        sources.append(np.repeat(queried[:, None], gap.shape[1], axis=1))
-        targets.append(of_target[place])
-        gaps.append(gap)
-    gap = np.concatenate(gaps, axis=1)
-    near = min(near, gap.shape[1])
-    keep = np.argpartition(gap, near - 1, axis=1)[:, :near]
+    every = of_source[:, list(permutations(range(of_source.shape[1])))]
+    k = min(count, len(of_target))
+    found = [tree.query(features(points[every[:, order]]), k=k) for order in range(every.shape[1])]
+    gap, place = (np.concatenate([each.reshape(-1, k) for each in part], axis=1) for part in zip(*found, strict=True))
+    count = min(count, gap.shape[1])
+    keep = np.argpartition(gap, count - 1, axis=1)[:, :count]
     rows = np.arange(len(gap))[:, None]
-    return (
-        np.concatenate(sources, axis=1)[rows, keep].reshape(-1, chosen.order).astype(np.int32),
-        np.concatenate(targets, axis=1)[rows, keep].reshape(-1, chosen.order).astype(np.int32),
-        gap[rows, keep].ravel(),
-    )
+    return every[rows, keep // k], of_target[place[rows, keep]], gap[rows, keep]
 
 
 def invariant_affinities(
@@ -244,7 +252,7 @@ def _tuples(points: int, order: int, most: int, rng: np.random.Generator) -> Int
     """All increasing tuples (T, order) of indices, or so many different random ones where there are more."""
     count = math.comb(points, order)
     if count <= most:
-        return np.array(list(combinations(range(points), order)), dtype=np.int64)
+        return subsets(points, order)
     found = np.empty((0, order), dtype=np.int64)
     while len(found) < most:
         drawn = np.sort(rng.integers(0, points, (2 * most, order)), axis=1)
