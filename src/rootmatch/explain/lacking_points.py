@@ -25,6 +25,7 @@ from rootmatch.model.modes import Modes
 from rootmatch.model.near_symmetries import TOLERANCE, NearSymmetry, find_symmetries, same_point_tolerance
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE
+from rootmatch.problems.points import mutual_nearest
 
 LEAST = 4
 """Number of points that a law has to map: two pairs determine half a turn. Few as they are, laws that hold by chance
@@ -138,7 +139,7 @@ def _log_factor(beside: Beside, mode: Modes, there: Floats) -> float:
     off[:, ~left] = np.inf
     if beside.others.allowed is not None:
         off[~beside.others.allowed] = np.inf
-    more = match_nearest(off, GATE**2)
+    more = mutual_nearest(off, GATE**2)
     if not (more >= 0).any():
         return 0.0
     own, more = mode.assignments.reshape(beside.images, -1), more.reshape(beside.images, -1)
@@ -161,10 +162,3 @@ def log_shown_chance(chances: Floats, matched: Bools, rates: Floats, log_weights
     """
     each = rates[:, None] * chances
     return float(np.logaddexp.reduce(log_weights + np.log(np.where(matched, each, 1.0 - each)).sum(axis=1)))
-
-
-def match_nearest(off: Floats, gate: float) -> Integers:
-    """The detection (m,) of each place, nearest to each other by squared distances (m, n'); −1 for none."""
-    to = off.argmin(axis=1)
-    mutual = (off.argmin(axis=0)[to] == np.arange(len(off))) & (off.min(axis=1) < gate)
-    return np.where(mutual, to, -1)

@@ -18,6 +18,7 @@ from rootmatch.algebra.rotation import triangle_frames
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
 from rootmatch.model.bit_rows import choose_bits, clear_bits, pack_words
 from rootmatch.problems.noise import mean_deviation
+from rootmatch.problems.points import mutual_nearest
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.motions import fit_motions
 
@@ -325,10 +326,7 @@ def _map_points(body: _Body, rotation: Floats, shift: Floats, reach: Floats) -> 
     if body.unit is not None:
         cosine = body.sign * (body.unit @ rotation.T) @ body.unit.T
         possible &= (cosine >= FACING) | _lacks_normal(body.unit)
-    off = np.where(possible, off, np.inf)
-    to, back = off.argmin(axis=1), off.argmin(axis=0)
-    place = np.arange(len(body.source))
-    return np.where(possible.any(axis=1) & (back[to] == place), to, -1)
+    return mutual_nearest(np.where(possible, off, np.inf))
 
 
 def _lacks_normal(unit: Floats) -> Bools:

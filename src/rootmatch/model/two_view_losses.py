@@ -18,6 +18,7 @@ from rootmatch.model.two_view_fit import fit_relative_poses, masked_median
 from rootmatch.model.two_view_model import Relative, TwoViewModel
 from rootmatch.model.two_view_posterior import likeliest_labellings
 from rootmatch.model.two_view_samples import likeliest_fits
+from rootmatch.problems.points import mutual_nearest
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared_match_share
 
 DIRECTIONS = 64
@@ -138,6 +139,4 @@ def _displacement_maps(model: TwoViewModel, pose: Relative, own: Integers, taken
     own_variance = variance + (sideways2 * noise**2 + variances * inverse**2) / size2
     ratio = (2.0 - 2.0 * moved @ bearings.T) / (own_variance[:, :, None] + variance)
     ratio[:, np.arange(count), np.arange(count)] = np.inf
-    to, back = ratio.argmin(axis=2), ratio.argmin(axis=1)
-    near = np.take_along_axis(ratio, to[:, :, None], axis=2)[:, :, 0] < NEAR2
-    return np.where(near & (np.take_along_axis(back, to, axis=1) == np.arange(count)), to, -1)
+    return mutual_nearest(ratio, NEAR2)

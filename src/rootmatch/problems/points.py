@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.frozen import once
 
@@ -218,6 +218,13 @@ def pairwise_squared_distances(points: Floats, others: Floats) -> Floats:
     first, second = points - centre, others - centre
     squared = (first**2).sum(axis=-1)[..., None] - 2.0 * first @ second.T + (second**2).sum(axis=-1)
     return np.asarray(np.maximum(squared, 0.0))
+
+
+def mutual_nearest(away: Floats, gate: float = np.inf) -> Integers:
+    """The column (…, n) of each row of distances (…, n, n'), the nearest of both and within a gate; −1 for none."""
+    to = away.argmin(axis=-1)
+    mutual = np.take_along_axis(away.argmin(axis=-2), to, axis=-1) == np.arange(away.shape[-2])
+    return np.where(mutual & (np.take_along_axis(away, to[..., None], axis=-1)[..., 0] < gate), to, -1)
 
 
 def distances(points: Floats) -> Floats:

@@ -13,7 +13,7 @@ from rootmatch.algebra.rotation import triangle_frames
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import active_deadline
 from rootmatch.hypergraph.enumeration import subsets
-from rootmatch.problems.points import PointClouds, distances
+from rootmatch.problems.points import PointClouds, distances, mutual_nearest
 from rootmatch.problems.pose_fit.point_set_fit import fit_point_sets
 from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions
 from rootmatch.samplers.point_sets.shown_parts import squared_areas
@@ -206,20 +206,12 @@ def _label_in_parts(
     for first in range(0, count, step):
         if first and active_deadline().passed():
             break
-        every.append(_mutual_labelling(*squares(np.arange(first, min(first + step, count))), gate, allowed))
+        squared, variance = squares(np.arange(first, min(first + step, count)))
+        deviation = squared / variance
+        if allowed is not None:
+            deviation[:, ~allowed] = np.inf
+        every.append(mutual_nearest(deviation, gate**2))
     return np.concatenate(every)
-
-
-def _mutual_labelling(squared: Floats, variance: Floats, gate: float, allowed: Bools | None) -> Integers:
-    """Labellings (H, n): correspondences within the gate that are the nearest of both of their points."""
-    deviation = squared / variance
-    deviation[deviation > gate**2] = np.inf
-    if allowed is not None:
-        deviation[:, ~allowed] = np.inf
-    forward, back = deviation.argmin(axis=2), deviation.argmin(axis=1)
-    mutual = np.take_along_axis(back, forward, axis=1) == np.arange(squared.shape[1])
-    possible = np.isfinite(np.take_along_axis(deviation, forward[:, :, None], axis=2)[:, :, 0])
-    return np.where(mutual & possible, forward, -1)
 
 
 def _distinct_labellings(parts: list[Integers], least: int) -> Integers:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import Deadline, checkpoint
-from rootmatch.problems.points import PointClouds
+from rootmatch.problems.points import PointClouds, mutual_nearest
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.guided.visibility import MISSED
@@ -187,18 +187,18 @@ class MotionSearch:
         for gate in np.geomspace(WIDE, GATE, ROUNDS).tolist():
             checkpoint()
             squared, variance = motions.squares(clouds)
-            images, mutual = _mutual_best(self._ratios(squared, variance, gate))
-            enough = mutual.sum(axis=1) > 3
+            images = mutual_nearest(-self._ratios(squared, variance, gate))
+            enough = (images >= 0).sum(axis=1) > 3
             if not enough.any():
                 return
-            images, mutual = images[enough], mutual[enough]
+            images = images[enough]
             own = np.take_along_axis(variance[enough], images[..., None], axis=2)[..., 0]
             sources = np.broadcast_to(clouds.source, (len(images), *clouds.source.shape))
-            weight = np.where(mutual, 1.0 / own, 0.0)
+            weight = np.where(images >= 0, 1.0 / own, 0.0)
             motions = fit_motions(sources, clouds.target[images], clouds.scaled, clouds.mirror, weight)
         every = self._ratios(*motions.squares(clouds), GATE)
-        for ratios, images, mutual in zip(every, *_mutual_best(every), strict=True):
-            self._keep(ratios, np.where(mutual, images, -1))
+        for ratios, assignment in zip(every, mutual_nearest(-every), strict=True):
+            self._keep(ratios, assignment)
 
     def _keep(self, ratios: Floats, assignment: Integers) -> None:
         """Keep a motion, of which the likelihood ratios and the assignment are given, if it is among the best."""
@@ -246,10 +246,3 @@ def _turn(corners: Floats) -> Floats:
     """Twice the signed areas (H,) of triangles (H, 3, 2)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-
-
-def _mutual_best(ratios: Floats) -> tuple[Integers, Bools]:
-    """The best target of each point, (H, n), by ratios (H, n, n'), and whether the point is the best of that, too."""
-    forward, back = ratios.argmax(axis=2), ratios.argmax(axis=1)
-    mutual = np.take_along_axis(back, forward, axis=1) == np.arange(ratios.shape[1])
-    return forward, mutual & np.isfinite(ratios.max(axis=2))
