@@ -18,7 +18,7 @@ import rootmatch as rm
 from rig_scenes import four_about
 from rootmatch.cli import app
 from rootmatch.deadline import Deadline
-from rootmatch.explain import displaced_cameras
+from rootmatch.explain import displaced_cameras, kept_searches
 from rootmatch.explain.usual_mistakes import usual_mistakes
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -176,6 +176,22 @@ def test_exchanged_cameras_of_a_rig_are_named() -> None:
     first = match.diagnose(SECONDS).fits[0]
     assert (first.mistake, first.matched) == ("cameras 0 and 1 are exchanged", 7)
     assert "diagnose" in match.advice
+
+
+def test_what_a_camera_shows_by_itself_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the cameras of a rig are, and the unit of the model, change nothing in the image of any."""
+    rng, searched = np.random.default_rng(2), list[str]()
+    turn = Rotation.from_euler("y", 25.0, degrees=True).as_matrix()
+    views = [(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, turn, np.array([-0.3, 0.0, 0.0]))]
+    pixels = rng.uniform(0.0, 900.0, (24, 2)), np.repeat([0, 1], 12)
+    match = rm.match(rng.uniform(-0.2, 0.2, (8, 3)), pixels, rm.P3P(rm.Rig(views)), noise=0.3)
+    search = kept_searches.sample
+    monkeypatch.setattr(kept_searches, "sample", lambda task: searched.append("") or search(task))
+    diagnosis = match.diagnose(SECONDS)
+    about_places = [one.mistake for one in diagnosis.trials if "rig" in one.mistake or "exchanged" in one.mistake]
+    assert len(about_places) > 8
+    # one pair of searches is for all of these
+    assert len(searched) <= 2 * (len(diagnosis.trials) - len(about_places) + 2)
 
 
 @pytest.mark.parametrize("knocked", [None, 0, 2])

@@ -16,7 +16,8 @@ from rootmatch.problems.points import distances
 from rootmatch.samplers.point_sets import motion_search, triangles
 from rootmatch.samplers.point_sets.congruent import congruent_labellings
 from rootmatch.samplers.point_sets.motion_search import MotionSearch
-from rootmatch.samplers.point_sets.motions import fit_motions
+from rootmatch.samplers.point_sets.motions import fit_motions, fit_triangles
+from rootmatch.samplers.point_sets.place_grid import PlaceGrid
 from rootmatch.samplers.point_sets.shown_parts import LOST, ORDERS, ShownParts
 
 PROBLEMS = [rm.Rigid(2), rm.Rigid(3), rm.Similarity(2), rm.Similarity(3), rm.Similarity(2, mirror=True)]
@@ -104,6 +105,49 @@ def test_motions_are_those_of_scipy() -> None:
         expected, _ = Rotation.align_vectors(target[k] - middle2, source[k] - middle, weight[k])
         np.testing.assert_allclose(motions.linear[k], expected.as_matrix(), atol=1e-9)
         np.testing.assert_allclose(motions.shift[k], middle2 - expected.as_matrix() @ middle, atol=1e-9)
+
+
+@pytest.mark.parametrize("problem", PROBLEMS[:4])
+def test_motions_of_triangles_are_the_least_squares_ones(problem: rm.Similarity) -> None:
+    source, target, truth = fiducials(problem, 4, 12, 12, 0, 0.01)
+    triples = ShownParts(source, distances(source), np.random.default_rng(0)).triples(40)
+    scaled = not isinstance(problem, rm.Rigid)
+    corners = source[triples], target[truth[triples]]
+    found, expected = fit_triangles(*corners, scaled, False), fit_motions(*corners, scaled, False)
+    for own, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(own, other, atol=1e-9)
+
+
+@pytest.mark.parametrize("problem", PROBLEMS[:4])
+@pytest.mark.parametrize("noise", [0.002, 0.2])
+@pytest.mark.parametrize("masked", [False, True])
+def test_points_near_targets_are_all_found_by_their_places(problem: rm.Similarity, noise: float, masked: bool) -> None:
+    """Motions of triples drawn at random put most points beyond the targets, and some have a large scale."""
+    rng = np.random.default_rng(5)
+    source, target, _ = fiducials(problem, 5, 30, 20, 10, noise)
+    task = MatchingTask.of(problem, source, target, noise=(0.5 * noise, noise)).sampling_task
+    assert task.clouds is not None
+    allowed = rng.random((30, 30)) < 0.7 if masked else None
+    chosen = [np.array([rng.choice(30, 3, replace=False) for _ in range(300)]) for _ in range(2)]
+    motions = fit_motions(source[chosen[0]], target[chosen[1]], not isinstance(problem, rm.Rigid), False)
+    found = PlaceGrid(task.clouds, 8.0, allowed).pairs(motions)
+    # the task has its points in another order
+    squared, variance = motions.squares(task.clouds)
+    near = squared <= 64.0 * variance
+    if allowed is not None:
+        near &= allowed
+    own, edge = (
+        set(zip(found.motion.tolist(), found.source.tolist(), found.target.tolist(), strict=True)),
+        64.0 * variance,
+    )
+    assert own ^ set(map(tuple, np.argwhere(near).tolist())) <= set(
+        map(tuple, np.argwhere(abs(squared - edge) < 1e-9 * edge).tolist())
+    )
+    np.testing.assert_allclose(found.square, squared[tuple(found[:3])], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.variance, variance[tuple(found[:3])])
+    assert PlaceGrid(task.clouds, 8.0, allowed).explained(motions).tolist() == (
+        np.minimum(near.any(axis=2).sum(axis=1), near.any(axis=1).sum(axis=1)).tolist()
+    )
 
 
 def most_explained(source: np.ndarray, target: np.ndarray, within: float) -> int:

@@ -119,7 +119,8 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
     ``judge`` makes the match of a finding; passed in because this package is a layer below.
     """
     given = _trial(Mistake("", "", lambda task: task), match)
-    mistakes = list(usual_mistakes(match.task))
+    every = replace(match.task, kept_searches=[])
+    mistakes = list(usual_mistakes(every))
     deadline, trials, skipped = Deadline(max_seconds), list[Trial](), 0
     for k, mistake in enumerate(mistakes):
         if mistake.if_nothing_fits and Diagnosis(given, tuple(trials)).fits:
@@ -133,7 +134,7 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
             options = replace(match.task.options, max_seconds=max(until.left(), 0.0), progress=None)
             with warnings.catch_warnings():  # of what the user did not give
                 warnings.simplefilter("ignore", InputWarning)
-                return judge(explain(change(replace(match.task, options=options, deadline=until))))
+                return judge(explain(change(replace(every, options=options, deadline=until))))
 
         try:
             until = Deadline(seconds)

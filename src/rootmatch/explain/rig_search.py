@@ -14,8 +14,9 @@ from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.image_decision import assess_image
 from rootmatch.explain.image_hypotheses import Candidate, is_search_needless, make_detection_model
 from rootmatch.explain.inexact_points import allow_point_errors
+from rootmatch.explain.kept_searches import sample_once
 from rootmatch.explain.rig_triples import search_rig_triples
-from rootmatch.explain.sampling import make_guided, sample
+from rootmatch.explain.sampling import make_guided
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.assignment import one_hot
@@ -90,7 +91,7 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
                 continue  # triples tell all: a search for four there meets nothing else
         if len(own) < LEAST:
             continue
-        sampled, met = sample(part), len(hypotheses)
+        sampled, met = sample_once(part), len(hypotheses)
         evaluated += sampled.evaluated
         whole, missed_by[k] = whole and sampled.evaluated < guided.budget, sampled.missed
         tensors.append(renumber_tensor(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))

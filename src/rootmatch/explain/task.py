@@ -32,7 +32,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import list_sightings
 from rootmatch.problems.residual_dispatch import residual_kinds_of_tables
-from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.base import SampledTensor, SamplingTask
 
 EXACT = 0.01
 """σ of a coordinate in pixels up to which data count as exact: residuals then come from rounding, not from noise."""
@@ -92,6 +92,8 @@ class MatchingTask:
     """The only camera of a rig in which minimal sets are searched."""
     found_before: NDArray[np.int64] | None = None
     """(K, n) assignments that a guided search begins with."""
+    kept_searches: list[tuple[MatchingTask, SampledTensor]] | None = None
+    """What `rootmatch.explain.kept_searches` keeps while variants of the task are tried."""
     more_images: bool = False
     """Whether images of the same points follow, so that what all of them need is prepared at once."""
     deadline: Deadline = NEVER

@@ -162,6 +162,7 @@ def _weigh_target_parts(model: PointSetModel, labels: Integers, which: Bools) ->
     parts = np.where((labels >= 0) & which[..., np.maximum(labels, 0)], labels, -1)
     enough = (parts >= 0).sum(axis=-1) >= FEWEST
     odds = np.full(enough.shape, -np.inf)
-    if enough.any():
-        odds[enough] = model.judged(parts[enough]).log_odds
+    if enough.any():  # many are the same
+        distinct, number = np.unique(parts[enough], axis=0, return_inverse=True)
+        odds[enough] = model.judged(distinct).log_odds[number]
     return np.asarray(np.logaddexp.reduce(odds, axis=-1))

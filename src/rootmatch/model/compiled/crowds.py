@@ -219,7 +219,7 @@ def fill_place_densities(target, sigma, places, variance, chance, widths, shares
     chance : (K, n) array
         Weight of each place.
     widths, shares : (S, k) and (S,) arrays
-        Of crowds.
+        Of crowds, the widest first.
     density : (K, n') array
         Filled.
     """
@@ -239,6 +239,7 @@ def fill_place_densities(target, sigma, places, variance, chance, widths, shares
                             spread = widths[s, axis] * widths[s, axis] + own
                             squared += off * off / spread
                             volume *= 2.0 * math.pi * spread
-                        if squared < NEGLIGIBLE:
-                            total += chance[k, i] * shares[s] * math.exp(-0.5 * squared) / math.sqrt(volume)
+                        if squared >= NEGLIGIBLE:  # and farther beyond the others, which are narrower
+                            break
+                        total += chance[k, i] * shares[s] * math.exp(-0.5 * squared) / math.sqrt(volume)
             density[k, j] = total

@@ -16,6 +16,7 @@ from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.points import PointClouds, distances, mutual_nearest
 from rootmatch.problems.pose_fit.point_set_fit import fit_point_sets
 from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions
+from rootmatch.samplers.point_sets.place_grid import PlaceGrid
 from rootmatch.samplers.point_sets.shown_parts import squared_areas
 from rootmatch.samplers.point_sets.triangles import TURNED, Triangles
 
@@ -177,13 +178,13 @@ def label_by_motions(
     explain no more than the triple that names them are of no account.
     """
     motions = concatenate_motions(kinds)
-    step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
+    places, step = PlaceGrid(clouds, WIDE, allowed), max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
     explained = np.zeros(len(motions.scale), np.int64)
     for first in range(0, len(explained), step):
         if first and active_deadline().passed():
             break
         part = slice(first, first + step)
-        explained[part] = motions.take(part).explained(clouds, WIDE, allowed)
+        explained[part] = places.explained(motions.take(part))
     if least is None:
         least = 3 + int(explained.max(initial=0) > 6)
     motions = motions.take(np.flatnonzero(explained >= least))

@@ -13,20 +13,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import Deadline, checkpoint
-from rootmatch.problems.points import PointClouds, mutual_nearest
+from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.guided.visibility import MISSED
-from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions
+from rootmatch.samplers.point_sets.motions import WIDE, Motions, concatenate_motions, fit_motions, fit_triangles
+from rootmatch.samplers.point_sets.place_grid import PlaceGrid
 from rootmatch.samplers.point_sets.shown_parts import ShownParts
 from rootmatch.samplers.point_sets.triangles import GATE, Triangles
 
 ROUNDS = 4
 """Rounds in which a motion is fitted to the points that it explains; the gate narrows from one to the next."""
-ENTRIES = 50_000
-"""Pairs of points that are compared at once: as many as stay in the processor's cache."""
 FITTED = 5_000
 """Motions of triples that are fitted at once."""
 TRIPLES, LEAST, BLOCK = 6_000, 12, 64
@@ -37,6 +36,8 @@ REFINED = 4
 WORTH = 0.5
 """Share of the matches of the best motion that another one has to explain to be refined. A round value: evidence grows
 with each match beyond three, so that half as many are never of account."""
+TOGETHER, GROWTH = 256, 8
+"""Most of them that are refined at once, and how many times as many as before. Round values."""
 KEPT, CANDIDATES = 20, 3
 """Distinct motions that are kept, and targets that a point may have in each."""
 BEYOND = 5.0
@@ -51,8 +52,8 @@ class MotionHypothesis:
     """Log-likelihood ratio of its matches against chance, without those of three of them."""
     assignment: Integers
     """(n,) target of each source point, −1 for none."""
-    ratios: Floats
-    """(n, n') logarithm of the likelihood of each correspondence over that by chance; −∞ beyond the gate."""
+    motion: Motions
+    """The one motion."""
 
 
 class MotionSearch:
@@ -70,6 +71,7 @@ class MotionSearch:
         )
         points = (clouds.source, clouds.target)
         self.parts = [ShownParts(own, of.far, self.rng) for own, of in zip(points, self.triangles, strict=True)]
+        self.places = PlaceGrid(clouds, WIDE, self.allowed)
         # the density of detections that chance spreads over the box of the targets
         variance = clouds.target_variance.max()
         box = np.ptp(clouds.target, axis=0)
@@ -148,14 +150,11 @@ class MotionSearch:
         self.evaluated += len(images) * self.n
         motions = concatenate_motions(
             [
-                fit_motions(clouds.source[sources[part]], clouds.target[images[part]], clouds.scaled, clouds.mirror)
+                fit_triangles(clouds.source[sources[part]], clouds.target[images[part]], clouds.scaled, clouds.mirror)
                 for part in _slices(len(images), FITTED)
             ]
         )
-        step, counts = max(1, ENTRIES // (self.n * self.n_target)), np.empty(len(images), np.int64)
-        for part in _slices(len(images), step):
-            checkpoint()
-            counts[part] = motions.take(part).explained(clouds, WIDE, self.allowed)
+        counts = self.places.explained(motions)
         # the best ones of each triple
         order = np.lexsort((-counts, number))
         ordered = number[order]
@@ -166,69 +165,87 @@ class MotionSearch:
         chosen, at = chosen[np.argsort(-counts[chosen], kind="stable")], 0
         together = 1  # few at first: where one of them is right, hardly any other is of account
         while at < len(chosen):
-            next_ones = chosen[at : at + together].tolist()
-            some = [k for k in next_ones if self._is_new(sources[k], images[k], int(counts[k]))]
-            if some:
-                self._refine(motions.take(np.array(some)))
-            at, together = at + together, min(2 * together, step)
+            some = chosen[at : at + together]
+            some = some[self._are_new(sources[some], images[some], counts[some])]
+            if len(some):
+                self._refine(motions.take(some))
+            at, together = at + together, min(GROWTH * together, TOGETHER)
 
-    def _is_new(self, triple: Integers, images: Integers, explained: int) -> bool:
-        """Whether the motion of a triple may be none of those that are kept, and of account beside them."""
+    def _are_new(self, triples: Integers, images: Integers, explained: Integers) -> Bools:
+        """Whether the motions of triples (H, 3) may be none of those that are kept, and of account beside them."""
         least = 0.0
         if self.task.motions == 1 and self.conclusive:
             least = WORTH * np.count_nonzero(self.hypotheses[0].assignment >= 0)
         if len(self.hypotheses) == KEPT:  # with so many it could at best be kept
             least = max(least, 3.0 + self.hypotheses[-1].evidence / self.most)
-        return explained >= least and not any((one.assignment[triple] == images).all() for one in self.hypotheses)
+        known = (self.assignments()[:, triples] == images).all(axis=2).any(axis=0)
+        return np.asarray((explained >= least) & ~known)
 
     def _refine(self, motions: Motions) -> None:
         """Fit motions to the points that each explains, several times, and keep those that are among the best."""
         clouds = self.clouds
         for gate in np.geomspace(WIDE, GATE, ROUNDS).tolist():
             checkpoint()
-            squared, variance = motions.squares(clouds)
-            images = mutual_nearest(-self._ratios(squared, variance, gate))
+            ratios, images, variance = self._matched(motions, gate)
             enough = (images >= 0).sum(axis=1) > 3
             if not enough.any():
                 return
-            images = images[enough]
-            own = np.take_along_axis(variance[enough], images[..., None], axis=2)[..., 0]
+            images, own = images[enough], variance[enough]
             sources = np.broadcast_to(clouds.source, (len(images), *clouds.source.shape))
             weight = np.where(images >= 0, 1.0 / own, 0.0)
             motions = fit_motions(sources, clouds.target[images], clouds.scaled, clouds.mirror, weight)
-        every = self._ratios(*motions.squares(clouds), GATE)
-        for ratios, assignment in zip(every, mutual_nearest(-every), strict=True):
-            self._keep(ratios, assignment)
+        ratios, images, _ = self._matched(motions, GATE)
+        evidence = np.sort(ratios, axis=1)[:, :-3].sum(axis=1)
+        for k in range(len(images)):
+            self._keep(float(evidence[k]), images[k], motions.take(slice(k, k + 1)))
 
-    def _keep(self, ratios: Floats, assignment: Integers) -> None:
-        """Keep a motion, of which the likelihood ratios and the assignment are given, if it is among the best."""
-        members = np.flatnonzero(assignment >= 0)
-        evidence = float(np.sort(ratios[members, assignment[members]])[:-3].sum())
+    def _matched(self, motions: Motions, gate: float) -> tuple[Floats, Integers, Floats]:
+        """Of each point (H, n) that is the best one of its best target: the ratio, that target and the variance.
+
+        Of others 0, −1 and 1.
+        """
+        found = self.places.pairs(motions)
+        found = found.take(found.square <= gate**2 * found.variance)
+        ratio = self._ratios(found.square, found.variance)
+        first = found.motion * self.n + found.source, found.motion * self.n_target + found.target
+        best = np.ones(len(ratio), np.bool_)
+        for own, other in (first, first[::-1]):
+            order = np.lexsort((other, -ratio, own))
+            best[order[1:][own[order[1:]] == own[order[:-1]]]] = False
+        h, i = found.motion[best], found.source[best]
+        ratios, images, variance = (np.full((len(motions.scale), self.n), fill) for fill in (0.0, -1, 1.0))
+        ratios[h, i], images[h, i], variance[h, i] = ratio[best], found.target[best], found.variance[best]
+        return ratios, images, variance
+
+    def _keep(self, evidence: float, assignment: Integers, motion: Motions) -> None:
+        """Keep a motion, of which the evidence and the assignment are given, if it is among the best."""
         if len(self.hypotheses) == KEPT and evidence <= self.hypotheses[-1].evidence:
             return
         if any(np.array_equal(assignment, other.assignment) for other in self.hypotheses):
             return
-        self.hypotheses.append(MotionHypothesis(evidence, assignment, ratios))
+        self.hypotheses.append(MotionHypothesis(evidence, assignment, motion))
         self.hypotheses.sort(key=lambda one: -one.evidence)
         del self.hypotheses[KEPT:]
 
-    def _ratios(self, squared: Floats, variance: Floats, gate: float) -> Floats:
-        """Log-likelihood ratios (H, n, n') of correspondences against chance; −∞ beyond the gate."""
+    def _ratios(self, squared: Floats, variance: Floats) -> Floats:
+        """Log-likelihood ratios of correspondences against chance."""
         with np.errstate(divide="ignore"):
             log = -0.5 * (squared / variance + self.dimension * np.log(2.0 * np.pi * variance)) - self.log_density
-        possible = squared <= gate**2 * variance
-        if self.allowed is not None:
-            possible &= self.allowed
         # where chance puts targets as near, a match says nothing, and nothing against the motion
-        return np.where(possible, np.maximum(log, 0.0), -np.inf)
+        return np.asarray(np.maximum(log, 0.0))
 
     def clusters(self) -> HypothesisClusters:
         """The motions that are kept, each with the targets that its points may have."""
         width = min(CANDIDATES, self.n_target)
         lists = np.full((len(self.hypotheses), self.n, width), -1, np.int64)
         for g, one in enumerate(self.hypotheses):
-            order = np.argsort(-one.ratios, axis=1, kind="stable")[:, :width]
-            lists[g] = np.where(np.isfinite(np.take_along_axis(one.ratios, order, axis=1)), order, -1)
+            squared, variance = (part[0] for part in one.motion.squares(self.clouds))
+            possible = squared <= GATE**2 * variance
+            if self.allowed is not None:
+                possible &= self.allowed
+            ratios = np.where(possible, self._ratios(squared, variance), -np.inf)
+            order = np.argsort(-ratios, axis=1, kind="stable")[:, :width]
+            lists[g] = np.where(np.isfinite(np.take_along_axis(ratios, order, axis=1)), order, -1)
         evidence = np.array([one.evidence for one in self.hypotheses])
         return HypothesisClusters(lists, evidence, self.level)
 

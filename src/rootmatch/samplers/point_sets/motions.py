@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.arrays import Floats
 from rootmatch.problems.points import PointClouds, pairwise_squared_distances
+from rootmatch.samplers.point_sets.kernels import fill_triangle_motions
 
 WIDE = 8.0
 """Deviation in σ within which a point counts for the motion of a triple, whose own error it covers too."""
@@ -35,21 +36,6 @@ class Motions(NamedTuple):
         variance = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
         return pairwise_squared_distances(moved, clouds.target), variance
 
-    def explained(self, clouds: PointClouds, gate: float, allowed: Bools | None) -> Integers:
-        """How many points (H,) of the set with fewer of them are within a gate in σ of one of the other set."""
-        centre = clouds.target.mean(axis=0)
-        moved = clouds.source @ self.linear.swapaxes(-1, -2) + (self.shift - centre)[:, None]
-        seen = clouds.target - centre
-        # the gate less the squared distance, half of it, is one product: |x|² + |y|² − 2 x·y and both variances
-        own = 0.5 * (gate**2 * (self.scale**2)[:, None] * clouds.source_variance - (moved**2).sum(axis=-1))
-        other = 0.5 * (gate**2 * clouds.target_variance - (seen**2).sum(axis=-1))
-        first = np.concatenate([moved, own[..., None], np.ones((*own.shape, 1))], axis=-1)
-        second = np.concatenate([seen, np.ones((len(seen), 1)), other[:, None]], axis=-1)
-        close = first @ second.T >= 0.0
-        if allowed is not None:
-            close &= allowed
-        return np.asarray(np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1)))
-
 
 def concatenate_motions(parts: Sequence[Motions]) -> Motions:
     """Several motions as one."""
@@ -74,3 +60,23 @@ def fit_motions(source: Floats, target: Floats, scaled: bool, mirror: bool, weig
         scale = (values * signs).sum(axis=1) / np.maximum(spread, 1e-300)
     linear = scale[:, None, None] * rotation
     return Motions(linear, centre2 - np.einsum("hij,hj->hi", linear, centre), scale)
+
+
+def fit_triangles(source: Floats, target: Floats, scaled: bool, mirror: bool) -> Motions:
+    """The same of triangles (H, 3, k), whose planes tell it without a decomposition, unless it may be a reflection."""
+    if mirror:
+        return fit_motions(source, target, scaled, mirror)
+    count, dimension = len(source), source.shape[2]
+    linear, shift, scale = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty(count)
+    corners = (np.concatenate([one, np.zeros((count, 3, 3 - dimension))], axis=2) for one in (source, target))
+    fill_triangle_motions(*corners, scaled, dimension == 2, (linear, shift, scale))
+    return Motions(linear[:, :dimension, :dimension], shift[:, :dimension], scale)
+
+
+def in_space(values: Floats) -> Floats:
+    """Points (n, k), or linear maps (H, k, k), with a third coordinate that is 0, contiguous."""
+    if values.shape[-1] == 3:
+        return np.ascontiguousarray(values)
+    whole = np.zeros((*(3 if size == 2 and axis else size for axis, size in enumerate(values.shape)),))
+    whole[tuple(slice(size) for size in values.shape)] = values
+    return whole

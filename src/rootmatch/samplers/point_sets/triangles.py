@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.deadline import checkpoint
+from rootmatch.deadline import active_deadline, checkpoint
 from rootmatch.problems.points import distances
+from rootmatch.samplers.point_sets.shape_table import MOST, NARROWEST, ShapeTable
 
 GATE = 3.7
 """Deviation in σ up to which distances within a triple agree (of 10,000 right ones two are lost)."""
@@ -18,8 +20,12 @@ ENTRIES = 500_000
 """Pairs and third points that are compared at once, so that a block of them takes some ten milliseconds."""
 TURNED = np.array([[0, 1, 2], [1, 2, 0], [0, 2, 1]])
 """Corners of a triangle in the order in which a side comes first: ab, bc or ac."""
-SECONDS_PER_PAIR = 3e-7
-"""Time to sort a pair of points by distance, twice."""
+SHAPES = 32
+"""Triples whose shapes are looked up at once. A round value."""
+SECONDS_PER_PAIR, SECONDS_PER_SHAPE = 3e-7, 8e-7
+"""Time to sort a pair of points by distance, twice, and a triangle by its shape."""
+RESERVE = 4.0
+"""How many times as much time has to be left to sort them: a search takes most of it. A round value."""
 
 
 class Alike(NamedTuple):
@@ -63,6 +69,7 @@ class Triangles:
         beside = np.argsort(self.far, axis=1, kind="stable")
         rising = np.take_along_axis(self.far, beside, axis=1) + self.lift * np.arange(n)[:, None]
         self.beside, self.rising = beside.ravel(), rising.ravel()
+        self._shapes: ShapeTable | None = None
 
     def alike(
         self, triples: Integers, near: Floats, variance: Floats, allowed: Bools | None, rng: np.random.Generator
@@ -74,6 +81,12 @@ class Triangles:
         """
         side, low, count = self._first_sides(triples, near, variance)
         turned = np.take_along_axis(triples, TURNED[side], axis=1)
+        share, found, compared = np.minimum(PAIRS / np.maximum(count, 1), 1.0), list[tuple[Integers, Integers]](), 0
+        if self._lists_shapes(near):
+            wide = NARROWEST * near[turned[:, 0], turned[:, 1]] >= near.max()
+            listed = self._look_up_shapes(np.flatnonzero(wide), turned, near, variance)
+            found, compared, count = [listed[0]], listed[1], np.where(wide, 0, count)
+            share = np.where(wide, 1.0, share)
         row, place = expand_ranges(low, np.minimum(count, PAIRS))
         if (count > PAIRS).any():
             many = count[row] > PAIRS
@@ -84,7 +97,8 @@ class Triangles:
         if allowed is not None:
             possible = allowed[turned[row, 0], pair[:, 0]] & allowed[turned[row, 1], pair[:, 1]]
             row, pair = row[possible], pair[possible]
-        found, compared = [(row[:0], np.empty((0, 3), np.int64))], len(row)
+        found.append((row[:0], np.empty((0, 3), np.int64)))
+        compared += len(row)
         step = max(1, ENTRIES // len(self.variance))
         for start in range(0, len(row), step):
             checkpoint()
@@ -94,11 +108,36 @@ class Triangles:
             found.append((rows[some], corners))
         number, corners = (np.concatenate(part) for part in zip(*found, strict=True))
         if allowed is not None:
-            possible = allowed[turned[number, 2], corners[:, 2]]
+            possible = allowed[turned[number], corners].all(axis=1)
             number, corners = number[possible], corners[possible]
         back = np.empty_like(corners)
         np.put_along_axis(back, TURNED[side[number]], corners, axis=1)
-        return Alike(number, back, np.minimum(PAIRS / np.maximum(count, 1), 1.0), compared)
+        return Alike(number, back, share, compared)
+
+    def _lists_shapes(self, near: Floats) -> bool:
+        """Whether shapes are looked up in a table, which is quicker and the same, but takes time to make."""
+        number = math.comb(len(self.variance), 3)
+        if not self.scaled or number > MOST or near.max() <= 0.0:
+            return False
+        return self._shapes is not None or active_deadline().left() > RESERVE * SECONDS_PER_SHAPE * number
+
+    def _look_up_shapes(
+        self, which: Integers, triples: Integers, near: Floats, variance: Floats
+    ) -> tuple[tuple[Integers, Integers], int]:
+        """The triangles (H, 3) like some of the triples (T, 3), the longest side first, by number; those compared."""
+        if self._shapes is None:
+            other = float(variance.max()) / float(near.max()) ** 2
+            self._shapes = ShapeTable(self.far, self.widest, other, self.gate)
+        (a, b, c), found, compared = triples[which].T, list[tuple[Integers, Integers]](), 0
+        sides, own = np.stack([near[a, b], near[a, c], near[b, c]], axis=1), variance[triples[which]]
+        for start in range(0, max(len(which), 1), SHAPES):
+            checkpoint()
+            some = slice(start, start + SHAPES)
+            number, corners, seen = self._shapes.alike(sides[some], own[some], self.variance)
+            found.append((which[some][number], corners))
+            compared += seen
+        number, corners = (np.concatenate(part) for part in zip(*found, strict=True))
+        return (number, corners), compared
 
     def _first_sides(self, triples: Integers, near: Floats, variance: Floats) -> tuple[Integers, Integers, Integers]:
         """The side (T,) of each triple that is compared first, and the first and the number of the pairs like it.
