@@ -466,7 +466,10 @@ class TestPriors:
 @pytest.mark.parametrize("name", ["pinhole", "fisheye", "chart", "rig"])
 @pytest.mark.parametrize("matched", [3, 4, 5])
 def test_poses_of_few_matches(name: str, matched: int) -> None:
-    """The true pose is among them, and all that put three of the matches on their rays."""
+    """The true pose is among them, and all that put three of the matches on their rays, of a rig on one camera's.
+
+    Of the camera with the most matches: what fits in several is among what fits there.
+    """
     camera = CAMERAS[name]
     model, _, _ = scene(camera, poses=2)
     R, position = Rotation.from_rotvec([0.3, -0.2, 0.4]).as_matrix(), np.array([0.02, 0.03, 0.8])
@@ -479,25 +482,22 @@ def test_poses_of_few_matches(name: str, matched: int) -> None:
     assignments[1, :matched] = np.arange(matched)
     assignments[1, n : n + matched] = n + np.arange(matched if views == 2 else 0)
     found = propose_few_matched(model, assignments)
-    assert len(found.assignments) >= views
+    assert len(found.assignments) >= 1
     np.testing.assert_array_equal(found.assignments, np.repeat(assignments[1:], len(found.assignments), axis=0))
     off = np.linalg.norm(found.position - position, axis=1) + np.linalg.norm(found.rotation - R, axis=(1, 2))
-    assert np.sort(off)[views - 1] < 1e-6, "from each camera"
-    for view in range(views):
-        own = np.arange(matched) + n * view
-        chosen = wide_triples(pixels[None], np.isin(np.arange(n * views), own)[None])[0]
-        points, rays = (model.points - model.centre)[chosen], model.rays[chosen]
-        turns, shifts = camera_frames(model.camera)
-        for rotations, translations, corners, seen in zip(*solve_triples(points, rays), points, rays, strict=True):
-            for turn, shift in zip(rotations, translations, strict=True):
-                places = corners @ turn.T + shift
-                if not np.linalg.norm(places / np.linalg.norm(places, axis=1)[:, None] - seen) < 1e-7:
-                    continue  # none, or one of a root that is only nearly real
-                turn, shift = turns[view].T @ turn, turns[view].T @ (shift - shifts[view])
-                off = np.linalg.norm(found.position - shift, axis=1) + np.linalg.norm(
-                    found.rotation - turn, axis=(1, 2)
-                )
-                assert off.min() < 1e-5
+    assert off.min() < 1e-6
+    own = np.isin(np.arange(n * views), np.arange(matched))
+    chosen = wide_triples(pixels[None], own[None])[0]
+    points, rays = (model.points - model.centre)[chosen], model.rays[chosen]
+    turns, shifts = camera_frames(model.camera)
+    for rotations, translations, corners, seen in zip(*solve_triples(points, rays), points, rays, strict=True):
+        for turn, shift in zip(rotations, translations, strict=True):
+            places = corners @ turn.T + shift
+            if not np.linalg.norm(places / np.linalg.norm(places, axis=1)[:, None] - seen) < 1e-7:
+                continue  # none, or one of a root that is only nearly real
+            turn, shift = turns[0].T @ turn, turns[0].T @ (shift - shifts[0])
+            off = np.linalg.norm(found.position - shift, axis=1)
+            assert (off + np.linalg.norm(found.rotation - turn, axis=(1, 2))).min() < 1e-5
 
 
 def test_more_matches_than_few_have_no_minimal_sets() -> None:
@@ -507,6 +507,23 @@ def test_more_matches_than_few_have_no_minimal_sets() -> None:
     points = np.random.default_rng(1009).uniform(-0.06, 0.06, (9, 3))
     more = replace(model, points=points, normals=None, view_cosine=None)
     assert len(propose_few_matched(more, np.arange(9)[None]).assignments) == 0
+
+
+def test_more_points_than_few_that_cameras_share_out_have_no_minimal_sets() -> None:
+    """Six matches in one camera, and in another one two of the same points, or of others."""
+    model, _, _ = scene(CAMERAS["rig"])
+    assert isinstance(model.camera, RigImage)
+    n, views = 9, len(model.points) // 6
+    points = np.tile(np.random.default_rng(1009).uniform(-0.06, 0.06, (n, 3)), (views, 1))
+    camera = replace(model.camera, count=n, camera_of=np.repeat(np.arange(views), n))
+    model = replace(model, camera=camera, points=points, normals=None, view_cosine=None)
+    pixels = model.linearise_about(np.eye(3)[None], np.array([[0.02, 0.03, 0.8]])).pixels[0]
+    model = replace(model, target=pixels, sigma=np.ones(len(pixels)))
+    same, others = np.full((2, n * views), -1)
+    same[:6], same[n : n + 2] = np.arange(6), n + np.arange(2)
+    others[:6], others[n + 6 : n + 8] = np.arange(6), n + np.arange(6, 8)
+    assert len(propose_few_matched(model, same[None]).assignments)
+    assert not len(propose_few_matched(model, others[None]).assignments)
 
 
 def one_sided(rng: np.random.Generator, count: int) -> Floats:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import rootmatch as rm
 from hall_scenes import RIG, SIGMA, cluster, images
-from rootmatch.model.elsewhere import log_odds_of_another
+from rootmatch.model.elsewhere import _Place, log_odds_of_another
+from rootmatch.model.image_alike import REACH
 
 
 def found(seed: int, *, elsewhere: int, covered: int) -> rm.Match:
@@ -40,3 +43,28 @@ def test_two_points_that_are_covered_are_not_elsewhere(seed: int) -> None:
     assert match
     assert match.probability is not None
     assert match.probability > 0.99
+
+
+def test_detections_are_gated_as_one_by_one() -> None:
+    """Each by its squared deviation from where a point that may be anywhere is predicted, of its own camera."""
+    match = found(1008, elsewhere=2, covered=0)
+    model, told = match.finding.model, match.finding.posterior
+    assert model is not None
+    assert told is not None
+    modes, rng = told.modes, np.random.default_rng(0)
+    model = replace(model, sigma=rng.uniform(0.2, 0.4, model.shape[1]))
+    at, free = model.linearise_about(modes.rotation[:1], modes.position[:1]), rng.random(model.shape[1]) < 0.8
+    rows = np.flatnonzero(modes.visible[0] > 0.1)
+    near = _Place(model, at, modes.covariance[0], rows).gate(free)
+    spread, gated = np.zeros((9, 9)), 0
+    spread[:6, :6], spread[6:, 6:] = modes.covariance[0], model.radius**2 * np.eye(3)
+    for row in rows.tolist():
+        (own,) = (free & (model.image_indices == row // 6)).nonzero()
+        jacobian = np.hstack([at.jacobian[0, row], at.jacobian[0, row, :, 3:]])
+        across = jacobian @ spread @ jacobian.T + model.sigma[own].max() ** 2 * np.eye(2)
+        off = model.target[own] - at.pixels[0, row]
+        squared = np.array([one @ np.linalg.solve(across, one) for one in off])
+        expected = own[squared < REACH**2].tolist()
+        assert near[row].tolist() == expected
+        gated += len(expected)
+    assert gated > len(rows)

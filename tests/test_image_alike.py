@@ -14,8 +14,8 @@ import rootmatch as rm
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model import detection_model, image_alike
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import settle_poses, weigh_poses
-from rootmatch.model.image_alike import ERRORS, REACH, SEEN, _near_miss_gains, alike_log_odds
+from rootmatch.model.evidence import settle_poses, settle_with_errors, weigh_poses
+from rootmatch.model.image_alike import ERRORS, REACH, SEEN, _near_miss_gains, alike_log_odds, perturb_points
 from rootmatch.model.mode_search import find_modes
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Broad
@@ -289,3 +289,17 @@ def test_a_pose_is_as_sure_as_the_points_are_found_to_be_off(seed: int) -> None:
     assert match
     assert 0.01 * size < match.point_error < 0.03 * size
     assert squared_error(match.pose, R, t) < 12.6
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_an_assignment_is_settled_with_errors_as_by_models_that_have_them(measured: bool) -> None:
+    model, assignment = exact_and_off(0.002)
+    if measured:
+        known = np.random.default_rng(1).normal(0.0, 1e-3, (8, 3, 3))
+        model = replace(model, source_covariance=known @ known.swapaxes(1, 2))
+    pose, errors = (np.eye(3)[None], np.array([[0.001, 0.0, 0.8]])), ERRORS * model.radius
+    told = settle_with_errors(model, assignment[None], pose, errors)
+    assert told is not None
+    for one, error in zip(told, errors.tolist(), strict=True):
+        expected, _ = settle_poses(perturb_points(model, error), assignment[None], *pose)
+        assert one == expected.log_odds[0]

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import gammaln
 
 import rootmatch as rm
+from rootmatch.model import joint
 from rootmatch.model.joint import joint_marginals
 
 Floats = NDArray[np.float64]
@@ -42,7 +43,10 @@ def by_hand(
     return [one / one.sum() for one in expected]
 
 
-def test_marginals_are_those_of_all_joint_hypotheses() -> None:
+@pytest.mark.parametrize("listed", [joint.LISTED, 0])
+def test_marginals_are_those_of_all_joint_hypotheses(listed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether or not they are few enough to be listed."""
+    monkeypatch.setattr(joint, "LISTED", listed)
     rng = np.random.default_rng(0)
     uses = [rng.random((k, 9)) < 0.3 for k in (3, 4, 2)]
     # the last one's odds depend on what the first one is, or on its absence

@@ -53,3 +53,18 @@ def test_a_function_is_called_once_for_the_same_object() -> None:
     assert first(other) == 2
     assert first(one) == 1
     assert len(calls) == 4
+
+
+def test_a_function_is_called_once_for_the_same_objects() -> None:
+    calls = []
+
+    @cache_by_identity(4)
+    def joined(first: list[int], second: list[int] | None) -> list[int]:
+        calls.append((first, second))
+        return first + (second or [])
+
+    one, other = [1], [2]
+    assert joined(one, other) is joined(one, other)
+    assert joined(other, one) == [2, 1]
+    assert joined(one, None) == [1]
+    assert len(calls) == 3

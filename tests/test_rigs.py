@@ -69,6 +69,20 @@ def test_detections_may_be_a_list_of_arrays_by_camera() -> None:
     np.testing.assert_array_equal(two.joined([[[1.0, 2.0]], [[3.0, 4.0], [5.0, 6.0]]])[:, 2], [0, 1, 1])
 
 
+def test_images_of_the_cameras_lie_side_by_side() -> None:
+    """In the order of the cameras, each from its left and upper edge on; one that detects nothing takes no room."""
+    rng, index = np.random.default_rng(4), np.array([3, 1, 1, 3, 1, 3, 1])
+    pixels = np.column_stack([rng.uniform(0.0, 500.0, (7, 2)), index])
+    rig = rm.Rig([(LENS, np.eye(3), np.full(3, k)) for k in range(5)])
+    offsets, edge = rig.offsets(pixels), 0.0
+    assert offsets.shape == (5, 2)
+    for k in range(5):
+        own = pixels[index == k, :2]
+        expected = (edge - own[:, 0].min(), -own[:, 1].min()) if len(own) else (0.0, 0.0)
+        np.testing.assert_allclose(offsets[k], expected, atol=1e-12)
+        edge += float(np.ptp(own[:, 0])) if len(own) else 0.0
+
+
 @pytest.mark.parametrize(
     ("target", "words"),
     [

@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, TypeVarTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ Bools = NDArray[np.bool_]
 
 P = ParamSpec("P")
 R = TypeVar("R")
-T = TypeVar("T")
+Ts = TypeVarTuple("Ts")
 
 
 def as_floats(value: ArrayLike, name: str, expected: str) -> Floats:
@@ -80,22 +80,25 @@ def cache_by_values(most: int, *, frozen: bool = True) -> Callable[[Callable[P, 
     return decorated
 
 
-def cache_by_identity(most: int) -> Callable[[Callable[[T], R]], Callable[[T], R]]:
-    """Decorator that keeps the last results of a function of one object which never changes, as long as it is the same.
+def cache_by_identity(most: int) -> Callable[[Callable[[*Ts], R]], Callable[[*Ts], R]]:
+    """Decorator that keeps the last results of a function of objects which never change, as long as they are the same.
 
-    For what a camera tells in every frame: to compare two rigs takes longer than most of what depends on them.
+    For what a camera or the points of a body tell in every frame: to compare two rigs takes longer than most of what
+    depends on them.
     """
 
-    def decorated(function: Callable[[T], R]) -> Callable[[T], R]:
-        kept: OrderedDict[int, tuple[T, R]] = OrderedDict()  # the object itself, so that no other one has its identity
+    def decorated(function: Callable[[*Ts], R]) -> Callable[[*Ts], R]:
+        # with the objects themselves, so that no others have their identities
+        kept: OrderedDict[tuple[int, ...], tuple[tuple[*Ts], R]] = OrderedDict()
 
         @wraps(function)
-        def by_identity(one: T) -> R:
-            known = kept.get(id(one))
-            if known is not None and known[0] is one:
+        def by_identity(*objects: *Ts) -> R:
+            key = tuple(map(id, objects))
+            known = kept.get(key)
+            if known is not None:
                 return known[1]
-            found = function(one)
-            kept[id(one)] = one, found
+            found = function(*objects)
+            kept[key] = objects, found
             if len(kept) > most:
                 kept.popitem(last=False)
             return found

@@ -76,6 +76,8 @@ class Deadline:
 
     def cut(self, wanted: int, seconds_each: float) -> int:
         """How many of the ``wanted`` units of work end in time, as `affordable`; fewer counts as work left out."""
+        if not self.is_set:
+            return wanted
         count = self.affordable(wanted, seconds_each)
         if count < wanted:
             self._cuts.append(self.ends)

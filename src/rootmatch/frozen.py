@@ -16,10 +16,12 @@ def copy_with(value: Value, **fields: Any) -> Value:
     """
     known = type(value).__dataclass_fields__  # type: ignore[attr-defined]
     out = object.__new__(type(value))
-    before, after = value.__dict__, out.__dict__
-    for name in known:
-        after[name] = before[name]
-    after.update(fields)
+    after = out.__dict__
+    after |= value.__dict__
+    if len(after) > len(known):
+        for name in [name for name in after if name not in known]:
+            del after[name]
+    after |= fields
     if len(after) > len(known):
         raise TypeError(f"{type(value).__name__} has no field {', '.join(fields.keys() - known.keys())}")
     return out

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.arrays import Bools, Floats, as_floats, as_points, cache_by_values
+from rootmatch.arrays import Bools, Floats, as_floats, as_points, cache_by_identity
 from rootmatch.cameras.base import CameraModel, check_deviation, image_membership, tangent_axes
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import warn_of_degrees
@@ -220,7 +220,8 @@ class Rig(CameraModel):
 
     def offsets(self, pixels: Floats) -> Floats:
         """Offset (C, 2) of each camera's image in a common plane on which the images do not overlap."""
-        return _offsets(len(self.views), np.asarray(pixels, float))
+        found, missing = _offsets(pixels), len(self.views)
+        return np.concatenate([found, np.zeros((missing - len(found), 2))]) if len(found) < missing else found
 
     def expects(self, k: int, pixels: Floats) -> Floats:
         """How far pixels (…, 2) of camera k are expected in its image: 1 well within, 0 well outside, ½ on the rim."""
@@ -239,16 +240,18 @@ class Rig(CameraModel):
         return self.project(points)
 
 
-@cache_by_values(4)
-def _offsets(count: int, pixels: Floats) -> Floats:
-    """`Rig.offsets`, found once for all bodies of a frame."""
-    offsets, edge = np.zeros((count, 2)), 0.0
-    for k in range(count):
-        own = pixels[pixels[:, 2] == k, :2]
-        if len(own):
-            low, high = own.min(axis=0), own.max(axis=0)
-            offsets[k] = edge - low[0], -low[1]
-            edge += high[0] - low[0]
+@cache_by_identity(4)
+def _offsets(pixels: Floats) -> Floats:
+    """`Rig.offsets` up to the last camera that detects anything, found once for all bodies of a frame."""
+    camera = pixels[:, 2].astype(np.int64)
+    low = np.full((camera.max(initial=-1) + 1, 2), np.inf)
+    high = -low
+    np.minimum.at(low, camera, pixels[:, :2])
+    np.maximum.at(high, camera, pixels[:, :2])
+    shown = low[:, :1] <= high[:, :1]
+    low, width = np.where(shown, low, 0.0), np.where(shown[:, 0], high[:, 0] - low[:, 0], 0.0)
+    offsets = -low
+    offsets[1:, 0] += width[:-1].cumsum() * shown[1:, 0]
     return offsets
 
 

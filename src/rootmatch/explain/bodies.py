@@ -189,7 +189,7 @@ def search_body_among(
     if len(columns) < task.problem.order:
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
         return make_empty_finding(part, fault), False
-    sub = part.subset(np.arange(part.shape[0]), columns)
+    sub = part.subset(None, columns)
     if task.problem.takes_motion_prior:
         sub = copy_with(sub, prior_pose=part.prior_pose, rivals=part.rivals)
     try:

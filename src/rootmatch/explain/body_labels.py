@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, cache_by_values
+from rootmatch.arrays import Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
+from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
 from rootmatch.problems.checks import find_repeated
-from rootmatch.problems.points import distances
+from rootmatch.problems.points import OF_TARGET, PointSets, distances
 
 Label = int | str
 SAME_SHAPE = 0.02
@@ -36,6 +37,16 @@ class BodyLabels:
     @cached_property
     def _points(self) -> list[Integers]:
         return [np.flatnonzero(self.index == k) for k in range(len(self.names))]
+
+    def parts_of(self, points: PointSets) -> list[PointSets]:
+        """The points of each body with all detections; of the same source the same arrays, frame after frame."""
+        source = points.source, points.normals, points.view_cosine, points.source_covariance
+        known: tuple[Any, list[PointSets]] | None = vars(self).get("_parts")
+        if known is None or any(one is not other for one, other in zip(known[0], source, strict=True)):
+            known = vars(self)["_parts"] = source, [points.subset(own) for own in self._points]
+        target = {name: getattr(points, name) for name in OF_TARGET}
+        every = zip(known[1], self._points, strict=True)
+        return [copy_with(part, source_noise=points.source_noise[own], **target) for part, own in every]
 
 
 def check_bodies(labels: Any, source: Floats, least: int) -> BodyLabels:
@@ -94,6 +105,7 @@ def twin_points(first: Floats, second: Floats) -> Integers | None:
     return None if found is None else found.copy()
 
 
+@cache_by_identity(64)
 @cache_by_values(64)
 def _twin_points(first: Floats, second: Floats) -> Integers | None:
     """`twin_points` of bodies of as many points."""

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, cache_by_values
+from rootmatch.arrays import Bools, Floats, cache_by_identity, cache_by_values
 from rootmatch.explain.more_places import Beside, Places
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_poses
@@ -46,6 +46,7 @@ LIKELY = 0.5
 """Probability that the body is in view from which it is asked whether something else is. A round value."""
 
 
+@cache_by_identity(64)
 @cache_by_values(64)
 def continue_body(source: Floats, normals: Floats | None) -> Places:
     """Places that near symmetries of a body (n, 3) lead to from its points, and from there again; none mostly.

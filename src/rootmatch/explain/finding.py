@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -286,4 +287,9 @@ def make_empty_finding(task: MatchingTask, reason: str | None) -> Finding:
 
 def empty_tensor(task: MatchingTask) -> AffinityTensor:
     """The tensor of a task of which no hyper-edge was evaluated."""
-    return AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), task.row_shape)
+    return _make_empty_tensor(task.problem.order, task.row_shape)
+
+
+@lru_cache(maxsize=256)
+def _make_empty_tensor(order: int, shape: tuple[int, int]) -> AffinityTensor:
+    return AffinityTensor.unchecked(np.empty((0, order), np.int32), np.empty(0), shape)

@@ -207,19 +207,20 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
         body.rivals = [other.number for other in others] if choice is None else body.alike
 
     def search(body: _Body, budget: int, task: MatchingTask = task) -> None:
-        before = body.candidate
+        before, told = body.candidate, list[Posterior]()
         body.search(task, solve, budget)
         new = body.candidate is not before and body.found.posterior is None
         if new and _is_taken(body, bodies):
             # what others explain is weighed against them before its twins are proposed
-            told = weigh_candidates([one.candidate for one in bodies])[body.number]
-            new = float(told.probabilities.sum()) > math.exp(-NEGLIGIBLE)
+            told = weigh_candidates([one.candidate for one in bodies])
+            new = float(told[body.number].probabilities.sum()) > math.exp(-NEGLIGIBLE)
             if not new and choice is not None:  # the next frames look again
                 body.candidate = before
         if new:
-            body.candidate = body.candidate.add_twins()
+            alone, body.candidate = body.candidate, body.candidate.add_twins()
+            told = told if body.candidate.modes is alone.modes else []
         if choice is None or body.candidate is not before:
-            _weigh(bodies)
+            _weigh(bodies, told)
 
     with suppress(OutOfTime):
         _predict(task, bodies)
@@ -282,8 +283,7 @@ def _finding(task: MatchingTask, bodies: list[_Body], beside: bool = True) -> Fi
     found, each = dict[int, Finding](), {one.number: one.told.used(task.shape[1]) for one in bodies}
     used = np.sum([*each.values()], axis=0)
     for body in sorted(bodies, key=lambda one: -one.pose):
-        of_others = used - each[body.number] >= SURE
-        one = body.tell(taken, of_others, beside)
+        one = body.tell(taken, used - each[body.number] >= SURE, beside)
         taken[one.assignment[one.assignment >= 0]] = True
         unseen = why_unsearched(body.task) if body.among < 0 else one.reason
         reason = None if len(body.told.probabilities) else unseen
@@ -330,9 +330,9 @@ def _predict(task: MatchingTask, bodies: list[_Body]) -> None:
         _weigh(bodies)
 
 
-def _weigh(bodies: list[_Body]) -> None:
-    """Weigh all bodies together, settle those that are sure, and say which detections are left for each."""
-    for body, told in zip(bodies, weigh_candidates([body.candidate for body in bodies]), strict=True):
+def _weigh(bodies: list[_Body], known: Sequence[Posterior] = ()) -> None:
+    """Weigh all bodies together, unless that is ``known``, settle the sure ones, and say what is left for each."""
+    for body, told in zip(bodies, known or weigh_candidates([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
         body.enough = body.task.prior_pose is not None and is_search_needless(
             body.candidate.model, told, body.task.minimal, of_several=True

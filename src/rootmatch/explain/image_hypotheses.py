@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.in_time import final_deadline
-from rootmatch.explain.likeness import find_copies, first_exact_copies, likenesses, relative_place
+from rootmatch.explain.likeness import find_copies, first_exact_copies, ways_alike
 from rootmatch.explain.predicted_poses import pose_knowledge, predicted_mixture, problem_vertical
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.task import MatchingTask
@@ -121,12 +121,15 @@ class Candidate:
 
     def with_assignments(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
-        proposals = self.proposals(assignments)
+        proposals = self.proposals(assignments) if assignments else empty_proposals(self.task.rows)
         searched = len(proposals.assignments) > 0
         if predicted is not None:
             proposals = join_proposals([proposals, predicted]) if searched else predicted
         modes = find_modes(self.model, proposals, least=-math.inf if searched else -HOPELESS)
-        return copy_with(self, modes=self._add_twins(modes, searched))
+        prior = self.model.prior
+        if searched or (isinstance(prior, Doubted) and len(prior.predictions) > 1):
+            modes = self._add_twins(modes, searched)
+        return copy_with(self, modes=modes)
 
     def posed(self, proposals: Proposals) -> Candidate:
         """The candidate by assignments with poses, and the twins of the best ones."""
@@ -191,11 +194,10 @@ def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
             other = bodies[j]
             if other is body or not len(pool.log_odds):
                 continue
-            for image in likenesses(other.task.points.source, body.task.points.source):
-                rows = body.task.sighting_rows(image)
+            for rows, place in ways_alike(other.task, body.task):
                 places = Proposals(*pool.first(KEPT).places(body.model.shape[1], TWINS)[:3])
-                more.append(look_alikes(places, other.model.points, body.model.points, rows[None]))
-                if (place := relative_place(other.task.points.source, body.task.points.source, image)) is not None:
+                more.append(look_alikes(places, other.model.points, body.model.points, rows))
+                if place is not None:
                     others.append((place, other.model.prior))
         model = add_family_places(body.model, others)
         modes = own if copies is None else grow_in_copies_place(copies[k], model, own)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.explain.continued_bodies import LIKELY, continue_body
 from rootmatch.explain.more_places import Beside, Places
 from rootmatch.model.detection_model import DetectionModel
@@ -42,6 +42,7 @@ class Lacking(NamedTuple):
     """(m,) probability that a point is there."""
 
 
+@cache_by_identity(64)
 @cache_by_values(64)
 def lacking_points(source: Floats, normals: Floats | None) -> Lacking:
     """Places onto which motions that map many points of a body (n, 3) put others; none mostly.

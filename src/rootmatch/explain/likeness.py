@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, cache_by_values
+from rootmatch.arrays import Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.explain.body_labels import SAME_SHAPE, twin_points
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
@@ -42,6 +42,7 @@ WAYS, LEAST_CHANCE = 4, 1e-4
 far apart as theirs. Round values."""
 
 
+@cache_by_identity(256)
 @cache_by_values(256)
 def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
     """For each way in which two bodies are alike, the point (n,) of the second for each of the first; −1 for none.
@@ -63,6 +64,28 @@ def likenesses(first: Floats, second: Floats) -> tuple[Integers, ...]:
         for known, every in (proper, found.proper), (mirrored, found.mirrored):
             known += [one for one in every[:1] if not known and np.count_nonzero(one >= 0) >= least]
     return (*proper, *mirrored)
+
+
+def ways_alike(first: MatchingTask, second: MatchingTask) -> list[tuple[Integers, Places | None]]:
+    """The ways in which a second body may stand where a first one does.
+
+    Of each: the row of the second one's assignment for each of the first (1, C n), as `look_alikes` takes it; and
+    `relative_place`.
+    """
+    source, other, rows = first.points.source, second.points.source, second.rows
+    known = _known_ways(source, other)
+    if rows not in known:
+        known[rows] = [
+            (second.sighting_rows(image)[None], relative_place(source, other, image))
+            for image in likenesses(source, other)
+        ]
+    return known[rows]
+
+
+@cache_by_identity(256)
+def _known_ways(first: Floats, second: Floats) -> dict[int, list[tuple[Integers, Places | None]]]:
+    """What `ways_alike` has told of two bodies, by the number of rows."""
+    return {}
 
 
 def look_alike_by_errors(
@@ -145,6 +168,7 @@ def _is_equal(first: Any, second: Any) -> bool:
     return len(first) == len(second) and all(map(_is_equal, first, second))
 
 
+@cache_by_identity(256)
 @cache_by_values(256)
 def relative_place(first: Floats, second: Floats, image: Integers) -> Places | None:
     """How a second body lies where a first one does if they are alike by an ``image`` of `likenesses`.

@@ -56,7 +56,7 @@ def match_predicted(
         columns = np.flatnonzero(found.posterior.used(task.shape[1]) < SURE)
         if len(columns) < task.problem.order:
             return found
-        searched = restore_columns(solve(task.subset(np.arange(task.shape[0]), columns)), task, columns)
+        searched = restore_columns(solve(task.subset(None, columns)), task, columns)
     else:
         searched = solve(copy_with(task, prior_pose=None, rivals=NONE))
     with suppress(OutOfTime):

@@ -146,7 +146,7 @@ def camera_task(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Intege
     """One camera, its detections (m,) among all, and the task of these."""
     assert task.rig is not None
     own = np.flatnonzero(task.camera_of == k)
-    part = task.subset(np.arange(task.shape[0]), own)
+    part = task.subset(None, own)
     part = copy_with(
         part,
         problem=task.problem.of_view(task.rig.cameras[k], task.rig.rotations[k]),  # type: ignore[attr-defined]

@@ -303,28 +303,30 @@ class MatchingTask:
     def _body_tasks(self) -> list[Self]:
         assert self.bodies is not None
         every = []
-        for k, name in enumerate(self.bodies.names):
+        for k, (name, points) in enumerate(zip(self.bodies.names, self.bodies.parts_of(self.points), strict=True)):
             told = prior_attributes(self.priors.get(name)) | {"present": self.present_of.get(name)}
             told["rivals"] = self.rivals_of.get(name, NONE)
-            every.append(self.subset(self.bodies.points_of(k), np.arange(self.shape[1]), **told))
+            every.append(self.subset(self.bodies.points_of(k), None, points=points, **told))
         return every
 
-    def subset(self, source: NDArray[np.int64], target: NDArray[np.int64], **known: Any) -> Self:
-        """The task of some of the points, evaluated in this process, without a predicted pose unless ``known``.
+    def subset(self, source: NDArray[np.int64] | None, target: NDArray[np.int64] | None, **known: Any) -> Self:
+        """The task of some of the points, None for all, in this process, without a predicted pose unless ``known``.
 
         Partial knowledge of the pose holds for some of the points as well.
         """
         nothing: dict[str, Any] = {"prior_pose": None, "rivals": NONE, "found_before": None}
         nothing |= {"priors": {}, "rivals_of": {}}
+        rows, columns = (slice(None) if one is None else one for one in (source, target))
+        points = known.pop("points", None) or self.points.subset(source, target)
 
         def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
-            return None if whole is None else np.ascontiguousarray(whole[np.ix_(source, target)])
+            return None if whole is None else np.ascontiguousarray(whole[rows][:, columns])
 
         return copy_with(
             self,
-            points=self.problem.in_image(self.points.subset(source, target)),
+            points=self.problem.in_image(points),
             options=self.options.local_options,
-            calibration_noise=None if self.calibration_noise is None else self.calibration_noise[target],
+            calibration_noise=None if self.calibration_noise is None else self.calibration_noise[columns],
             allowed=of_pairs(self.allowed),
             weights=of_pairs(self.weights),
             bodies=None,

@@ -58,9 +58,12 @@ def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers,
     assignments, rotation, position, (covariance,), (lit,) = mode
     at, own, off = model.linearise_about(rotation, position), assignments.copy(), np.zeros(n, np.bool_)
     placed, moved = model.prior.placed if isinstance(model.prior, Doubted) else None, 0.0
-    place, free, left, body, other = _Place(model, at, covariance), free.copy(), set(dark.tolist()), [], []
+    rows = (np.arange(images)[:, None] * n + dark).ravel()
+    place = _Place(model, at, covariance, rows[lit[rows] > HIDDEN])
+    free, left, body, other = free.copy(), set(dark.tolist()), list[float](), list[float]()
     for count in range(1, min(len(dark), MOST) + 1):
-        each = [(*place.seen(np.arange(images) * n + one, lit, free), one) for one in sorted(left)]
+        near = place.gate(free)
+        each = [(*place.seen(np.arange(images) * n + one, near, lit), one) for one in sorted(left)]
         _, rows, detections, point = max(each, key=lambda one: one[0])
         if len(rows) < 2:
             break
@@ -80,37 +83,48 @@ def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers,
 class _Place:
     """Where a pose with its covariance (6, 6) has points that may be anywhere on the body."""
 
-    def __init__(self, model: DetectionModel, at: Linearised, covariance: Floats) -> None:
-        self.model, self.at = model, at
+    def __init__(self, model: DetectionModel, at: Linearised, covariance: Floats, rows: Integers) -> None:
+        self.model, self.rows = model, rows.tolist()
         self.spread = np.zeros((9, 9))
         self.spread[:6, :6], self.spread[6:, 6:] = covariance, model.radius**2 * np.eye(3)
+        jacobian = np.concatenate([at.jacobian[0], at.jacobian[0, :, :, 3:]], axis=2)[rows]
+        self.jacobian = dict(zip(self.rows, jacobian, strict=True))
+        """By the pose and the point (2, 9), of each of the rows: of all visible points that may be anywhere."""
+        self._every_off = model.target - at.pixels[0, rows, None]
+        self.off = dict(zip(self.rows, self._every_off, strict=True))
+        """Of all detections (n', 2) from each."""
+        self._image = rows // (model.shape[0] // len(model.images))
+        self._across = jacobian @ self.spread @ jacobian.swapaxes(1, 2)
 
-    def seen(self, rows: Integers, lit: Floats, free: Bools) -> tuple[float, Integers, Integers]:
-        """The likeliest detections of a point that has these rows: log-odds against clutter, rows, and detections."""
-        possible = {
-            row: self._gate_detections(row, image, free) for image, row in enumerate(rows.tolist()) if lit[row] > HIDDEN
-        }
+    def gate(self, free: Bools) -> dict[int, Integers]:
+        """Detections that may be of the point of each row, of those that are free (n',)."""
+        of_image = free & (self.model.image_indices == self._image[:, None])
+        sigma = np.where(of_image, self.model.sigma, 0.0).max(axis=1, initial=0.0) + 1e-300
+        (a, b), (_, d) = np.moveaxis(self._across + (sigma**2)[:, None, None] * np.eye(2), 0, 2)[..., None]
+        x, y = np.moveaxis(self._every_off, 2, 0)
+        near = of_image & (d * x * x - 2.0 * b * x * y + a * y * y < REACH**2 * (a * d - b * b))
+        return {row: own.nonzero()[0] for row, own in zip(self.rows, near, strict=True)}
+
+    def seen(self, rows: Integers, near: dict[int, Integers], lit: Floats) -> tuple[float, Integers, Integers]:
+        """The likeliest detections of a point that has these rows: log-odds against clutter, rows, and detections.
+
+        ``near``: what `gate` tells.
+        """
+        possible = {row: near[row] for row in rows.tolist() if row in near}
         best = -math.inf, np.empty(0, np.int64), np.empty(0, np.int64)
-        for row, near in possible.items():
+        for row, every in possible.items():
             others = [(one, own) for one, own in possible.items() if one != row and len(own)]
-            for first in near.tolist() if others else []:
+            for first in every.tolist() if others else []:
                 one = self._grow_track([(row, np.array([first])), *others], lit)
                 if len(one[1]) > 1 and one[0] > best[0]:
                     best = one
         return best
 
-    def _gate_detections(self, row: int, image: int, free: Bools) -> Integers:
-        """Detections of an image that may be of a row's point."""
-        (own,) = (free & (self.model.image_indices == image)).nonzero()
-        off, across, _ = self._innovations(row, own, np.zeros(9), self.spread)
-        return np.asarray(own[(off @ np.linalg.inv(across) * off).sum(axis=1) < REACH**2])
-
     def _innovations(self, row: int, own: Integers, step: Floats, spread: Floats) -> tuple[Floats, Floats, Floats]:
         """Deviations (m, 2) of detections, their covariance (2, 2), and their Jacobian (2, 9) by pose and point."""
-        jacobian = np.hstack([self.at.jacobian[0, row], self.at.jacobian[0, row][:, 3:]])
-        sigma = float(self.model.sigma[own].max(initial=0.0)) + 1e-300
+        jacobian, sigma = self.jacobian[row], float(self.model.sigma[own].max()) + 1e-300
         across = jacobian @ spread @ jacobian.T + sigma**2 * np.eye(2)
-        return self.model.target[own] - self.at.pixels[0, row] - jacobian @ step, across, jacobian
+        return self.off[row][own] - jacobian @ step, across, jacobian
 
     def _grow_track(self, possible: list[tuple[int, Integers]], lit: Floats) -> tuple[float, Integers, Integers]:
         """What a point has in each image in turn, as far as those before tell where it is."""

@@ -25,7 +25,7 @@ from rootmatch.model.compiled.residuals import residual_sums
 from rootmatch.model.compiled.settling import EVIDENCE, IMAGES, POSES, settle_hypotheses
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.linearised import Linearised, image_room, replace_array_rows
+from rootmatch.model.linearised import NO_ROWS, Linearised, image_room, replace_array_rows
 from rootmatch.model.pose_density import Mixture, PoseDensity
 from rootmatch.problems.pose_fit.projection_model import group_by_point, shared_spread, ungroup_sightings
 
@@ -166,14 +166,18 @@ def _settle_compiled(
     found: Evidence | None = None,
     hopeless: tuple[float, float, float] = ALL,
     after: tuple[Floats, Floats] = NOWHERE,
+    spread: tuple[Floats, Floats] | None = None,
 ) -> Evidence:
-    """What the compiled `settle` makes of hypotheses, in place: their evidence, and the images about their poses."""
+    """What the compiled `settle` makes of hypotheses, in place: their evidence, and the images about their poses.
+
+    ``spread``: in the place of `DetectionModel.spread_for_kernels`.
+    """
     found = evidence_buffers(*assignments.shape) if found is None else found
-    cosine = at.for_kernels[0]
-    poses = at.rotation, at.position
+    cosine = NO_ROWS if at.cosine is None else at.cosine
     settle_hypotheses(
-        assignments, (*at[:4], cosine, at.expected, *poses), model.scene_for_kernels, model.spread_for_kernels, prior,
-        (given, most, STEPS, NO_CHANGE, FAR, BEHIND, STEEP, hopeless), tuple(found), after,
+        assignments, (*at[:4], cosine, at.expected, at.rotation, at.position), model.scene_for_kernels,
+        spread or model.spread_for_kernels, prior, (given, most, STEPS, NO_CHANGE, FAR, BEHIND, STEEP, hopeless),
+        tuple(found), after,
     )  # fmt: skip
     return found
 
@@ -198,6 +202,29 @@ def settle_poses(
     at = image_room(model.shape[0], model.normals is not None, rotation, position)
     rows = np.array(assignments, np.int64)
     return _settle_compiled(model, rows, at, mixture, given=POSES, most=MOST_STEPS), at
+
+
+def settle_with_errors(
+    model: DetectionModel, assignment: Integers, pose: tuple[Floats, Floats], errors: Floats
+) -> Floats | None:
+    """Log-odds (W,) of an assignment (1, n) at its best pose if all points are off by each of some errors (W,).
+
+    As `settle_poses` tells of a model with so much more covariance, from a pose (1, 3, 3) and (1, 3); None where
+    kernels do not take the model.
+    """
+    if (mixture := kernel_mixture(model)) is None:
+        return None
+    of_points, of_detections = model.spread_for_kernels
+    wide = np.zeros((len(errors), model.shape[0], 3, 3)) + (errors**2)[:, None, None, None] * np.eye(3)
+    if len(of_points):
+        wide += of_points
+    at = image_room(model.shape[0], model.normals is not None, *pose)
+    rows, out = np.array(assignment, np.int64), np.empty(len(errors))
+    for k, one in enumerate(wide):
+        at.rotation[:], at.position[:] = pose
+        found = _settle_compiled(model, rows, at, mixture, given=POSES, most=MOST_STEPS, spread=(one, of_detections))
+        out[k] = found.log_odds[0]
+    return out
 
 
 def settle_likely(

@@ -7,7 +7,7 @@ from contextlib import suppress
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.deadline import OutOfTime
+from rootmatch.deadline import OutOfTime, active_deadline
 from rootmatch.jit.threads import run_in_pieces
 from rootmatch.model.compiled.gathering import gather, gather_about
 from rootmatch.model.detection_model import DetectionModel
@@ -15,6 +15,8 @@ from rootmatch.model.prediction import HIDDEN
 from rootmatch.model.proposals import Proposals
 from rootmatch.problems.limits import GATE
 
+AT_ONCE = 512
+"""Poses that are not taken in pieces where no deadline is set: they take a few milliseconds. A round value."""
 RATE = 0.7
 """Detection rate that their order supposes; the model of the image judges them later. A round value."""
 
@@ -58,5 +60,8 @@ def gather_each(model: DetectionModel, proposals: Proposals) -> tuple[Integers, 
     target, sigma, log_weights, *_ = model.image_for_kernels
     image = target, sigma, np.array(model.clutter.log_density), log_weights, np.array(model.image_indices)
     with suppress(OutOfTime):
-        run_in_pieces(work, len(gains))
+        if 0 < len(gains) <= AT_ONCE and not active_deadline().is_set:
+            work(0, len(gains))
+        else:
+            run_in_pieces(work, len(gains))
     return assignments, gains

@@ -19,9 +19,10 @@ from rootmatch.arrays import Bools, Floats
 from rootmatch.frozen import amend
 from rootmatch.model.compiled.near_misses import fill_near_misses
 from rootmatch.model.detection_model import DetectionModel, log_count_odds
-from rootmatch.model.evidence import residual_statistics, settle_poses, weigh_assignments
+from rootmatch.model.evidence import residual_statistics, settle_poses, settle_with_errors, weigh_assignments
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
-from rootmatch.model.prediction import HIDDEN, Settled, settle_assignment
+from rootmatch.model.prediction import HIDDEN, Settled, look_about, settle_assignment
 from rootmatch.model.priors import INEXACT, WRONG_MODEL
 
 Told = TypeVar("Told")
@@ -103,11 +104,12 @@ def _sighting_log_gains(model: DetectionModel, mode: Modes, errors: Floats) -> F
 
     Cameras that see a point off see it off in one place, which larger noise would not do.
     """
-    pose, out = (mode.rotation, mode.position), np.empty(len(errors))
-    for k, error in enumerate(errors.tolist()):
-        found, _ = settle_poses(perturb_points(model, error), mode.assignments, *pose)
-        out[k] = found.log_odds[0] - mode.log_odds[0]
-    return out
+    pose = mode.rotation, mode.position
+    told = settle_with_errors(model, mode.assignments, pose, errors)
+    if told is None:
+        wide = [perturb_points(model, error) for error in errors.tolist()]
+        told = np.array([settle_poses(one, mode.assignments, *pose)[0].log_odds[0] for one in wide])
+    return np.asarray(told - mode.log_odds[0])
 
 
 def perturb_points(model: DetectionModel, error: float, off: Bools | None = None) -> DetectionModel:
@@ -150,6 +152,13 @@ def _settle_alike(model: DetectionModel, mode: tuple[Any, ...], error: float, ta
     wide = perturb_points(model if taken is None or not taken.any() else _exclude_detections(model, taken), error)
     known: dict[bytes, Settled] = {}
     assignments, rotation, position, (covariance,) = mode
-    settle_assignment(wide, (rotation, position), covariance, known=known)
-    matched = weigh_assignments(wide, assignments, wide.linearise_about(rotation, position))
+    at = cache_answer(_linearise, model, (rotation, position))  # the same for all errors
+    looked = look_about(wide, (rotation, position), covariance, at=at)
+    settle_assignment(wide, (rotation, position), covariance, known=known, looked=looked)
+    matched = weigh_assignments(wide, assignments, at)
     return max([float(matched.log_odds[0]), *(one.log_odds for one in known.values())])
+
+
+def _linearise(model: DetectionModel, pose: tuple[Floats, Floats]) -> Linearised:
+    """Images about poses (K, 3, 3) and (K, 3)."""
+    return model.linearise_about(*pose)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ BEAM = 4096
 """Most joint hypotheses that are kept from one body to the next, see `thin_hypotheses`. A round value."""
 FEW = 64
 """Joint hypotheses that are not looked through for some that can be merged: it would take longer. A round value."""
+LISTED = 128
+"""Choices of a mode of each body, or none, up to which all are weighed at once. A round value."""
 
 
 class _Step(NamedTuple):
@@ -79,6 +82,8 @@ def joint_marginals(
     if len(uses) == 1:
         return [_softmax(np.concatenate([masses[0], [0.0]]))]
     count, of_each = uses[0].shape[1], given or [-1] * len(uses)
+    if not same and math.prod([len(used) + 1 for used in uses]) <= LISTED:
+        return _list_marginals(uses, masses, log_left, of_each)
     alike = {k: (alike[p - 1] if p else -1, len(alike) - p) for alike in same for p, k in enumerate(alike)}
     asks = [of if mass.ndim > 1 else -1 for of, mass in zip(of_each, masses, strict=True)]
     absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
@@ -121,6 +126,32 @@ def joint_marginals(
             mean = np.sum([found[k] for k in each], axis=0) / max(len(each), 1)
             found = [mean if k in each else one for k, one in enumerate(found)]
     return found
+
+
+def _list_marginals(
+    uses: Sequence[Bools], masses: Sequence[Floats], log_left: Callable[[Bools], Floats], given: Sequence[int]
+) -> list[Floats]:
+    """As `joint_marginals` of a few hypotheses, of which every choice is listed."""
+    modes, rows = _list_choices(tuple([len(used) for used in uses]))
+    every = np.concatenate([*uses, np.zeros((1, uses[0].shape[1]), np.bool_)])
+    taken = every[rows].sum(axis=0)
+    left = log_left(np.concatenate([every, taken > 0]))
+    value = left[len(every) :] - left[rows].sum(axis=0)
+    for chosen, mass, of in zip(modes, masses, given, strict=True):
+        gains = np.zeros((*mass.shape[:-1], mass.shape[-1] + 1))
+        gains[..., :-1] = mass
+        value += gains[chosen] if mass.ndim == 1 else gains[modes[of], chosen]
+    shares = _softmax(np.where((taken > 1).any(axis=1), -np.inf, value))
+    each = zip(modes, uses, strict=True)
+    return [np.bincount(chosen, shares, len(used) + 1).astype(np.float64) for chosen, used in each]
+
+
+@lru_cache(maxsize=64)
+def _list_choices(counts: tuple[int, ...]) -> tuple[Integers, Integers]:
+    """Every choice of one of so many modes of each body, or none as the last (B, K), and its row among all modes."""
+    modes = np.indices([one + 1 for one in counts]).reshape(len(counts), -1)
+    first, most = np.cumsum([0, *counts])[:-1, None], np.array(counts)[:, None]
+    return modes, np.where(modes < most, first + modes, sum(counts))
 
 
 def _key_weights(wanted: Bools, images: Integers | None, asked: Sequence[bool]) -> tuple[Integers, Integers]:

@@ -86,8 +86,9 @@ def find_modes(
         Whether the proposals are twins of known modes: one that lacks a part of what it shows seems far behind, and
         grows as well.
     """
-    proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
-    if not len(proposals.assignments):
+    told = (proposals.assignments >= 0).sum(axis=1) >= model.prior.least
+    proposals = proposals if told.all() else proposals.take(told)
+    if not (wanted := len(proposals.assignments)):
         return empty_modes(model.shape[0]) if known is None else known
     kept = before = [] if known is None else _Mode.every(known)
     enough = 0.0 if of_several else math.inf
@@ -99,7 +100,8 @@ def find_modes(
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * NEGLIGIBLE
     checkpoint()
     each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
-    proposals = proposals.take(slice(active_deadline().cut(len(proposals.assignments), each)))
+    if (count := active_deadline().cut(wanted, each)) < wanted:
+        proposals = proposals.take(slice(count))
     assignments, found, at, poses = _settle_possible(model, proposals, floor, of_copy)
     order = (-found.log_odds).argsort(kind="stable")
     for k in order[np.isfinite(found.log_odds[order])].tolist():

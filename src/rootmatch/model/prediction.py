@@ -124,9 +124,9 @@ def _settle_about(model: DetectionModel, prediction: Gaussian, *, narrowing: boo
     pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded_covariance
     most = MOST_PAIRS * max(len(model.images), 1)
     known: dict[bytes, Settled] = {}
-    start, torn = None, list[tuple[_Looked, Floats]]()
+    start, torn = None, list[tuple[Looked, Floats]]()
     for _ in range(NARROWER):
-        looked = _look_about(model, pose, covariance, rounds=ROUNDS, most=most)
+        looked = look_about(model, pose, covariance, rounds=ROUNDS, most=most)
         if not (count := np.count_nonzero(looked.candidates)):
             break
         if count <= most:
@@ -161,7 +161,7 @@ def settle_assignment(
     covariance: Floats,
     *,
     known: dict[bytes, Settled],
-    looked: _Looked | None = None,
+    looked: Looked | None = None,
 ) -> Settled | None:
     """Assignment and step in turn until the assignment stays; all of them are added to ``known``.
 
@@ -170,7 +170,7 @@ def settle_assignment(
     best, rounds = None, ROUNDS
     while rounds > 0:
         checkpoint()
-        looked = looked or _look_about(model, pose, covariance, rounds=rounds)
+        looked = looked or look_about(model, pose, covariance, rounds=rounds)
         for one in looked.settled:
             key = one.assignment.tobytes()
             if key in known:
@@ -190,7 +190,7 @@ def settle_assignment(
     return best
 
 
-class _Looked(NamedTuple):
+class Looked(NamedTuple):
     """What is seen about a pose, and about those that it leads to."""
 
     at: Linearised
@@ -205,18 +205,27 @@ class _Looked(NamedTuple):
     """Images about the pose where that is to be weighed; None if nothing more is."""
 
 
-def _look_about(
-    model: DetectionModel, pose: tuple[Floats, Floats], covariance: Floats, *, rounds: int, most: float = math.inf
-) -> _Looked:
-    """What is seen about a pose; nothing follows from it with more than ``most`` candidates."""
+def look_about(
+    model: DetectionModel,
+    pose: tuple[Floats, Floats],
+    covariance: Floats,
+    *,
+    rounds: int = ROUNDS,
+    most: float = math.inf,
+    at: Linearised | None = None,
+) -> Looked:
+    """What is seen about a pose; nothing follows from it with more than ``most`` candidates.
+
+    ``at``: images about it, if they are known and the points or detections have covariances.
+    """
     n, _ = shape = model.shape
     gated = np.empty(shape, np.bool_), np.empty(shape), np.empty(n, np.int64)
     limits = GATE**2, model.rate or USUAL_RATE, HIDDEN
     if (prior := kernel_mixture(model)) is None or model.has_covariances:
-        at = model.linearise_about(*pose)
+        at = at or model.linearise_about(*pose)
         visible = model.visibility(at, np.array([_direction_sigma(covariance)]))[0]
         gate((*_image_arguments(model, at), visible), np.array(covariance), gating_image(model), limits, gated)
-        return _Looked(at, visible, gated[0], settled=[], last=gated[2], about=at)
+        return Looked(at, visible, gated[0], settled=[], last=gated[2], about=at)
     at = image_room(n, model.normals is not None, *(one.repeat(rounds + 1, axis=0) for one in pose))
     found, rows = evidence_buffers(rounds, n), np.empty((rounds, n), np.int64)
     candidates, visible = np.empty(shape, np.bool_), np.empty(n)
@@ -227,7 +236,7 @@ def _look_about(
     )  # fmt: skip
     after = at.rotation[1:], at.position[1:]
     settled = [Settled.of(rows[k], found, after, k) for k in range(count)]
-    return _Looked(at, visible, candidates, settled=settled, last=gated[2], about=None)
+    return Looked(at, visible, candidates, settled=settled, last=gated[2], about=None)
 
 
 def _image_arguments(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:
@@ -241,7 +250,7 @@ def gating_image(model: DetectionModel) -> tuple[Floats, ...]:
     return *model.gating_arguments, model.clutter.log_density, model.image_for_kernels[2]
 
 
-def _narrow_by_pairs(model: DetectionModel, looked: _Looked, covariance: Floats) -> list[tuple[Floats, Floats]]:
+def _narrow_by_pairs(model: DetectionModel, looked: Looked, covariance: Floats) -> list[tuple[Floats, Floats]]:
     """Steps and covariances after two correspondences each, those that explain most."""
     points = *_image_arguments(model, looked.at), (model.rate or USUAL_RATE) * looked.visible
     beams = [(np.zeros(6), np.array(covariance))]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.model.compiled.few_poses import fill_minimal_poses
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
@@ -18,8 +18,8 @@ from rootmatch.model.pose_density import LEAST
 from rootmatch.model.views import camera_frames
 
 FEW = 6
-"""Number of matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the
-others. A round value."""
+"""Number of points up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the
+others, whichever cameras see them. A round value."""
 FLAT = 0.05
 """Misfit of a motion, over the size of what it moves, up to which it is proposed beside a reflection that fits better.
 A round value."""
@@ -54,14 +54,22 @@ def join_proposals(parts: list[Proposals]) -> Proposals:
 
 
 def propose_few_matched(model: DetectionModel, assignments: Integers) -> Proposals:
-    """Every pose of two minimal sets of each assignment (K, n) with three to `FEW` matches in a camera.
+    """Every pose of two minimal sets of each assignment (K, n) of up to `FEW` points, at least three in a camera.
 
-    Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them.
+    Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them. A
+    pose that fits in several cameras is one of those that fit in the one with the most matches.
     """
-    in_camera = (assignments.reshape(len(assignments), max(len(model.images), 1), -1) >= 0).sum(axis=2)
-    if not ((in_camera >= LEAST) & (in_camera <= FEW)).any():
+    seen = (assignments >= 0).reshape(len(assignments), max(len(model.images), 1), -1)
+    each = seen.sum(axis=2)
+    few = (each.max(axis=1) >= LEAST) & (seen.any(axis=1).sum(axis=1) <= FEW)
+    if not few.any():
         return empty_proposals(assignments.shape[1])  # rays of a lens take longer than all the rest
-    return solve_minimal_sets(model, assignments, FEW).proposals
+    some = assignments[few]
+    if seen.shape[1] == 1:
+        return solve_minimal_sets(model, some, FEW).proposals
+    camera, n = each[few].argmax(axis=1)[:, None], seen.shape[2]
+    sets = solve_minimal_sets(model, np.where(np.arange(assignments.shape[1]) // n == camera, some, -1), FEW)
+    return sets.proposals._replace(assignments=some[sets.of])
 
 
 class MinimalSets(NamedTuple):
@@ -160,7 +168,7 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     # the centroids of the corresponding points coincide in both bodies
     place = proposals.position + middle @ proposals.rotation.swapaxes(1, 2)
     if len(mirrored):
-        along = place / np.linalg.norm(place, axis=1, keepdims=True)
+        along = place / np.sqrt((place * place).sum(axis=1))[:, None]
         rotation[mirrored] = (np.eye(3) - 2.0 * along[:, :, None] * along[:, None]) @ rotation[mirrored]
     offset = (rotation @ middles[:, None, :, None])[..., 0]
     assignments = np.full((len(ways), len(place), len(second)), -1, np.int64)
@@ -169,6 +177,7 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
 
 
+@cache_by_identity(256)
 @cache_by_values(256)
 def _align_ways(first: Floats, second: Floats, images: Integers) -> tuple[NDArray[Any], ...]:
     """How a second body lies in the place of a first one in T ways in which they look alike; see `look_alikes`.

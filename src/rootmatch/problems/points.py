@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import checkpoint
-from rootmatch.frozen import once
+from rootmatch.frozen import copy_with, once
 
 Indices = NDArray[np.integer]
 SLACK = math.radians(10.0)
@@ -23,6 +23,11 @@ EXACT = 1e-3
 """Least deviation of a coordinate, relative to that of the others. A round value."""
 ROWS = 64
 """Rows of a table of distances that are worked out together."""
+
+
+OF_SOURCE = "source", "source_noise", "normals", "view_cosine", "source_covariance"
+OF_TARGET = "target", "target_noise", "target_covariance", "noise_alone"
+"""What `PointSets` has of each point of either set."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,20 +86,12 @@ class PointSets:
         return len(self.source), len(self.target)
 
     def subset(self, source: Indices | None = None, target: Indices | None = None) -> PointSets:
-        """A subset of the points, in the order of the indices; None for all."""
-        first = slice(None) if source is None else source
-        second = slice(None) if target is None else target
-        return PointSets(
-            source=self.source[first],
-            target=self.target[second],
-            source_noise=self.source_noise[first],
-            target_noise=self.target_noise[second],
-            normals=None if self.normals is None else self.normals[first],
-            view_cosine=None if self.view_cosine is None else self.view_cosine[first],
-            source_covariance=None if self.source_covariance is None else self.source_covariance[first],
-            target_covariance=None if self.target_covariance is None else self.target_covariance[second],
-            noise_alone=None if self.noise_alone is None else self.noise_alone[second],
-        )
+        """A subset of the points, in the order of the indices; None for all, in the same arrays."""
+        some = dict[str, Floats]()
+        for names, which in (OF_SOURCE, source), (OF_TARGET, target):
+            if which is not None:
+                some |= {name: one[which] for name in names if (one := getattr(self, name)) is not None}
+        return copy_with(self, **some)
 
 
 class CheckedSource(NamedTuple):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rootmatch.algebra.rotation import move_along_arc
-from rootmatch.arrays import Floats, cache_by_values
+from rootmatch.arrays import Floats, cache_by_identity, cache_by_values
 from rootmatch.jit.borrowed_arrays import borrow
 from rootmatch.jit.decorators import FASTMATH, driver
 
@@ -34,7 +34,7 @@ def _compute_centred_points(source: Floats) -> tuple[Floats, Floats, float]:
     return centre, source - centre, body_radius(source)
 
 
-_kept_about_centre = cache_by_values(64)(_compute_centred_points)
+_kept_about_centre = cache_by_identity(64)(cache_by_values(64)(_compute_centred_points))
 
 
 def pose_about_point(

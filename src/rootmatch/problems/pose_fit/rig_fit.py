@@ -6,10 +6,11 @@ The sightings of all cameras share one pose, and are fitted as the points of one
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, cache_by_identity
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.frozen import copy_with
@@ -35,16 +36,27 @@ def list_sightings(rig: Rig, points: PointSets) -> tuple[RigImage, PointSets]:
     """
     rows, n = points.target, len(points.source)
     image = RigImage(rig, n, rig.offsets(rows), rows[:, 2].astype(np.int64))
-    own = np.arange(n * len(rig.views)) % n
+    source, normals, cosines, covariance = _repeat_for_cameras(
+        rig, points.source, points.normals, points.view_cosine, points.source_covariance
+    )
     return image, copy_with(
         points,
-        source=points.source[own],
+        source=source,
         target=rows[:, :2] + image.offsets[image.camera_of],
-        source_noise=points.source_noise[own],
-        normals=None if points.normals is None else points.normals[own],
-        view_cosine=None if points.view_cosine is None else points.view_cosine[own],
-        source_covariance=None if points.source_covariance is None else points.source_covariance[own],
+        source_noise=np.concatenate([points.source_noise] * len(rig.views)),
+        normals=normals,
+        view_cosine=cosines,
+        source_covariance=covariance,
     )
+
+
+@cache_by_identity(32)
+def _repeat_for_cameras(rig: Rig, source: Floats, *known: Floats | None) -> tuple[Any, ...]:
+    """A body's points (n, 3) and what else is known of each, for each camera, (C n, …): the same arrays for the same.
+
+    ``known``: None for what is not.
+    """
+    return tuple(None if one is None else np.concatenate([one] * len(rig.views)) for one in (source, *known))
 
 
 def rig_pose(
