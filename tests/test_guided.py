@@ -11,6 +11,7 @@ import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from rootmatch.api import match
 from rootmatch.backends import cpu
@@ -353,3 +354,20 @@ def test_chance_ends_no_search_in_part_of_the_images() -> None:
     assert max((one >= 0).sum() for one in found[0].assignments) == 5
     assert found[1].evaluated > 3 * found[0].evaluated
     assert found[1].missed < 0.05
+
+
+def test_a_second_place_is_found_although_the_first_explains_all_points() -> None:
+    # no pose explains more: a search that ended for that met 14 of these 20
+    camera, met = Camera(900.0, 900.0, 640.0, 480.0), 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        body, seen = rng.uniform(-0.5, 0.5, (6, 3)), []
+        for x in (-1.5, 1.5):
+            R = Rotation.random(random_state=rng).as_matrix()
+            seen.append(camera.project(body @ R.T + (x, 0.0, rng.uniform(6.0, 9.0))))
+        clutter = rng.uniform((100.0, 100.0), (1180.0, 860.0), (3, 2))
+        target = np.concatenate([seen[0], seen[1][1:], clutter]) + rng.normal(0.0, 1.0, (14, 2))
+        told = match(body, target, P3P(camera), noise=1.0, seed=seed)
+        named = [told.assignment, *(other for other, _ in told.alternatives)]
+        met += any(np.array_equal(one, [-1, *range(6, 11)]) for one in named)
+    assert met >= 18

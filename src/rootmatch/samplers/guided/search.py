@@ -118,8 +118,9 @@ class Search:
                 return
             if len(self.hypotheses) > batches.APART:
                 self._cluster_hypotheses()
-        # what is beyond chance and looks like itself has more poses than a batch verifies
-        if self.conclusive and self.is_beyond_chance():
+        # what looks like itself has more poses than a batch verifies; and a second place shows fewer points, maybe
+        telling = max(self.fewest, self.minimal + 2)
+        if self.conclusive and (self.is_beyond_chance() or self._best_match_count() >= telling):
             self._try_rivals()
 
     def _steps(self) -> Iterator[None]:
