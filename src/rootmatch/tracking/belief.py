@@ -40,6 +40,7 @@ from rootmatch.tracking.followed_places import (
     log_return,
     log_returned,
     overlooked_chance,
+    sole_odds,
 )
 from rootmatch.tracking.followed_pose import (
     FollowedPose,
@@ -161,7 +162,7 @@ class Belief:
 
     def keep_best(self, time: float) -> None:
         """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
-        self.poses = [copy_with(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
+        self.poses = [copy_with(one, since=time, log_absent=math.log(DOUBT), told=math.inf) for one in self.poses[:1]]
         self.gone, self.absent, self.time, self.given_up = GonePlaces(), DOUBT, time, None
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
@@ -311,7 +312,9 @@ class Belief:
         stands = found.status is Status.MATCHED or math.isfinite(step.weighed)
         shows = stands + (last.shows if step.origin >= 0 and last.filter.time == self.time else 0)
         log_other = update_identity(last.log_other, misfit, TEMPER, len(model.images) > 1)
+        one = modes.take(slice(step.mode, step.mode + 1))
+        told = last.told_with(lambda: float((sole_odds(model, one) if self.poses else one.log_mass)[0]))
         return copy_with(
             last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
-            alone=step.alone, weighed=step.weighed, shows=shows,
+            alone=step.alone, weighed=step.weighed, shows=shows, told=told, frames=last.frames + 1,
         )  # fmt: skip

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.point_set_decision import matches_pose
-from rootmatch.model.priors import COPY, probability
+from rootmatch.model.priors import COPY, PRESENT_ODDS, probability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
-from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen
+from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen, sole_odds
 from rootmatch.tracking.mistaken_identity import log_other_presence
 
 
@@ -41,11 +41,22 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
             "it may be something else of nearly its shape, as not every frame fitted": probability(
                 -belief.poses[0].log_other
             ),
+            "it is no more than what chance shows, which persists as well": _seen_chance(belief, found),
         }
     elif belief.given_up is not None and (pose := found.pose or _pose_in_space(found)) is not None:
         other = log_other_presence(belief.given_up, pose, time, in_space=found.labellings is not None)
         sure["what was followed in its line of sight a moment ago did not fit"] = probability(-other)
     return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))
+
+
+def _seen_chance(belief: Belief, found: Finding) -> float:
+    """Probability that what is followed is more than clutter that persists, by what frames tell for themselves."""
+    model, posterior = found.model, found.posterior
+    if model is None or posterior is None or posterior.origins is None or found.labellings is not None:
+        return 1.0
+    mode = posterior.modes.take(slice(found.mode, found.mode + 1))
+    told = belief.poses[max(int(posterior.origins[found.mode]), 0)].told_with(lambda: float(sole_odds(model, mode)[0]))
+    return probability(PRESENT_ODDS + told)
 
 
 def _pose_in_space(found: Finding) -> Pose | None:
