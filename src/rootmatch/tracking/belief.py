@@ -49,7 +49,14 @@ from rootmatch.tracking.followed_pose import (
     share_misfit_odds,
     unify_alike_moves,
 )
-from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, TEMPER, log_other_presence, update_identity
+from rootmatch.tracking.mistaken_identity import (
+    FLOOR,
+    GIVEN_UP,
+    TEMPER,
+    log_other_presence,
+    seeing_centres,
+    update_identity,
+)
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.two_states import log_chance
 from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes, weigh_modes
@@ -293,7 +300,9 @@ class Belief:
             return copy_with(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose = average_pose(model, modes, step.mode)
         if step.origin < 0:
-            log_other = FLOOR if self.given_up is None else log_other_presence(self.given_up, pose, time)
+            centres, log_other = seeing_centres(found, modes.assignments[step.mode]), FLOOR
+            if self.given_up is not None:
+                log_other = log_other_presence(self.given_up, pose, time, centres)
             moving = MotionFilter(self.source, pose, time, self.motion)
             exchanged = found.is_exchanged(step.mode)
             if exchanged and (there := next((one for one in self.others if one.is_near(pose, time)), None)):

@@ -11,7 +11,7 @@ from rootmatch.model.priors import COPY, PRESENT_ODDS, probability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen, sole_odds
-from rootmatch.tracking.mistaken_identity import log_other_presence
+from rootmatch.tracking.mistaken_identity import log_other_presence, seeing_centres
 
 
 class Certainty(NamedTuple):
@@ -44,7 +44,7 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
             "it is no more than what chance shows, which persists as well": _seen_chance(belief, found),
         }
     elif belief.given_up is not None and (pose := found.pose or _pose_in_space(found)) is not None:
-        other = log_other_presence(belief.given_up, pose, time, in_space=found.labellings is not None)
+        other = log_other_presence(belief.given_up, pose, time, seeing_centres(found, found.assignment))
         sure["what was followed in its line of sight a moment ago did not fit"] = probability(-other)
     return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))
 
