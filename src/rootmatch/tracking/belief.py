@@ -292,6 +292,17 @@ class Belief:
             last = LastFrame(time - self.room[0], overlooked_chance(found.model, told.modes, mode, self.room[1]))
         return log_absence(before, time - since, time - self.excluded, last)
 
+    def log_other(self, k: int, pose: Pose | None, time: float, centres: Floats | None) -> float:
+        """Log-odds that what is found with a pose is something else, before it is known how well it fits.
+
+        ``k``: the hypothesis that it continues, −1 for a new one; ``centres``: see `seeing_centres`. What was not seen
+        in the last frame may be what was given up.
+        """
+        known = self.poses[k].log_other if k >= 0 else FLOOR
+        if self.given_up is None or pose is None or (k >= 0 and self.poses[k].filter.time == self.time):
+            return known
+        return max(known, log_other_presence(self.given_up, pose, time, centres))
+
     def _advance(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
         """The hypothesis that a step leads to; ``seen``: whether the body is where it is followed."""
         model = found.model
@@ -300,16 +311,13 @@ class Belief:
             return copy_with(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose = average_pose(model, modes, step.mode)
         if step.origin < 0:
-            centres, log_other = seeing_centres(found, modes.assignments[step.mode]), FLOOR
-            if self.given_up is not None:
-                log_other = log_other_presence(self.given_up, pose, time, centres)
             moving = MotionFilter(self.source, pose, time, self.motion)
             exchanged = found.is_exchanged(step.mode)
             if exchanged and (there := next((one for one in self.others if one.is_near(pose, time)), None)):
                 moving = there.copy()  # as what was expected there
                 moving.update(pose, time)
             absent = self.log_absent(found, step.mode, time, seen)
-            last = FollowedPose(moving, log_other=log_other, since=time, log_absent=absent)
+            last = FollowedPose(moving, since=time, log_absent=absent)
         else:
             last = self.poses[step.origin]
             moving = last.filter.copy()
@@ -320,7 +328,10 @@ class Belief:
             misfit = mode_misfit(model, modes, step.mode)
         stands = found.status is Status.MATCHED or math.isfinite(step.weighed)
         shows = stands + (last.shows if step.origin >= 0 and last.filter.time == self.time else 0)
-        log_other = update_identity(last.log_other, misfit, TEMPER, len(model.images) > 1)
+        centres = seeing_centres(found, modes.assignments[step.mode])
+        log_other = update_identity(
+            self.log_other(step.origin, pose, time, centres), misfit, TEMPER, len(model.images) > 1
+        )
         one = modes.take(slice(step.mode, step.mode + 1))
         told = last.told_with(lambda: float((sole_odds(model, one) if self.poses else one.log_mass)[0]))
         return copy_with(
