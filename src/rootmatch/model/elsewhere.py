@@ -26,14 +26,15 @@ from rootmatch.model.priors import INEXACT, WRONG_MODEL
 
 LEAST, MOST = 2, 4
 """Points that are elsewhere, at least and at most: of a single one the body is a hundred times as probable as anything
-else, and four decide. Round values."""
+else, but for one that was in place in the frames before, and four decide. Round values."""
 
 
 def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> float:
     """Log-odds of something else whose other points are elsewhere, of the body in one of its modes.
 
     Of the body as it is, or with its own points there. −∞ if fewer than two points are seen elsewhere, each by two
-    cameras or more. Parameters are those of `rootmatch.model.image_alike.alike_log_odds`.
+    cameras or more, and none that was in place in the frames before. Parameters are those of
+    `rootmatch.model.image_alike.alike_log_odds`.
     """
     if len(model.images) < 2:
         return -math.inf
@@ -43,7 +44,8 @@ def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bool
     (dark,) = ((own[rows] < 0).all(axis=0) & (shown.sum(axis=0) > 1)).nonzero()
     free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
     free[own[own >= 0]] = False
-    if len(dark) < LEAST or free.sum() < 2 * LEAST or model.resolution or not np.isfinite(modes.covariance[k]).all():
+    least = _least(model, dark)
+    if len(dark) < least or free.sum() < 2 * least or model.resolution or not np.isfinite(modes.covariance[k]).all():
         return -math.inf
     mode = modes.take(slice(k, k + 1))
     told = cache_answer(_weigh_another, model, (*mode[:4], mode.visible), dark, free)
@@ -57,7 +59,7 @@ def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers,
     n = model.shape[0] // images
     assignments, rotation, position, (covariance,), (lit,) = mode
     at, own, off = model.linearise_about(rotation, position), assignments.copy(), np.zeros(n, np.bool_)
-    placed, moved = model.prior.placed if isinstance(model.prior, Doubted) else None, 0.0
+    placed, moved = _placed(model), 0.0
     place, free, left, body, other = _Place(model, at, covariance), free.copy(), set(dark.tolist()), [], []
     for count in range(1, min(len(dark), MOST) + 1):
         each = [(*place.seen(np.arange(images) * n + one, lit, free), one) for one in sorted(left)]
@@ -72,9 +74,20 @@ def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers,
         moved += math.log(WRONG_MODEL if placed is not None and placed[point] else INEXACT)
         body.append(log_odds + moved)
         other.append(log_odds + math.log(WRONG_MODEL) + count * math.log(ANOTHER))
-    if len(other) < LEAST:
+    if len(other) < _least(model, off.nonzero()[0]):
         return -math.inf, -math.inf
     return float(np.logaddexp.reduce(body)), float(np.logaddexp.reduce(other))
+
+
+def _placed(model: DetectionModel) -> Bools | None:
+    """Which points have been in place in the frames before; None if that is not known."""
+    return model.prior.placed if isinstance(model.prior, Doubted) else None
+
+
+def _least(model: DetectionModel, dark: Integers) -> int:
+    """How many of the dark points have to be elsewhere to tell: one that was in place tells alone."""
+    placed = _placed(model)
+    return LEAST if placed is None or not placed[dark].any() else 1
 
 
 class _Place:

@@ -16,7 +16,7 @@ from rootmatch.arrays import Bools, Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.model.detection_model import USUAL_RATE
-from rootmatch.model.elsewhere import LEAST
+from rootmatch.model.image_alike import REACH
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.followed_places import return_factor
 from rootmatch.tracking.foreign_lights import LIT, ForeignLights, missed, rates
@@ -35,14 +35,18 @@ class DarkPoints:
     """How probably each point of a body is lit, and each match is its own; nothing is known at first."""
 
     def __init__(self) -> None:
-        self.lit: Floats | None = None
-        """Probability (n,) at `time`, of each sighting of a rig."""
+        self.lose()
         self.placed: Bools | None = None
         """Whether each point (m,) has been seen in its place, by two cameras at once, in a frame that was trusted."""
         self.more = math.inf
         """Log-odds that these are elsewhere, by how many detections are left; as if certain before any was seen."""
         self.left, self.frames = 0.0, 0
-        """Mean number that is left where they are in place, and of how many frames."""
+        """Mean number that is left about the body where they are in place, and of how many frames."""
+
+    def lose(self) -> None:
+        """Know no more which points are lit; where they are on the body stays as it was."""
+        self.lit: Floats | None = None
+        """Probability (n,) at `time`, of each sighting of a rig."""
         self.foreign = ForeignLights(0)
         self.time = -math.inf
         self._ahead: tuple[float, Floats] | None = None
@@ -112,18 +116,37 @@ class DarkPoints:
 
         What is beside the body and no point of it was there before. Both are numbers of a Poisson distribution.
         """
-        assert found.posterior is not None
         assert self.placed is not None
-        left = found.task.shape[1] - np.count_nonzero(matched)
-        dark = self.placed & ~matched.any(axis=0)
-        if np.count_nonzero(dark) < LEAST:
+        dark, left = self.placed & ~matched.any(axis=0), _count_about(found)
+        if not dark.any():
             self.frames, self.more = min(self.frames + 1, REMEMBERED), FLOOR
             self.left += (left - self.left) / self.frames
             return
+        assert found.posterior is not None
         shown = found.posterior.modes.visible[found.mode].reshape(matched.shape)[:, dark].sum()
         own, usual = USUAL_RATE * float(shown), self.left + 0.5
         gained = left * math.log1p(own / usual) - own
         self.more = max(self.more + TEMPER * gained, FLOOR)
+
+
+def _count_about(found: Finding) -> int:
+    """Number of detections without a match that may be points of the body, if these are elsewhere on it."""
+    model, told = found.model, found.posterior
+    assert model is not None
+    assert told is not None
+    left = np.ones(model.shape[1], np.bool_)
+    left[found.assignment[found.assignment >= 0]] = False
+    own = slice(found.mode, found.mode + 1)
+    at, images = model.linearise_about(told.modes.rotation[own], told.modes.position[own]), len(model.images)
+    reach = model.radius * np.linalg.norm(at.jacobian[0, :, :, 3:], axis=(1, 2)) * REACH / math.sqrt(2.0)
+    centre, reach = (each.reshape(images, -1, *each.shape[1:]) for each in (at.pixels[0], reach))
+    seen = at.seen[0].reshape(images, -1)
+    count = 0
+    for image in np.flatnonzero(seen.any(axis=1)).tolist():
+        own = left & (model.image_indices == image)
+        off = model.target[own] - centre[image, seen[image]].mean(axis=0)
+        count += int(((off**2).sum(axis=1) < reach[image, seen[image]].mean() ** 2).sum())
+    return count
 
 
 def _match_credibility(confidence: Floats, matched: Bools) -> tuple[float, Floats]:
