@@ -9,7 +9,7 @@ place in the frames before.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,15 @@ LEAST, MOST = 2, 4
 else, but for one that was in place in the frames before, and four decide. Round values."""
 
 
+class Elsewhere(NamedTuple):
+    """A point that several cameras see elsewhere on the body."""
+
+    place: Floats
+    """(3,) in the body's frame."""
+    covariance: Floats
+    sightings: int
+
+
 def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> float:
     """Log-odds of something else whose other points are elsewhere, of the body in one of its modes.
 
@@ -36,8 +45,24 @@ def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bool
     cameras or more, and none that was in place in the frames before. Parameters are those of
     `rootmatch.model.image_alike.alike_log_odds`.
     """
-    if len(model.images) < 2:
+    if (told := _weigh_elsewhere(model, modes, k, taken)) is None:
         return -math.inf
+    own_log_odds, other = np.asarray(told[:2]) - modes.log_mass[k]
+    return float(other - np.logaddexp(0.0, own_log_odds))
+
+
+def seen_elsewhere(model: DetectionModel, modes: Modes, k: int) -> tuple[Elsewhere, ...]:
+    """The points of which `log_odds_of_another` tells."""
+    told = _weigh_elsewhere(model, modes, k, None)
+    return () if told is None else told[2]
+
+
+def _weigh_elsewhere(
+    model: DetectionModel, modes: Modes, k: int, taken: Bools | None
+) -> tuple[float, float, tuple[Elsewhere, ...]] | None:
+    """What `_weigh_another` tells of a mode; None if it can tell nothing."""
+    if len(model.images) < 2:
+        return None
     rows = np.arange(model.shape[0]).reshape(len(model.images), -1)
     shown = modes.visible[k][rows] > HIDDEN
     own = np.array(modes.assignments[k])
@@ -46,28 +71,32 @@ def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bool
     free[own[own >= 0]] = False
     least = _least(model, dark)
     if len(dark) < least or free.sum() < 2 * least or model.resolution or not np.isfinite(modes.covariance[k]).all():
-        return -math.inf
+        return None
     mode = modes.take(slice(k, k + 1))
-    told = cache_answer(_weigh_another, model, (*mode[:4], mode.visible), dark, free)
-    own_log_odds, other = np.asarray(told) - mode.log_mass[0]
-    return float(other - np.logaddexp(0.0, own_log_odds))
+    return cache_answer(_weigh_another, model, (*mode[:4], mode.visible), dark, free)
 
 
-def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers, free: Bools) -> tuple[float, float]:
-    """Log-odds, against clutter alone, of the body with points elsewhere and of something else; see above."""
+def _weigh_another(
+    model: DetectionModel, mode: tuple[Any, ...], dark: Integers, free: Bools
+) -> tuple[float, float, tuple[Elsewhere, ...]]:
+    """Log-odds, against clutter alone, of the body with points elsewhere and of something else, and these points."""
     images = max(len(model.images), 1)
     n = model.shape[0] // images
     assignments, rotation, position, (covariance,), (lit,) = mode
     at, own, off = model.linearise_about(rotation, position), assignments.copy(), np.zeros(n, np.bool_)
     placed, moved = _placed(model), 0.0
     place, free, left, body, other = _Place(model, at, covariance), free.copy(), set(dark.tolist()), [], []
+    seen = list[Elsewhere]()
     for count in range(1, min(len(dark), MOST) + 1):
-        each = [(*place.seen(np.arange(images) * n + one, lit, free), one) for one in sorted(left)]
-        _, rows, detections, point = max(each, key=lambda one: one[0])
-        if len(rows) < 2:
+        each = [(place.seen(np.arange(images) * n + one, lit, free), one) for one in sorted(left)]
+        track, point = max(each, key=lambda one: one[0].worth)
+        if len(track.rows) < 2:
             break
         left.discard(point)
-        own[0, rows], free[detections], off[point] = detections, False, True
+        own[0, track.rows], free[track.detections], off[point] = track.detections, False, True
+        turned = rotation[0]
+        where = model.points[point] + turned.T @ track.step[6:]
+        seen.append(Elsewhere(where, turned.T @ track.spread[6:, 6:] @ turned, len(track.rows)))
         wide = perturb_points(model, model.radius, np.tile(off, images))
         found, _ = settle_poses(wide, own, rotation, position)
         log_odds = float(found.log_odds[0]) - math.log(math.comb(n, count))
@@ -75,8 +104,8 @@ def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers,
         body.append(log_odds + moved)
         other.append(log_odds + math.log(WRONG_MODEL) + count * math.log(ANOTHER))
     if len(other) < _least(model, off.nonzero()[0]):
-        return -math.inf, -math.inf
-    return float(np.logaddexp.reduce(body)), float(np.logaddexp.reduce(other))
+        return -math.inf, -math.inf, ()
+    return float(np.logaddexp.reduce(body)), float(np.logaddexp.reduce(other)), tuple(seen)
 
 
 def _placed(model: DetectionModel) -> Bools | None:
@@ -90,6 +119,18 @@ def _least(model: DetectionModel, dark: Integers) -> int:
     return LEAST if placed is None or not placed[dark].any() else 1
 
 
+class _Track(NamedTuple):
+    """What a point may have in each image."""
+
+    worth: float
+    """Log-odds against clutter."""
+    rows: Integers
+    detections: Integers
+    step: Floats
+    """(9,) of pose and point, to where they are then, with their covariance."""
+    spread: Floats
+
+
 class _Place:
     """Where a pose with its covariance (6, 6) has points that may be anywhere on the body."""
 
@@ -98,17 +139,17 @@ class _Place:
         self.spread = np.zeros((9, 9))
         self.spread[:6, :6], self.spread[6:, 6:] = covariance, model.radius**2 * np.eye(3)
 
-    def seen(self, rows: Integers, lit: Floats, free: Bools) -> tuple[float, Integers, Integers]:
-        """The likeliest detections of a point that has these rows: log-odds against clutter, rows, and detections."""
+    def seen(self, rows: Integers, lit: Floats, free: Bools) -> _Track:
+        """The likeliest detections of a point that has these rows."""
         possible = {
             row: self._gate_detections(row, image, free) for image, row in enumerate(rows.tolist()) if lit[row] > HIDDEN
         }
-        best = -math.inf, np.empty(0, np.int64), np.empty(0, np.int64)
+        best = _Track(-math.inf, np.empty(0, np.int64), np.empty(0, np.int64), np.zeros(9), self.spread)
         for row, near in possible.items():
             others = [(one, own) for one, own in possible.items() if one != row and len(own)]
             for first in near.tolist() if others else []:
                 one = self._grow_track([(row, np.array([first])), *others], lit)
-                if len(one[1]) > 1 and one[0] > best[0]:
+                if len(one.rows) > 1 and one.worth > best.worth:
                     best = one
         return best
 
@@ -125,7 +166,7 @@ class _Place:
         across = jacobian @ spread @ jacobian.T + sigma**2 * np.eye(2)
         return self.model.target[own] - self.at.pixels[0, row] - jacobian @ step, across, jacobian
 
-    def _grow_track(self, possible: list[tuple[int, Integers]], lit: Floats) -> tuple[float, Integers, Integers]:
+    def _grow_track(self, possible: list[tuple[int, Integers]], lit: Floats) -> _Track:
         """What a point has in each image in turn, as far as those before tell where it is."""
         step, spread, total, pairs = np.zeros(9), self.spread, 0.0, list[tuple[int, int]]()
         for row, own in possible:
@@ -141,4 +182,4 @@ class _Place:
                 total += float(worth[one])
                 pairs.append((row, int(own[one])))
         rows, detections = np.array(pairs, np.int64).reshape(-1, 2).T
-        return total, rows, detections
+        return _Track(total, rows, detections, step, spread)

@@ -15,7 +15,9 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.model.copy_or_alike import ANOTHER
 from rootmatch.model.detection_model import USUAL_RATE
+from rootmatch.model.elsewhere import MOST, seen_elsewhere
 from rootmatch.model.image_alike import REACH
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.followed_places import return_factor
@@ -42,6 +44,8 @@ class DarkPoints:
         """Log-odds that these are elsewhere, by how many detections are left; as if certain before any was seen."""
         self.left, self.frames = 0.0, 0
         """Mean number that is left about the body where they are in place, and of how many frames."""
+        self.elsewhere = list[tuple[Floats, int]]()
+        """Mean places (3,) on the body in which something was seen while points are dark, and of how many frames."""
 
     def lose(self) -> None:
         """Know no more which points are lit; where they are on the body stays as it was."""
@@ -112,21 +116,42 @@ class DarkPoints:
         self.time, self._ahead = time, None
 
     def _count_left(self, found: Finding, matched: Bools) -> None:
-        """Whether more detections are left, with points that are dark in all cameras, than when these were in place.
+        """Whether points that are dark in all cameras are seen elsewhere on the body, frame after frame.
 
-        What is beside the body and no point of it was there before. Both are numbers of a Poisson distribution.
+        What is beside the body and no point of it was there before, or does not move as the body does. Both are numbers
+        of a Poisson distribution. However often it recurs, the points may be dark, and what is seen a thing that nobody
+        named and that is as rare as something else: so odds are bounded.
         """
         assert self.placed is not None
-        dark, left = self.placed & ~matched.any(axis=0), _count_about(found)
+        dark = self.placed & ~matched.any(axis=0)
         if not dark.any():
-            self.frames, self.more = min(self.frames + 1, REMEMBERED), FLOOR
-            self.left += (left - self.left) / self.frames
+            self.frames, self.more, self.elsewhere = min(self.frames + 1, REMEMBERED), FLOOR, []
+            self.left += (_count_about(found) - self.left) / self.frames
             return
         assert found.posterior is not None
         shown = found.posterior.modes.visible[found.mode].reshape(matched.shape)[:, dark].sum()
         own, usual = USUAL_RATE * float(shown), self.left + 0.5
-        gained = left * math.log1p(own / usual) - own
-        self.more = max(self.more + TEMPER * gained, FLOOR)
+        gained = self._count_again(found) * math.log1p(own / usual) - own
+        most = np.count_nonzero(dark) * math.log(ANOTHER / (1.0 - USUAL_RATE))
+        self.more = min(max(self.more + TEMPER * gained, FLOOR), most)
+
+    def _count_again(self, found: Finding) -> int:
+        """Number of sightings of what is seen elsewhere on the body, where it was in the frames before."""
+        assert found.model is not None
+        assert found.posterior is not None
+        count = 0
+        for place, covariance, sightings in seen_elsewhere(found.model, found.posterior.modes, found.mode):
+            mean, frames = place, 1
+            for k, (before, often) in enumerate(self.elsewhere):
+                off = place - before
+                if off @ np.linalg.solve(covariance * (1.0 + 1.0 / often), off) < REACH**2:
+                    frames, count = min(often + 1, REMEMBERED), count + sightings
+                    mean = before + off / frames
+                    del self.elsewhere[k]
+                    break
+            self.elsewhere.append((mean, frames))
+        self.elsewhere = self.elsewhere[-MOST:]
+        return count
 
 
 def _count_about(found: Finding) -> int:
