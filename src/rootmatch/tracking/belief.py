@@ -40,7 +40,7 @@ from rootmatch.tracking.followed_places import (
     log_return,
     log_returned,
     overlooked_chance,
-    sole_odds,
+    sole_odds_of,
 )
 from rootmatch.tracking.followed_pose import (
     FollowedPose,
@@ -332,8 +332,9 @@ class Belief:
         log_other = update_identity(
             self.log_other(step.origin, pose, time, centres), misfit, TEMPER, len(model.images) > 1
         )
-        one = modes.take(slice(step.mode, step.mode + 1))
-        told = last.told_with(lambda: float((sole_odds(model, one) if self.poses else one.log_mass)[0]))
+        # what the caller knows counts as well where a body is found
+        k = step.mode
+        told = last.told_with(lambda: sole_odds_of(model, modes, k) if self.poses else float(modes.log_mass[k]))
         return copy_with(
             last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
             alone=step.alone, weighed=step.weighed, shows=shows, told=told, frames=last.frames + 1,

@@ -10,7 +10,7 @@ from rootmatch.explain.point_set_decision import matches_pose
 from rootmatch.model.priors import COPY, PRESENT_ODDS, probability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
-from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen, sole_odds
+from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen, sole_odds_of
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.mistaken_identity import seeing_centres
 
@@ -58,8 +58,7 @@ def _seen_chance(followed: FollowedPose, found: Finding) -> float:
     model, told = found.model, found.posterior
     if model is None or told is None or found.labellings is not None:
         return 1.0
-    mode = told.modes.take(slice(found.mode, found.mode + 1))
-    return probability(PRESENT_ODDS + followed.told_with(lambda: float(sole_odds(model, mode)[0])))
+    return probability(PRESENT_ODDS + followed.told_with(lambda: sole_odds_of(model, told.modes, found.mode)))
 
 
 def _pose_in_space(found: Finding) -> Pose | None:
