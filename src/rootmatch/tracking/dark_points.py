@@ -29,6 +29,8 @@ LASTS = 0.25
 """Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
 REMEMBERED = 100
 """Frames of which the mean number of detections is remembered that the body does not explain. A round value."""
+STILL = 0.5
+"""Probability that what only passes a body is seen in the same place on it as in the last frame. A round value."""
 FACING = 1e-3
 """Visibility of a point below which nothing is learned of it. A round value."""
 
@@ -133,14 +135,17 @@ class DarkPoints:
         own, usual = USUAL_RATE * float(shown), self.left + 0.5
         gained = self._count_again(found) * math.log1p(own / usual) - own
         most = np.count_nonzero(dark) * math.log(ANOTHER / (1.0 - USUAL_RATE))
-        self.more = min(max(self.more + TEMPER * gained, FLOOR), most)
+        self.more = min(max(self.more + min(TEMPER * gained, -math.log(STILL)), FLOOR), most)
 
     def _count_again(self, found: Finding) -> int:
-        """Number of sightings of what is seen elsewhere on the body, where it was in the frames before."""
+        """Number of sightings of what is seen elsewhere on the body, where it was in the frames before.
+
+        What does not move as the body does takes all back that was told of it.
+        """
         assert found.model is not None
         assert found.posterior is not None
-        count = 0
-        for place, covariance, sightings in seen_elsewhere(found.model, found.posterior.modes, found.mode):
+        seen, count = seen_elsewhere(found.model, found.posterior.modes, found.mode), 0
+        for place, covariance, sightings in seen:
             mean, frames = place, 1
             for k, (before, often) in enumerate(self.elsewhere):
                 off = place - before
@@ -151,6 +156,8 @@ class DarkPoints:
                     break
             self.elsewhere.append((mean, frames))
         self.elsewhere = self.elsewhere[-MOST:]
+        if seen and not count:
+            self.more = FLOOR
         return count
 
 
@@ -159,9 +166,8 @@ def _count_about(found: Finding) -> int:
     model, told = found.model, found.posterior
     assert model is not None
     assert told is not None
-    left = np.ones(model.shape[1], np.bool_)
-    left[found.assignment[found.assignment >= 0]] = False
-    own = slice(found.mode, found.mode + 1)
+    left, own = np.ones(model.shape[1], np.bool_), slice(found.mode, found.mode + 1)
+    left[told.modes.assignments[own][told.modes.assignments[own] >= 0]] = False  # also what is doubtful
     at, images = model.linearise_about(told.modes.rotation[own], told.modes.position[own]), len(model.images)
     reach = model.radius * np.linalg.norm(at.jacobian[0, :, :, 3:], axis=(1, 2)) * REACH / math.sqrt(2.0)
     centre, reach = (each.reshape(images, -1, *each.shape[1:]) for each in (at.pixels[0], reach))
