@@ -168,16 +168,18 @@ def _count_about(found: Finding) -> int:
     assert told is not None
     left, own = np.ones(model.shape[1], np.bool_), slice(found.mode, found.mode + 1)
     left[told.modes.assignments[own][told.modes.assignments[own] >= 0]] = False  # also what is doubtful
+    if not left.any():
+        return 0
     at, images = model.linearise_about(told.modes.rotation[own], told.modes.position[own]), len(model.images)
-    reach = model.radius * np.linalg.norm(at.jacobian[0, :, :, 3:], axis=(1, 2)) * REACH / math.sqrt(2.0)
-    centre, reach = (each.reshape(images, -1, *each.shape[1:]) for each in (at.pixels[0], reach))
-    seen = at.seen[0].reshape(images, -1)
-    count = 0
-    for image in np.flatnonzero(seen.any(axis=1)).tolist():
-        own = left & (model.image_indices == image)
-        off = model.target[own] - centre[image, seen[image]].mean(axis=0)
-        count += int(((off**2).sum(axis=1) < reach[image, seen[image]].mean() ** 2).sum())
-    return count
+    weight = at.seen[0].reshape(images, -1, 1) / max(len(model.points) / images, 1.0)
+    shown = np.maximum(weight.sum(axis=1), 1e-300)  # nothing is near the body in an image that shows none of it
+    centre = (at.pixels[0].reshape(images, -1, 2) * weight).sum(axis=1) / shown
+    reach = (
+        0.5 * (REACH * model.radius) ** 2 * (at.jacobian[0, :, :, 3:].reshape(images, -1, 6) ** 2 * weight).sum((1, 2))
+    )
+    of = model.image_indices[left]
+    off = model.target[left] - centre[of]
+    return int(np.count_nonzero((off * off).sum(axis=1) < (reach / shown[:, 0])[of]))
 
 
 def _match_credibility(confidence: Floats, matched: Bools) -> tuple[float, Floats]:
