@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from hall_scenes import RIG, SIGMA, cluster, images
@@ -68,3 +69,39 @@ def test_detections_are_gated_as_one_by_one() -> None:
         assert near[row].tolist() == expected
         gated += len(expected)
     assert gated > len(rows)
+
+
+def flight(seed: int, *, moved: bool, beside: bool = False) -> tuple[int, int]:
+    """Trusted frames of a cluster of six markers in flight, before and after one is dark; in the end, ten frames each.
+
+    ``moved``: whether it is elsewhere on the body then; ``beside``: whether another marker comes near, but turns.
+    """
+    rng = np.random.default_rng(seed)
+    points, axis, trusted = cluster(rng, 6), rng.normal(size=3), [0, 0]
+    tracker = rm.Tracker(points, rm.P3P(RIG), noise=SIGMA)
+    for k in range(40):
+        R = Rotation.from_rotvec(0.01 * k * axis).as_matrix()
+        built, shown = points.copy(), np.full(7, 0.95)
+        if moved and k >= 10:
+            built[5] += (0.04, -0.03, 0.02)
+        passing = R.T @ Rotation.from_rotvec((0.0, 0.0, 0.05 * k)).as_matrix() @ (0.08, 0.0, 0.0)
+        shown[5:] = 0.95 * (moved or k < 10), 0.95 * (beside and k >= 10)
+        target, _ = images(rng, np.vstack([built, passing]), shown, (R, np.array([0.02 * k, 0.0, 0.0])))
+        match = tracker.update(target, time=k / 60.0)
+        trusted[0] += bool(match) and k < 10
+        trusted[1] += bool(match) and k >= 30
+    return trusted[0], trusted[1]
+
+
+@pytest.mark.parametrize("seed", [1002, 1003])
+def test_a_point_that_moves_with_the_body_in_the_stead_of_another_is_of_something_else(seed: int) -> None:
+    """It may as well be the body, of which a marker was moved."""
+    assert flight(seed, moved=True) == (10, 0)
+
+
+@pytest.mark.parametrize("seed", [1002, 1003])
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_dark_point_is_no_reason_for_doubt_nor_is_what_does_not_move_with_the_body(seed: int, beside: bool) -> None:
+    early, late = flight(seed, moved=False, beside=beside)
+    assert early == 10
+    assert late >= 9

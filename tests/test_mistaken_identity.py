@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.explain.goodness_of_fit import SHAPE, Misfit
+from rootmatch.frozen import copy_with
 from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.tracking.followed_pose import FollowedPose, share_misfit_odds
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, log_other_presence, update_identity
@@ -78,6 +79,31 @@ def test_what_is_found_in_the_sight_of_something_else_has_its_odds_for_a_while()
     assert log_other_presence(lost, behind, 2.0) == pytest.approx(GIVEN_UP - 2.0, abs=0.01)
     assert log_other_presence(lost, behind, 60.0) == pytest.approx(FLOOR)
     assert log_other_presence(lost, rm.Pose(np.eye(3), (0.5, 0.0, 1.0)), 0.0) == FLOOR
+
+
+def test_before_a_rig_the_line_of_sight_is_that_of_a_camera_that_sees_what_was_found() -> None:
+    """It was that of the rig's origin, which may be amid what the cameras see."""
+    covariance = np.diag([1e-3] * 6) ** 2
+    lost = MotionFilter(BODY, rm.Pose(np.eye(3), (0.0, 0.0, 1.0), covariance), 0.0)
+    centres = np.array([[0.0, 0.0, 3.0], [3.0, 0.0, 1.0]])
+    beside = rm.Pose(np.eye(3), (-1.0, 0.0, 1.0), covariance)
+    assert log_other_presence(lost, beside, 0.0, centres) == pytest.approx(GIVEN_UP, abs=0.01)
+    assert log_other_presence(lost, beside, 0.0, centres[:1]) == FLOOR
+    assert log_other_presence(lost, beside, 0.0, None) == FLOOR
+
+
+def test_frames_repeat_what_is_met_where_it_is_expected() -> None:
+    place = FollowedPose(MotionFilter(BODY, rm.Pose(np.eye(3), (0.0, 0.0, 1.0), np.eye(6)), 0.0))
+    for frames in range(1000):
+        place = copy_with(place, told=place.told_with(lambda: 2.0), frames=frames + 1)
+    assert place.told == pytest.approx(2.0, abs=0.01)  # the same in each: no more than one tells
+    assert place.told_with(lambda: -20.0) == pytest.approx(place.told, abs=1e-6)
+    assert place.told_with(lambda: 20.0) == pytest.approx(np.logaddexp(2.0, 20.0 - np.log(1001 * 1002)), abs=0.01)
+
+
+def test_frames_are_not_asked_what_they_tell_of_a_place_that_is_certain() -> None:
+    place = FollowedPose(MotionFilter(BODY, rm.Pose(np.eye(3), (0.0, 0.0, 1.0), np.eye(6)), 0.0), told=30.0)
+    assert place.told_with(lambda: pytest.fail("asked")) == 30.0
 
 
 def test_frames_that_do_not_fit_are_held_against_a_pose_and_others_for_it() -> None:

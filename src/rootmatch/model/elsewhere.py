@@ -9,7 +9,7 @@ place in the frames before.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,58 +26,112 @@ from rootmatch.model.priors import INEXACT, WRONG_MODEL
 
 LEAST, MOST = 2, 4
 """Points that are elsewhere, at least and at most: of a single one the body is a hundred times as probable as anything
-else, and four decide. Round values."""
+else, but for one that was in place in the frames before, and four decide. Round values."""
+
+
+class Elsewhere(NamedTuple):
+    """A point that several cameras see elsewhere on the body."""
+
+    place: Floats
+    """(3,) in the body's frame."""
+    covariance: Floats
+    sightings: int
 
 
 def log_odds_of_another(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> float:
     """Log-odds of something else whose other points are elsewhere, of the body in one of its modes.
 
     Of the body as it is, or with its own points there. −∞ if fewer than two points are seen elsewhere, each by two
-    cameras or more. Parameters are those of `rootmatch.model.image_alike.alike_log_odds`.
+    cameras or more, and none that was in place in the frames before. Parameters are those of
+    `rootmatch.model.image_alike.alike_log_odds`.
     """
-    if len(model.images) < 2:
+    if (told := _weigh_elsewhere(model, modes, k, taken)) is None:
         return -math.inf
+    own_log_odds, other = np.asarray(told[:2]) - modes.log_mass[k]
+    return float(other - np.logaddexp(0.0, own_log_odds))
+
+
+def seen_elsewhere(model: DetectionModel, modes: Modes, k: int) -> tuple[Elsewhere, ...]:
+    """The points of which `log_odds_of_another` tells."""
+    told = _weigh_elsewhere(model, modes, k, None)
+    return () if told is None else told[2]
+
+
+def _weigh_elsewhere(
+    model: DetectionModel, modes: Modes, k: int, taken: Bools | None
+) -> tuple[float, float, tuple[Elsewhere, ...]] | None:
+    """What `_weigh_another` tells of a mode; None if it can tell nothing."""
+    if len(model.images) < 2:
+        return None
     rows = np.arange(model.shape[0]).reshape(len(model.images), -1)
     shown = modes.visible[k][rows] > HIDDEN
     own = np.array(modes.assignments[k])
     (dark,) = ((own[rows] < 0).all(axis=0) & (shown.sum(axis=0) > 1)).nonzero()
     free = np.ones(model.shape[1], np.bool_) if taken is None else ~taken
     free[own[own >= 0]] = False
-    if len(dark) < LEAST or free.sum() < 2 * LEAST or model.resolution or not np.isfinite(modes.covariance[k]).all():
-        return -math.inf
+    least = _least(model, dark)
+    if len(dark) < least or free.sum() < 2 * least or model.resolution or not np.isfinite(modes.covariance[k]).all():
+        return None
     mode = modes.take(slice(k, k + 1))
-    told = cache_answer(_weigh_another, model, (*mode[:4], mode.visible), dark, free)
-    own_log_odds, other = np.asarray(told) - mode.log_mass[0]
-    return float(other - np.logaddexp(0.0, own_log_odds))
+    return cache_answer(_weigh_another, model, (*mode[:4], mode.visible), dark, free)
 
 
-def _weigh_another(model: DetectionModel, mode: tuple[Any, ...], dark: Integers, free: Bools) -> tuple[float, float]:
-    """Log-odds, against clutter alone, of the body with points elsewhere and of something else; see above."""
+def _weigh_another(
+    model: DetectionModel, mode: tuple[Any, ...], dark: Integers, free: Bools
+) -> tuple[float, float, tuple[Elsewhere, ...]]:
+    """Log-odds, against clutter alone, of the body with points elsewhere and of something else, and these points."""
     images = max(len(model.images), 1)
     n = model.shape[0] // images
     assignments, rotation, position, (covariance,), (lit,) = mode
     at, own, off = model.linearise_about(rotation, position), assignments.copy(), np.zeros(n, np.bool_)
-    placed, moved = model.prior.placed if isinstance(model.prior, Doubted) else None, 0.0
+    placed, moved = _placed(model), 0.0
     rows = (np.arange(images)[:, None] * n + dark).ravel()
     place = _Place(model, at, covariance, rows[lit[rows] > HIDDEN])
     free, left, body, other = free.copy(), set(dark.tolist()), list[float](), list[float]()
+    seen = list[Elsewhere]()
     for count in range(1, min(len(dark), MOST) + 1):
         near = place.gate(free)
-        each = [(*place.seen(np.arange(images) * n + one, near, lit), one) for one in sorted(left)]
-        _, rows, detections, point = max(each, key=lambda one: one[0])
-        if len(rows) < 2:
+        each = [(place.seen(np.arange(images) * n + one, near, lit), one) for one in sorted(left)]
+        track, point = max(each, key=lambda one: one[0].worth)
+        if len(track.rows) < 2:
             break
         left.discard(point)
-        own[0, rows], free[detections], off[point] = detections, False, True
+        own[0, track.rows], free[track.detections], off[point] = track.detections, False, True
+        turned = rotation[0]
+        where = model.points[point] + turned.T @ track.step[6:]
+        seen.append(Elsewhere(where, turned.T @ track.spread[6:, 6:] @ turned, len(track.rows)))
         wide = perturb_points(model, model.radius, np.tile(off, images))
         found, _ = settle_poses(wide, own, rotation, position)
         log_odds = float(found.log_odds[0]) - math.log(math.comb(n, count))
         moved += math.log(WRONG_MODEL if placed is not None and placed[point] else INEXACT)
         body.append(log_odds + moved)
         other.append(log_odds + math.log(WRONG_MODEL) + count * math.log(ANOTHER))
-    if len(other) < LEAST:
-        return -math.inf, -math.inf
-    return float(np.logaddexp.reduce(body)), float(np.logaddexp.reduce(other))
+    if len(other) < _least(model, off.nonzero()[0]):
+        return -math.inf, -math.inf, ()
+    return float(np.logaddexp.reduce(body)), float(np.logaddexp.reduce(other)), tuple(seen)
+
+
+def _placed(model: DetectionModel) -> Bools | None:
+    """Which points have been in place in the frames before; None if that is not known."""
+    return model.prior.placed if isinstance(model.prior, Doubted) else None
+
+
+def _least(model: DetectionModel, dark: Integers) -> int:
+    """How many of the dark points have to be elsewhere to tell: one that was in place tells alone."""
+    placed = _placed(model)
+    return LEAST if placed is None or not placed[dark].any() else 1
+
+
+class _Track(NamedTuple):
+    """What a point may have in each image."""
+
+    worth: float
+    """Log-odds against clutter."""
+    rows: Integers
+    detections: Integers
+    step: Floats
+    """(9,) of pose and point, to where they are then, with their covariance."""
+    spread: Floats
 
 
 class _Place:
@@ -105,18 +159,15 @@ class _Place:
         near = of_image & (d * x * x - 2.0 * b * x * y + a * y * y < REACH**2 * (a * d - b * b))
         return {row: own.nonzero()[0] for row, own in zip(self.rows, near, strict=True)}
 
-    def seen(self, rows: Integers, near: dict[int, Integers], lit: Floats) -> tuple[float, Integers, Integers]:
-        """The likeliest detections of a point that has these rows: log-odds against clutter, rows, and detections.
-
-        ``near``: what `gate` tells.
-        """
+    def seen(self, rows: Integers, near: dict[int, Integers], lit: Floats) -> _Track:
+        """The likeliest detections of a point that has these rows; ``near``: what `gate` tells."""
         possible = {row: near[row] for row in rows.tolist() if row in near}
-        best = -math.inf, np.empty(0, np.int64), np.empty(0, np.int64)
+        best = _Track(-math.inf, np.empty(0, np.int64), np.empty(0, np.int64), np.zeros(9), self.spread)
         for row, every in possible.items():
             others = [(one, own) for one, own in possible.items() if one != row and len(own)]
             for first in every.tolist() if others else []:
                 one = self._grow_track([(row, np.array([first])), *others], lit)
-                if len(one[1]) > 1 and one[0] > best[0]:
+                if len(one.rows) > 1 and one.worth > best.worth:
                     best = one
         return best
 
@@ -126,7 +177,7 @@ class _Place:
         across = jacobian @ spread @ jacobian.T + sigma**2 * np.eye(2)
         return self.off[row][own] - jacobian @ step, across, jacobian
 
-    def _grow_track(self, possible: list[tuple[int, Integers]], lit: Floats) -> tuple[float, Integers, Integers]:
+    def _grow_track(self, possible: list[tuple[int, Integers]], lit: Floats) -> _Track:
         """What a point has in each image in turn, as far as those before tell where it is."""
         step, spread, total, pairs = np.zeros(9), self.spread, 0.0, list[tuple[int, int]]()
         for row, own in possible:
@@ -142,4 +193,4 @@ class _Place:
                 total += float(worth[one])
                 pairs.append((row, int(own[one])))
         rows, detections = np.array(pairs, np.int64).reshape(-1, 2).T
-        return total, rows, detections
+        return _Track(total, rows, detections, step, spread)

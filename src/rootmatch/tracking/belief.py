@@ -40,6 +40,7 @@ from rootmatch.tracking.followed_places import (
     log_return,
     log_returned,
     overlooked_chance,
+    sole_odds_of,
 )
 from rootmatch.tracking.followed_pose import (
     FollowedPose,
@@ -48,7 +49,14 @@ from rootmatch.tracking.followed_pose import (
     share_misfit_odds,
     unify_alike_moves,
 )
-from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, TEMPER, log_other_presence, update_identity
+from rootmatch.tracking.mistaken_identity import (
+    FLOOR,
+    GIVEN_UP,
+    TEMPER,
+    log_other_presence,
+    seeing_centres,
+    update_identity,
+)
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter, MotionOptions
 from rootmatch.tracking.two_states import log_chance
 from rootmatch.tracking.weighed_modes import LIKELY, WeighedModes, weigh_modes
@@ -161,7 +169,7 @@ class Belief:
 
     def keep_best(self, time: float) -> None:
         """Give up all hypotheses but the most probable one: the caller says at a time where the body is."""
-        self.poses = [copy_with(one, since=time, log_absent=math.log(DOUBT)) for one in self.poses[:1]]
+        self.poses = [copy_with(one, since=time, log_absent=math.log(DOUBT), told=math.inf) for one in self.poses[:1]]
         self.gone, self.absent, self.time, self.given_up = GonePlaces(), DOUBT, time, None
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
@@ -284,6 +292,17 @@ class Belief:
             last = LastFrame(time - self.room[0], overlooked_chance(found.model, told.modes, mode, self.room[1]))
         return log_absence(before, time - since, time - self.excluded, last)
 
+    def log_other(self, k: int, pose: Pose | None, time: float, centres: Floats | None) -> float:
+        """Log-odds that what is found with a pose is something else, before it is known how well it fits.
+
+        ``k``: the hypothesis that it continues, −1 for a new one; ``centres``: see `seeing_centres`. What was not seen
+        in the last frame may be what was given up.
+        """
+        known = self.poses[k].log_other if k >= 0 else FLOOR
+        if self.given_up is None or pose is None or (k >= 0 and self.poses[k].filter.time == self.time):
+            return known
+        return max(known, log_other_presence(self.given_up, pose, time, centres))
+
     def _advance(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
         """The hypothesis that a step leads to; ``seen``: whether the body is where it is followed."""
         model = found.model
@@ -292,14 +311,13 @@ class Belief:
             return copy_with(self.poses[step.origin], log_weight=step.log_weight, shown=step.shown)
         pose = average_pose(model, modes, step.mode)
         if step.origin < 0:
-            log_other = FLOOR if self.given_up is None else log_other_presence(self.given_up, pose, time)
             moving = MotionFilter(self.source, pose, time, self.motion)
             exchanged = found.is_exchanged(step.mode)
             if exchanged and (there := next((one for one in self.others if one.is_near(pose, time)), None)):
                 moving = there.copy()  # as what was expected there
                 moving.update(pose, time)
             absent = self.log_absent(found, step.mode, time, seen)
-            last = FollowedPose(moving, log_other=log_other, since=time, log_absent=absent)
+            last = FollowedPose(moving, since=time, log_absent=absent)
         else:
             last = self.poses[step.origin]
             moving = last.filter.copy()
@@ -310,8 +328,14 @@ class Belief:
             misfit = mode_misfit(model, modes, step.mode)
         stands = found.status is Status.MATCHED or math.isfinite(step.weighed)
         shows = stands + (last.shows if step.origin >= 0 and last.filter.time == self.time else 0)
-        log_other = update_identity(last.log_other, misfit, TEMPER, len(model.images) > 1)
+        centres = seeing_centres(found, modes.assignments[step.mode])
+        log_other = update_identity(
+            self.log_other(step.origin, pose, time, centres), misfit, TEMPER, len(model.images) > 1
+        )
+        # what the caller knows counts as well where a body is found
+        k = step.mode
+        told = last.told_with(lambda: sole_odds_of(model, modes, k) if self.poses else float(modes.log_mass[k]))
         return copy_with(
             last, filter=moving, log_weight=step.log_weight, shown=step.shown, log_other=log_other, place=step.place,
-            alone=step.alone, weighed=step.weighed, shows=shows,
+            alone=step.alone, weighed=step.weighed, shows=shows, told=told, frames=last.frames + 1,
         )  # fmt: skip

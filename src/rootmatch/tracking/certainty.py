@@ -7,11 +7,15 @@ from typing import NamedTuple
 
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.point_set_decision import matches_pose
-from rootmatch.model.priors import COPY, probability
+from rootmatch.model.priors import COPY, PRESENT_ODDS, probability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
-from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen
-from rootmatch.tracking.mistaken_identity import log_other_presence
+from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen, sole_odds_of
+from rootmatch.tracking.followed_pose import FollowedPose
+from rootmatch.tracking.mistaken_identity import seeing_centres
+
+ALIKE = "it may be something else of nearly its shape, as not every frame fitted"
+GAVE_UP = "what was followed in its line of sight a moment ago did not fit"
 
 
 class Certainty(NamedTuple):
@@ -33,19 +37,28 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
     if belief.poses:  # where it was followed, or as a jump from there
         returned = return_factor(1.0 if told is None else told.clutter, belief.presence_after_return(time))
         sure["it was not in view a moment ago, and little shows it now"] = returned
+    origins = None if told is None else told.origins
+    goes_on = -1 if not holds else 0 if origins is None else max(int(origins[found.mode]), 0)
+    pose = None if belief.given_up is None else found.pose or _pose_in_space(found)
     if holds:
         unseen = share_unseen(found, belief.poses, belief.places) if len(belief.poses) > 1 else 0.0
         sure |= {
             "it may have another pose, as a frame left more poses possible than are followed": 1.0 - belief.unfollowed,
             "it may be in another followed place, of which this frame shows nothing": 1.0 - unseen,
-            "it may be something else of nearly its shape, as not every frame fitted": probability(
-                -belief.poses[0].log_other
-            ),
+            "it is no more than what chance shows, which persists as well": _seen_chance(belief.poses[goes_on], found),
         }
-    elif belief.given_up is not None and (pose := found.pose or _pose_in_space(found)) is not None:
-        other = log_other_presence(belief.given_up, pose, time, in_space=found.labellings is not None)
-        sure["what was followed in its line of sight a moment ago did not fit"] = probability(-other)
+    if holds or pose is not None:
+        other = belief.log_other(goes_on, pose, time, seeing_centres(found, found.assignment))
+        sure[ALIKE if holds else GAVE_UP] = probability(-other)
     return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))
+
+
+def _seen_chance(followed: FollowedPose, found: Finding) -> float:
+    """Probability that what is followed is more than clutter that persists, by what frames tell for themselves."""
+    model, told = found.model, found.posterior
+    if model is None or told is None or found.labellings is not None:
+        return 1.0
+    return probability(PRESENT_ODDS + followed.told_with(lambda: sole_odds_of(model, told.modes, found.mode)))
 
 
 def _pose_in_space(found: Finding) -> Pose | None:

@@ -15,8 +15,10 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.model.copy_or_alike import ANOTHER
 from rootmatch.model.detection_model import USUAL_RATE
-from rootmatch.model.elsewhere import LEAST
+from rootmatch.model.elsewhere import MOST, seen_elsewhere
+from rootmatch.model.image_alike import REACH
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.followed_places import return_factor
 from rootmatch.tracking.foreign_lights import LIT, ForeignLights, missed, rates
@@ -27,6 +29,8 @@ LASTS = 0.25
 """Seconds within which a dark point may be lit as probably as any. A round value: as long as a hand takes to pass."""
 REMEMBERED = 100
 """Frames of which the mean number of detections is remembered that the body does not explain. A round value."""
+STILL = 0.5
+"""Probability that what only passes a body is seen in the same place on it as in the last frame. A round value."""
 FACING = 1e-3
 """Visibility of a point below which nothing is learned of it. A round value."""
 
@@ -35,14 +39,20 @@ class DarkPoints:
     """How probably each point of a body is lit, and each match is its own; nothing is known at first."""
 
     def __init__(self) -> None:
-        self.lit: Floats | None = None
-        """Probability (n,) at `time`, of each sighting of a rig."""
+        self.lose()
         self.placed: Bools | None = None
         """Whether each point (m,) has been seen in its place, by two cameras at once, in a frame that was trusted."""
         self.more = math.inf
         """Log-odds that these are elsewhere, by how many detections are left; as if certain before any was seen."""
         self.left, self.frames = 0.0, 0
-        """Mean number that is left where they are in place, and of how many frames."""
+        """Mean number that is left about the body where they are in place, and of how many frames."""
+        self.elsewhere = list[tuple[Floats, int]]()
+        """Mean places (3,) on the body in which something was seen while points are dark, and of how many frames."""
+
+    def lose(self) -> None:
+        """Know no more which points are lit; where they are on the body stays as it was."""
+        self.lit: Floats | None = None
+        """Probability (n,) at `time`, of each sighting of a rig."""
         self.foreign = ForeignLights(0)
         self.time = -math.inf
         self._ahead: tuple[float, Floats] | None = None
@@ -108,22 +118,68 @@ class DarkPoints:
         self.time, self._ahead = time, None
 
     def _count_left(self, found: Finding, matched: Bools) -> None:
-        """Whether more detections are left, with points that are dark in all cameras, than when these were in place.
+        """Whether points that are dark in all cameras are seen elsewhere on the body, frame after frame.
 
-        What is beside the body and no point of it was there before. Both are numbers of a Poisson distribution.
+        What is beside the body and no point of it was there before, or does not move as the body does. Both are numbers
+        of a Poisson distribution. However often it recurs, the points may be dark, and what is seen a thing that nobody
+        named and that is as rare as something else: so odds are bounded.
         """
-        assert found.posterior is not None
         assert self.placed is not None
-        left = found.task.shape[1] - np.count_nonzero(matched)
         dark = self.placed & ~matched.any(axis=0)
-        if np.count_nonzero(dark) < LEAST:
-            self.frames, self.more = min(self.frames + 1, REMEMBERED), FLOOR
-            self.left += (left - self.left) / self.frames
+        if not dark.any():
+            self.frames, self.more, self.elsewhere = min(self.frames + 1, REMEMBERED), FLOOR, []
+            self.left += (_count_about(found) - self.left) / self.frames
             return
+        assert found.posterior is not None
         shown = found.posterior.modes.visible[found.mode].reshape(matched.shape)[:, dark].sum()
         own, usual = USUAL_RATE * float(shown), self.left + 0.5
-        gained = left * math.log1p(own / usual) - own
-        self.more = max(self.more + TEMPER * gained, FLOOR)
+        gained = self._count_again(found) * math.log1p(own / usual) - own
+        most = np.count_nonzero(dark) * math.log(ANOTHER / (1.0 - USUAL_RATE))
+        self.more = min(max(self.more + min(TEMPER * gained, -math.log(STILL)), FLOOR), most)
+
+    def _count_again(self, found: Finding) -> int:
+        """Number of sightings of what is seen elsewhere on the body, where it was in the frames before.
+
+        What does not move as the body does takes all back that was told of it.
+        """
+        assert found.model is not None
+        assert found.posterior is not None
+        seen, count = seen_elsewhere(found.model, found.posterior.modes, found.mode), 0
+        for place, covariance, sightings in seen:
+            mean, frames = place, 1
+            for k, (before, often) in enumerate(self.elsewhere):
+                off = place - before
+                if off @ np.linalg.solve(covariance * (1.0 + 1.0 / often), off) < REACH**2:
+                    frames, count = min(often + 1, REMEMBERED), count + sightings
+                    mean = before + off / frames
+                    del self.elsewhere[k]
+                    break
+            self.elsewhere.append((mean, frames))
+        self.elsewhere = self.elsewhere[-MOST:]
+        if seen and not count:
+            self.more = FLOOR
+        return count
+
+
+def _count_about(found: Finding) -> int:
+    """Number of detections without a match that may be points of the body, if these are elsewhere on it."""
+    model, told = found.model, found.posterior
+    assert model is not None
+    assert told is not None
+    left, own = np.ones(model.shape[1], np.bool_), slice(found.mode, found.mode + 1)
+    left[told.modes.assignments[own][told.modes.assignments[own] >= 0]] = False  # also what is doubtful
+    if not left.any():
+        return 0
+    at, images = model.linearise_about(told.modes.rotation[own], told.modes.position[own]), len(model.images)
+    weight = at.seen[0].reshape(images, -1, 1) / max(len(model.points) / images, 1.0)
+    shown = np.maximum(weight.sum(axis=1), 1e-300)  # nothing is near the body in an image that shows none of it
+    centre = (at.pixels[0].reshape(images, -1, 2) * weight).sum(axis=1) / shown
+    reach = (
+        0.5 * (REACH * model.radius) ** 2 * (at.jacobian[0, :, :, 3:].reshape(images, -1, 6) ** 2 * weight).sum((1, 2))
+    )
+    of = model.image_indices[left]
+    off = model.target[left] - centre[of]
+    return int(np.count_nonzero((off * off).sum(axis=1) < (reach / shown[:, 0])[of]))
 
 
 def _match_credibility(confidence: Floats, matched: Bools) -> tuple[float, Floats]:

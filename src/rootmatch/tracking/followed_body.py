@@ -143,11 +143,12 @@ class FollowedBody:
         """Know nothing of the body any more."""
         self._lose()
         self.belief.forget()
+        self.dark = DarkPoints()
 
     def _lose(self, absent: float = 1.0) -> None:
         """Declare the body lost; ``absent``: probability that it is not in view."""
         self.belief.lose(absent)
-        self.dark = DarkPoints()
+        self.dark.lose()
         self.settled, self.matched, self.beside, self.left = False, -math.inf, False, 0
         self.missed = self.agreements = 0
         self.excluded = False

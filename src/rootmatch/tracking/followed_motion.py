@@ -51,7 +51,7 @@ def update_motion(
     if not matched or (pose := matches_pose(found)) is None:
         # what comes into view next may be something else
         return [copy_with(one, log_other=max(one.log_other, FLOOR)) for one in followed[:1]]
-    log_other = FLOOR if given_up is None else log_other_presence(given_up, pose, time, in_space=True)
+    log_other = FLOOR if given_up is None else log_other_presence(given_up, pose, time, None)
     filter_ = MotionFilter(of_body[0], pose, time, of_body[1])
     return [FollowedPose(filter_, log_other=_log_other(log_other, found, weight))]
 

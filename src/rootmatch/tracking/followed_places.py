@@ -172,6 +172,11 @@ def sole_odds(model: DetectionModel, modes: Modes) -> Floats:
     return np.asarray(modes.log_mass - modes.log_odds + anywhere)
 
 
+def sole_odds_of(model: DetectionModel, modes: Modes, k: int) -> float:
+    """The same of one of the modes."""
+    return float(sole_odds(model, modes.take(slice(k, k + 1)))[0])
+
+
 def log_weight(alone: float, log_other: float = -math.inf) -> float:
     """Logarithm of 1 / (κ + 1 / O) / (1 + q): how probably a place is the body's, relative to others.
 

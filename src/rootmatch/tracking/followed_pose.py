@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,6 +17,9 @@ from rootmatch.model.parallel_poses import motion_between_modes
 from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP
 from rootmatch.tracking.motion_filter import MotionFilter
 
+TOLD = math.log(1e6)
+"""Log-odds from which frames are not asked any more what they tell for themselves. A round value; it bounds time."""
+
 
 @dataclass(frozen=True, eq=False)
 class FollowedPose:
@@ -29,6 +32,7 @@ class FollowedPose:
     which the place was trusted, or weighed among several; ``weighed``: `log_weight` by which it was weighed last.
     ``since``: when the place was found; ``log_absent``: log-odds that the body was not in view then. ``unfollowed``:
     probability, if the body is in that place, of poses that a frame left possible there and that are not followed.
+    ``told``: log-odds of what it shows against clutter that persists, by ``frames``; see `told_odds`.
     """
 
     filter: MotionFilter
@@ -42,6 +46,8 @@ class FollowedPose:
     unfollowed: float = 0.0
     weighed: float = -math.inf
     shows: int = 0
+    told: float = -math.inf
+    frames: int = 0
 
     @property
     def total(self) -> float:
@@ -51,6 +57,17 @@ class FollowedPose:
     def alone_with(self, told: float) -> float:
         """``alone`` after a frame that tells log-odds by itself."""
         return self.alone + (told - self.alone) / (1 + self.shows)
+
+    def told_with(self, now: Callable[[], float]) -> float:
+        """``told`` after a frame that tells log-odds by itself, which is asked only if that may matter.
+
+        Clutter that persists shows the same in each frame, and which of them tells is unknown: the t-th since it was
+        found does with 1 / t (t + 1). Over images of clutter the mean of these odds is 1, however frames repeat each
+        other, and none makes less of what another one told.
+        """
+        if self.told > TOLD:
+            return self.told
+        return float(np.logaddexp(self.told, now() - math.log((self.frames + 1) * (self.frames + 2))))
 
 
 class Step(NamedTuple):

@@ -14,6 +14,8 @@ import math
 
 import numpy as np
 
+from rootmatch.arrays import Floats, Integers
+from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.problems.pose_fit.pose import Pose
@@ -28,14 +30,25 @@ GIVEN_UP = math.log(9.0)
 """Log-odds from which a pose is no longer followed. A round value."""
 STAYS = 1.0
 """Seconds within which something else leaves its place. A round value, that of a body."""
+AT_ORIGIN = np.zeros((1, 3))
+"""Centre of a single camera."""
 
 
-def log_other_presence(given_up: MotionFilter, pose: Pose, time: float, *, in_space: bool = False) -> float:
-    """Log-odds that what is found with a pose is what was given up, by where it is seen.
+def seeing_centres(found: Finding, assignment: Integers) -> Floats | None:
+    """Centres (C, 3) of the cameras that see points with an assignment, in the frame of a pose; None in a space."""
+    if found.labellings is not None:
+        return None
+    if (rig := found.task.rig) is None:
+        return AT_ORIGIN
+    return np.asarray(rig.centres[(assignment >= 0).reshape(len(rig.views), -1).any(axis=1)])
+
+
+def log_other_presence(given_up: MotionFilter, pose: Pose, time: float, centres: Floats | None = AT_ORIGIN) -> float:
+    """Log-odds that what is found with a pose is what was given up, by where it is seen; see `seeing_centres`.
 
     They begin anew with those at which it was given up, whatever they have become: the body may have come there since.
     """
-    if not given_up.is_in_sight(pose, time, in_space=in_space):
+    if not given_up.is_in_sight(pose, time, centres):
         return FLOOR
     return float(np.logaddexp(GIVEN_UP - (time - given_up.time) / STAYS, FLOOR))
 

@@ -169,17 +169,18 @@ class MotionFilter:
         off = pose.t + pose.scale * pose.R @ self.middle - self._middle(R, t)
         return bool((R * pose.R).sum() > ALIKE) and float(np.linalg.norm(off)) <= self.radius
 
-    def is_in_sight(self, pose: Pose, time: float, *, in_space: bool = False) -> bool:
-        """Whether a pose at a time is where the body is expected to be seen, however it is turned, near or far.
+    def is_in_sight(self, pose: Pose, time: float, centres: Floats | None) -> bool:
+        """Whether a pose at a time is where a camera is expected to see the body, however it is turned, near or far.
 
-        ``in_space``: whether it is where the body is expected, as points of a space have no line of sight.
+        ``centres``: (C, 3) of the cameras that see the pose; None in a space, whose points have no line of sight: then,
+        whether it is where the body is expected.
         """
         R, t, _, _ = self._at(time)
         t, middle = self._middle(R, t), pose.t + pose.scale * pose.R @ self.middle
-        if in_space:
+        if centres is None:
             return float(np.linalg.norm(middle - t)) <= self.radius
-        off = np.cross(middle, t)
-        return float(np.linalg.norm(off)) <= self.radius * float(np.linalg.norm(t))
+        off, away = np.cross(middle - centres, t - centres), np.linalg.norm(t - centres, axis=1)
+        return bool((np.linalg.norm(off, axis=1) <= self.radius * away).any())
 
     def predicted(self, time: float) -> Pose:
         """The pose at a later time; a `SharedPose` if its errors are those of earlier frames."""
