@@ -15,12 +15,15 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, as_floats
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.problems.checks import check_points
 
 TARGET_TUPLES = 2_000_000
 """Target tuples beyond which a random part of them is used. Not tuned: a round value."""
+TREE_TUPLES = 2_000_000
+"""Target tuples, each in several orders, that one tree holds at most, in some hundreds of megabytes: a round value."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class Invariant:
     dimensions : tuple of int
         Of the points for which it is defined.
     features : callable
-        Points (T, order, k) to features (T, f).
+        Points (T, order, k) to features (T, f), finite.
     """
 
     order: int
@@ -161,25 +164,24 @@ def nearest_hyperedges(
     rng = np.random.default_rng(seed)
     of_source = _tuples(n, chosen.order, wanted, rng)
     of_target = _tuples(n_target, chosen.order, TARGET_TUPLES, rng)
-    tree = cKDTree(chosen.features(second[of_target]))
-    near_in_order = min(near, len(of_target))
-    sources, targets, gaps = [], [], []
-    # target tuples are in one order each, so the source tuples are queried in all of theirs
-    for order in permutations(range(chosen.order)):
-        queried = of_source[:, order]
-        gap, place = tree.query(chosen.features(first[queried]), k=near_in_order)
-        gap, place = gap.reshape(len(queried), -1), place.reshape(len(queried), -1)
-        sources.append(np.repeat(queried[:, None], gap.shape[1], axis=1))
-        targets.append(of_target[place])
-        gaps.append(gap)
-    gap = np.concatenate(gaps, axis=1)
-    near = min(near, gap.shape[1])
-    keep = np.argpartition(gap, near - 1, axis=1)[:, :near]
-    rows = np.arange(len(gap))[:, None]
+    queried = _features(chosen, first[of_source])
+    orders = np.array(list(permutations(range(chosen.order))))
+    gaps, targets = [], []
+    for few in np.array_split(orders, math.ceil(len(orders) * len(of_target) / TREE_TUPLES)):
+        several = of_target[:, few].reshape(-1, chosen.order)
+        gap, place = cKDTree(_features(chosen, second[several])).query(queried, k=min(near, len(several)))
+        gaps.append(gap.reshape(len(queried), -1))
+        targets.append(several[place.reshape(len(queried), -1)])
+    gap, target_index = np.concatenate(gaps, axis=1), np.concatenate(targets, axis=1)
+    if len(gaps) > 1:  # the nearest of each tree, of which as many are the nearest of all
+        keep = np.argpartition(gap, min(near, gap.shape[1]) - 1, axis=1)[:, :near]
+        gap, target_index = (
+            np.take_along_axis(*one, axis=1) for one in ((gap, keep), (target_index, keep[:, :, None]))
+        )
     return (
-        np.concatenate(sources, axis=1)[rows, keep].reshape(-1, chosen.order).astype(np.int32),
-        np.concatenate(targets, axis=1)[rows, keep].reshape(-1, chosen.order).astype(np.int32),
-        gap[rows, keep].ravel(),
+        np.repeat(of_source, gap.shape[1], axis=0).astype(np.int32),
+        target_index.reshape(-1, chosen.order).astype(np.int32),
+        gap.ravel(),
     )
 
 
@@ -217,10 +219,8 @@ def invariant_affinities(
     weights = np.exp(-distance / mean) if mean > 0.0 else np.ones(len(distance))
     indices = (source_index * n_target + target_index).astype(np.int32)
     # one tuple can be near another in two orders; the more alike one counts
-    ordered = np.sort(indices, axis=1)
     by_weight = np.argsort(-weights, kind="stable")
-    _, unique = np.unique(ordered[by_weight], axis=0, return_index=True)
-    kept = np.sort(by_weight[unique])
+    kept = np.sort(by_weight[first_rows(sorted_rows(indices)[by_weight], len(np.asarray(source)) * n_target)])
     return indices[kept], weights[kept], (len(np.asarray(source)), n_target)
 
 
@@ -230,6 +230,18 @@ def _choose_invariant(invariant: str | Invariant) -> Invariant:
     if invariant not in INVARIANTS:
         raise InputError(f"invariant: {invariant!r} given; one of {', '.join(INVARIANTS)} expected")
     return INVARIANTS[invariant]
+
+
+def _features(invariant: Invariant, points: Floats) -> Floats:
+    """The features (T, f) of tuples of points (T, order, k), which a caller's own function may get wrong."""
+    features = as_floats(invariant.features(points), "features of the invariant", f"shape ({len(points)}, f)")
+    if features.ndim != 2 or len(features) != len(points) or not np.isfinite(features).all():
+        wrong = f"shape {features.shape}" if features.ndim != 2 or len(features) != len(points) else "NaN or infinity"
+        raise InputError(
+            f"invariant: features of {wrong} for points of shape {points.shape}; give finite numbers of shape "
+            f"({len(points)}, f), a row for each tuple"
+        )
+    return features
 
 
 def _check_count(given: int | None, default: int, name: str) -> int:
