@@ -7,9 +7,11 @@ minimal sets. Otherwise hyper-edges are sampled into a tensor, the tensor is sol
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 from rootmatch.deadline import OutOfTime
+from rootmatch.errors import InputWarning
 from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import UNCONFIRMED, match_bodies
 from rootmatch.explain.body_findings import find_no_body
@@ -49,7 +51,20 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
     elsewhere than about predicted poses; it may choose by what is found about those. Detections that a lens cannot show
     are left out.
     """
+    _warn_of_idle_solver(task)
     return explain_seen(task, lambda seen: explain_in_time(seen, lambda seen: _explain_searching(seen, searching)))
+
+
+def _warn_of_idle_solver(task: MatchingTask) -> None:
+    """Warn of a solver that was named and does not decide, as poses do."""
+    one = task if task.bodies is None else task.body(0)
+    if task.options.solver is not None and (is_modelled(one) or make_point_set_model(one) is not None):
+        warnings.warn(
+            f"solver: the poses of {task.problem.name} decide, and this solver only adds proposals, which seldom "
+            'matter; to compare solvers give residual="qr" or preset="paper", or call them with a tensor',
+            InputWarning,
+            stacklevel=4,
+        )
 
 
 def _explain_searching(task: MatchingTask, searching: bool | Choice) -> Finding:
