@@ -109,13 +109,15 @@ def test_a_samplers_tensor_is_of_its_task(of: tuple[int, int] | None) -> None:
         rm.match(SCENE.source, SCENE.target, SCENE.problem, sampler=sampler)
 
 
-def test_a_solver_that_cannot_decide_is_told() -> None:
+def test_a_solver_that_cannot_decide_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rootmatch.explain.explain._told", set())
     given = SCENE.source, SCENE.target, SCENE.problem
     with pytest.warns(rm.InputWarning, match="the poses of p3p decide, and this solver only adds proposals") as told:
         rm.match(*given, solver="rrwhm")
     assert [one.filename for one in told] == [__file__]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        rm.match(*given, solver="rrwhm")  # once
         rm.match(*given, solver="rrwhm", residual="qr")
         rm.match(*given, solver="rrwhm", preset="paper", samples=1000)
 
