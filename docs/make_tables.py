@@ -4,7 +4,8 @@
     python docs/make_tables.py --check   # exit with 1 if one of them is not what the files say
 
 A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->``. Its figures are in ``benchmarks/results/NAME.csv``
-or, for the two tables of recorded data, in ``benchmarks/real/leaderboard.json``.
+or, for the two tables of recorded data, in ``benchmarks/real/leaderboard.json``. Those of the paper's experiments stand
+between ``<!-- NAME -->`` and ``<!-- end of NAME -->`` and are taken from ``docs/reproduction/claims.md``.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ("README.md", "docs/benchmarks.md", "docs/real-targets.md")
+PAGES = ("README.md", "docs/benchmarks.md", "docs/real-targets.md", "docs/reproduction.md")
 RESULTS = ROOT / "benchmarks" / "results"
+CLAIMS = ROOT / "docs" / "reproduction" / "claims.md"
+JUDGED = re.compile(r"(<!-- (rho|solvers|verdicts) -->\n).*?(?=<!-- end of \2 -->)", re.DOTALL)
 TABLE = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 METHODS = {
@@ -89,8 +92,34 @@ def versus() -> str:
     return table(header, rows)
 
 
+def in_a_word(verdict: str) -> str:
+    """A verdict without the cases that it names."""
+    words = {"holds only": "in part", "holds": "holds", "does not hold": "no", "undecidable": "undecidable", "": ""}
+    return next(short for long, short in words.items() if verdict.startswith(long))
+
+
+def claims(name: str) -> str:
+    """What the judged claims say: the ρ that meet everything, how many claims hold, or each of them in a word."""
+    lines = CLAIMS.read_text(encoding="utf-8").splitlines()
+    if name == "rho":
+        return "\n".join(line.replace(", all of these", "") for line in lines if ", all of these: " in line) + "\n"
+    start = next(
+        k for k, line in enumerate(lines) if line.startswith("| solver | ρ |" if name == "solvers" else "|  | ")
+    )
+    rows = [line[2:-2].split(" | ") for line in lines[start : lines.index("", start)]]
+    if name == "solvers":
+        return table(rows[0], rows[2:])
+    ways = [
+        way.replace("solver of the text, one ρ", "text").replace("published solver, one ρ", "published")
+        for way in rows[0][2:-1]
+    ]
+    cut = [[*row[:2], *map(in_a_word, (cell.strip() for cell in row[2:6]))] for row in rows[2:]]
+    return table(["", "claim", *ways], cut)
+
+
 def filled(text: str) -> str:
     """A page with its tables."""
+    text = JUDGED.sub(lambda found: found[1] + "\n" + claims(found[2]) + "\n", text)
     own = {"real": real, "versus": versus}
     return TABLE.sub(lambda found: found[1] + "\n" + own.get(found[2], lambda: from_csv(found[2]))() + "\n", text)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.errors import InputError
+from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.simulation import p3p_scene
+from rootmatch.solvers import Solution
 
 SCENE = p3p_scene(6, 1, 0.5, 0)
 CAMERA = rm.Camera(1000, 1000, 320, 240)
@@ -75,9 +78,69 @@ def test_a_sampler_that_returns_nothing_is_named() -> None:
         rm.match(SCENE.source, SCENE.target, SCENE.problem, sampler=lambda task: None)
 
 
-def test_a_solver_that_returns_nothing_is_named() -> None:
-    with pytest.raises(InputError, match=r"solver: .* returned NoneType; a solver returns a Solution"):
-        rm.match(SCENE.source, SCENE.target, SCENE.problem, solver=lambda tensor, seed: None)
+def solution(assignment: Any, shape: tuple[int, int], score: float = 0.0) -> Solution:
+    """What a caller's solver might return."""
+    return Solution(np.zeros(shape), assignment, score, alternatives=[], converged=True, iterations=1)
+
+
+@pytest.mark.parametrize(
+    ("solver", "text"),
+    [
+        (lambda tensor, seed: None, r"returned NoneType; a solver returns a Solution"),
+        (lambda tensor, seed: solution(np.arange(tensor.shape[0] - 1), tensor.shape), "assignment: .* of shape"),
+        (lambda tensor, seed: solution(np.arange(tensor.shape[0]) + 99, tensor.shape), "assignment: 99 to"),
+        (lambda tensor, seed: solution(np.zeros(tensor.shape[0], int), tensor.shape), "matched twice"),
+        (lambda tensor, seed: solution(np.full(tensor.shape[0], -1), (1, 1)), "soft: shape"),
+        (lambda tensor: None, "cannot be called with a tensor and seed="),
+    ],
+)
+def test_what_a_solver_may_get_wrong_is_told(solver: Any, text: str) -> None:
+    with pytest.raises(InputError, match=f"solver: .*{text}"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, residual="qr", solver=solver)
+
+
+@pytest.mark.parametrize("of", [(3, 3), None])
+def test_a_samplers_tensor_is_of_its_task(of: tuple[int, int] | None) -> None:
+    def sampler(task: SamplingTask) -> SampledTensor:
+        order = task.order if of else task.order - 1
+        return SampledTensor(rm.AffinityTensor(np.empty((0, order), np.int32), np.empty(0), of or task.shape), 0)
+
+    with pytest.raises(InputError, match=r"sampler: .* returned a tensor of shape"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, sampler=sampler)
+
+
+def test_a_solver_that_cannot_decide_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rootmatch.explain.explain._told", set())
+    given = SCENE.source, SCENE.target, SCENE.problem
+    with pytest.warns(rm.InputWarning, match="the poses of p3p decide, and this solver only adds proposals") as told:
+        rm.match(*given, solver="rrwhm")
+    assert [one.filename for one in told] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rm.match(*given, solver="rrwhm")  # once
+        rm.match(*given, solver="rrwhm", residual="qr")
+        rm.match(*given, solver="rrwhm", preset="paper", samples=1000)
+
+
+def test_an_untrusted_match_of_the_paper_is_told_to_change_rho() -> None:
+    match = rm.match(SCENE.source, SCENE.target, SCENE.problem, preset="paper", samples=100, rho=1e-12)
+    assert match.status is rm.Status.UNTRUSTED
+    assert "try another `rho`, or evaluate more hyper-edges" in match.advice
+
+
+@pytest.mark.parametrize("sampler", ["exhaustive", "guided", "auto", rm.Guided()])
+def test_samples_are_of_the_random_sampler(sampler: Any) -> None:
+    with pytest.raises(InputError, match=r'samples: only sampler="random" draws so many'):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, sampler=sampler, samples=1000)
+
+
+@pytest.mark.parametrize("how", [{"sampler": "exhaustive"}, {"sampler": "random"}, {"sampler": "guided"}, {}])
+def test_every_sampler_keeps_the_strongest_hyperedges(how: dict[str, Any]) -> None:
+    every, few = (
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, max_hyperedges=most, **how) for most in (5_000_000, 10)
+    )
+    assert every.tensor.size > few.tensor.size == 10
+    assert np.array_equal(np.sort(few.tensor.weights), np.sort(every.tensor.weights)[-10:])
 
 
 @pytest.mark.parametrize("samples", [1_000_000_000, 99_999_999_999_999_999_999])

@@ -305,11 +305,11 @@ def test_one_problem_is_judged_on_what_it_can_decide(problem):
     assert "Not judged, because they need problems that were not run" in page
 
 
-def test_the_page_on_reproduction_shows_the_verdicts_that_were_judged():
-    """Whoever runs the experiments anew has to carry the verdicts over."""
+def test_the_page_on_reproduction_shows_the_claims_that_were_judged():
+    """`docs/make_tables.py`, which another test runs, makes its tables of them."""
     docs = Path(__file__).parents[1] / "docs"
     judged = (docs / "reproduction" / "claims.md").read_text(encoding="utf-8")
     rows = [line for line in verdicts_of(judged).splitlines() if line.startswith("| ")]
     assert [row.split(" | ")[1].removesuffix(" †") for row in rows[1:]] == TITLES
-    shown = (docs / "reproduction.md").read_text(encoding="utf-8").splitlines()
-    assert [row for row in rows if row not in shown] == []
+    shown = (docs / "reproduction.md").read_text(encoding="utf-8")
+    assert all(f"| {title} " in shown for title in TITLES)

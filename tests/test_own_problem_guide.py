@@ -31,6 +31,11 @@ def test_the_guide_runs(capsys: pytest.CaptureFixture[str]) -> None:
     # a planar motion with its one constraint leaves two points on one epipolar line exchangeable: the guide says so
     assert capsys.readouterr().out.startswith("100% right; ambiguous")
     assert names["floor"].degree == 2
+    assert names["by_hand"] == pytest.approx(names["by_kernel"], rel=1e-6)
+    match = names["match"]  # of a problem that fits no pose
+    assert match.pose is None
+    assert match.probability is None
+    assert all(value != value for value in match.confidence)
     assert len(names["cosine_laws"]([names["sp"].zeros(3, 1)] * 3, [names["sp"].zeros(3, 1)] * 3)) == 4
 
 

@@ -9,7 +9,7 @@ import rootmatch as rm
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.simulation import p3p_scene
-from rootmatch.solvers import PowerIteration, get_solver
+from rootmatch.solvers import SOLVERS, PowerIteration, get_solver
 from rootmatch.solvers.alternatives import best_neighbours
 from solver_oracles import planted, random_edges
 
@@ -220,3 +220,9 @@ def test_options_and_names_are_judged():
             get_solver(bad)
     own = PowerIteration("l2")
     assert get_solver(own) is own
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_an_array_is_no_tensor(name):
+    with pytest.raises(InputError, match=r"tensor: ndarray given; a solver takes an AffinityTensor"):
+        get_solver(name)(np.ones((4, 4)))

@@ -8,7 +8,7 @@ import scipy.sparse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, InputWarning
 from rootmatch.hypergraph.tensor import AffinityTensor
 from solver_oracles import (
     dense_contraction,
@@ -271,9 +271,15 @@ def test_coordinates_once_or_in_all_orders():
 def test_conflicting_entries_are_refused_or_dropped():
     entries = ([[0, 0, 0], [1, 3, 5]], [1.0, 2.0, 3.0], (3, 3))
     with pytest.raises(InputError, match="share"):
-        AffinityTensor.from_coo(*entries)
-    kept = AffinityTensor.from_coo(*entries, conflicts="drop")
+        AffinityTensor.from_coo(*entries, layout="row")
+    with pytest.warns(InputWarning, match="the entries fit neither"):
+        kept = AffinityTensor.from_coo(*entries, conflicts="drop")
     np.testing.assert_array_equal(kept.indices, [[0, 5]])
+
+
+def test_complex_weights_are_refused():
+    with pytest.raises(InputError, match="weights: expected an array of real numbers"):
+        AffinityTensor([[0, 4]], [1.0 + 1.0j], (3, 3))
 
 
 @pytest.mark.parametrize("layout", ["row", "column"])

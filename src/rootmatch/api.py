@@ -182,17 +182,25 @@ def match(
         For P3P and UP2P it is so above a hundred thousand, and up to two million all of them are evaluated afterwards
         if the match is not trusted. With several motions it is ``"guided"`` above 200 million or, if the problem
         supports it, completes minimal sets to find all hyper-edges that agree.
-    samples : int
-        Number of random hyper-edges.
+    samples : int, optional
+        Number of random hyper-edges, 100 000 by default; of the random sampler, which it chooses, and no other.
     residual : str or Residual
-    rho : float
-        Spread of the affinity, see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 in units of σ, else
-        `Problem.paper_rho`, or `Problem.paper_rho_of_exact_data` where σ is at most 0.01.
+        How badly the correspondences of a hyper-edge agree: ``"joint"``, the default, and ``"normalised"`` are in units
+        of the noise; ``"qr"``, ``"qr-both"`` and ``"svd"`` are those of the paper, and no pose judges what they find.
+        See `rootmatch.Residual`.
+    rho : float, optional
+        Spread ρ of the affinity, in units of the residual r: a weight is exp(−r² / 2ρ²) in units of the noise, where ρ
+        is 1 by default, and exp(−r / ρ) for the paper's, where it is `Problem.paper_rho`, or
+        `Problem.paper_rho_of_exact_data` where σ is at most 0.01.
     solver : str or Solver
+        From the tensor to an assignment: ``"ascent"`` by default, others are in `rootmatch.solvers.SOLVERS`. It decides
+        with the residuals of the paper, for problems without poses and with several motions. Otherwise poses decide:
+        its assignment is a proposal among those of the hyper-edges, and an `InputWarning` says so.
     preset : "paper", optional
         The published method: random hyper-edges, ∣R₂ₙ,₂ₙ∣ of one pair, a ρ for each problem, power iteration with ℓ¹
-        rows; every point is matched. Other arguments override parts of it: ``solver="power-l1-balanced"`` is better if
-        n = n'. The default is all hyper-edges, the joint residual and the multi-start ascent.
+        rows. A point stays unmatched only where no hyper-edge supports its targets. Other arguments override parts of
+        it: ``solver="power-l1-balanced"`` is better if n = n'. The default is all hyper-edges, the joint residual and
+        the multi-start ascent.
     backend : {"auto", "cpu", "cuda", "cuda-float32"}
         Where hyper-edges are evaluated and the tensor is contracted: on the CPU, or on an NVIDIA GPU through numba-cuda
         (the extra ``gpu``). ``"auto"`` is the GPU if there is one and at least 200 million hyper-edges are evaluated. A

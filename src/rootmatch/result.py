@@ -31,7 +31,7 @@ from rootmatch.explain.predicted_poses import (
 )
 from rootmatch.explain.status_advice import advice, is_undetermined
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.validation import check_assignment
+from rootmatch.hypergraph.assignment import check_assignment
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
@@ -130,9 +130,9 @@ class Match:
     def margin(self) -> float:
         """Lead in score over the best different assignment: 1 − second / best.
 
-        It is 0 for a tie, or if another one scores more but is less probable, and 1 if no other scores. With several
-        motions it is the lead over the best packing without one of its groups; if a predicted pose decided, 1 less the
-        odds against its assignment.
+        It is 0 for a tie, and if another one scores more, which is less probable or, as the paper's method does not
+        maximise the score, was passed over; 1 if no other scores. With several motions it is the lead over the best
+        packing without one of its groups; if a predicted pose decided, 1 less the odds against its assignment.
         """
         return self.shown.margin
 
@@ -311,8 +311,8 @@ class Match:
 
     @property
     def pose(self) -> Pose | None:
-        """The pose of the only body; None without one. With several bodies or motions, see `bodies` and `poses`."""
-        poses = self.poses
+        """The pose of the only body, else None, as of derived problems; see `poses` and `bodies` of several."""
+        poses = self.poses if self.problem.least_for_pose else []
         return poses[0] if len(poses) == 1 else None
 
     def diagnose(self, max_seconds: float = 20.0) -> Diagnosis:

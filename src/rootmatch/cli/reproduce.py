@@ -47,8 +47,8 @@ def reproduce(
     With `hypergraph`, all solvers run on the public protocols of hypergraph matching instead.
 
     Results are stored as they arrive: after any interruption the same command resumes. The same seed gives the same
-    results whatever the number of processes. A hundred scenes per setting take hours on one core (`hypergraph`: six
-    minutes); `--quick` takes five minutes on two cores.
+    results whatever the number of processes. A hundred scenes per setting take hours on one core (`hypergraph`: about
+    six minutes); `--quick` takes five minutes on two cores.
 
     Exit code 0: done; 2: bad input; 130: interrupted, finished work is kept.
     """

@@ -51,7 +51,7 @@ def join_hyperedges(task: MatchingTask, bodies: list[tuple[Integers, Finding]]) 
     shape, targets = task.row_shape, np.arange(task.shape[1])
     some = [(rows, found.tensor) for rows, found in bodies if found.tensor.size]
     parts = [empty_tensor(task), *(renumber_tensor(tensor, (rows, targets), shape) for rows, tensor in some)]
-    return concatenate_tensors(parts, shape, task.row_weights)
+    return concatenate_tensors(parts, shape, task.row_weights, task.options.max_hyperedges)
 
 
 def restore_columns(found: Finding, task: MatchingTask, columns: Integers) -> Finding:

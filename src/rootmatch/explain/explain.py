@@ -7,9 +7,11 @@ minimal sets. Otherwise hyper-edges are sampled into a tensor, the tensor is sol
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 from rootmatch.deadline import OutOfTime
+from rootmatch.errors import InputWarning
 from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import UNCONFIRMED, match_bodies
 from rootmatch.explain.body_findings import find_no_body
@@ -40,6 +42,8 @@ from rootmatch.solvers.base import solve_tensor
 
 SOLVED = 0.6
 """Share of the time left at a deadline, after sampling, that the solver may take; the rest is for the assessment."""
+_told: set[tuple[str, str]] = set()
+"""Problems and solvers of which it was told that the solver does not decide."""
 
 
 def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
@@ -49,7 +53,24 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
     elsewhere than about predicted poses; it may choose by what is found about those. Detections that a lens cannot show
     are left out.
     """
+    _warn_of_idle_solver(task)
     return explain_seen(task, lambda seen: explain_in_time(seen, lambda seen: _explain_searching(seen, searching)))
+
+
+def _warn_of_idle_solver(task: MatchingTask) -> None:
+    """Warn of a solver that was named and does not decide, as poses do; of each once, whatever the number of frames."""
+    solver, one = task.options.solver, task if task.bodies is None else task.body(0)
+    told = task.problem.name, solver if isinstance(solver, str) else type(solver).__qualname__
+    if solver is None or told in _told:
+        return
+    if is_modelled(one) or make_point_set_model(one) is not None:
+        _told.add(told)
+        warnings.warn(
+            f"solver: the poses of {task.problem.name} decide, and this solver only adds proposals, which seldom "
+            'matter; to compare solvers give residual="qr" or preset="paper", or call them with a tensor',
+            InputWarning,
+            stacklevel=4,
+        )
 
 
 def _explain_searching(task: MatchingTask, searching: bool | Choice) -> Finding:

@@ -60,7 +60,7 @@ def is_modelled(task: MatchingTask) -> bool:
     """Whether a task has a pose of its camera, in units of the noise: P3P, UP2P and UP2PF, and rigs."""
     in_noise = task.affinity.residual.kind in NOISE_KINDS
     by_noise = (in_noise and not task.options.is_paper) or task.has_prior
-    return by_noise and not task.options.packs_motions and has_image_model(task.problem)
+    return by_noise and task.options.motions == 1 and has_image_model(task.problem)
 
 
 def assess_image(

@@ -9,7 +9,7 @@ from typing import Any, Literal, Self
 
 from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quote_value
 from rootmatch.explain.decide import MIN_PROBABILITY
 from rootmatch.explain.validation import (
     check_callable,
@@ -101,6 +101,11 @@ class MatchOptions:
             check_choice("sampler", self.sampler, SAMPLER_NAMES)
         else:
             check_callable("sampler", self.sampler, f"a sampler, or one of {', '.join(SAMPLER_NAMES)}")
+        if self.samples is not None and self.chosen_sampler != "random":
+            named = f'"{self.sampler}"' if isinstance(self.sampler, str) else quote_value(self.sampler)
+            raise InputError(
+                f'samples: only sampler="random" draws so many hyper-edges, and it is {named}; leave one of them out'
+            )
         if self.residual is not None and not isinstance(self.residual, str | Residual):
             raise InputError(f"residual: {self.residual!r} given; give its name or a Residual")
         get_solver("ascent" if self.solver is None else self.solver)

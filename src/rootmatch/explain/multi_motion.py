@@ -54,7 +54,7 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
     more = sample(replace(rest, options=replace(rest.options, sampler=sampler)))
     added = renumber_tensor(more.tensor, (points, pixels), task.shape)
     added = AffinityTensor.unchecked(np.sort(added.indices, axis=1), added.weights, task.shape)
-    tensor = concatenate_tensors([sampled.tensor, added], task.shape, task.weights)
+    tensor = concatenate_tensors([sampled.tensor, added], task.shape, task.weights, task.options.max_hyperedges)
     joined = sampled._replace(tensor=distinct_hyperedges(tensor), evaluated=sampled.evaluated + more.evaluated)
     return _pack(task, joined, task.deadline), joined
 

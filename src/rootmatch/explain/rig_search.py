@@ -125,7 +125,7 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
                 all_triples |= every
         if len(hypotheses) > met:
             verified, _ = _merge((verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits))
-    tensor = concatenate_tensors(tensors, task.row_shape, task.row_weights)
+    tensor = concatenate_tensors(tensors, task.row_shape, task.row_weights, task.options.max_hyperedges)
     missed = 0.0 if all_triples or not in_all else _missed_probability(verified, missed_by)
     return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
 

@@ -12,16 +12,16 @@ import numpy as np
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.dask import Cluster
 from rootmatch.deadline import Deadline, OutOfTime
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quote_value
 from rootmatch.explain.task import RESERVE, SAMPLED, MatchingTask
 from rootmatch.explain.validation import check_size
 from rootmatch.hypergraph.affinity import NOISE_KINDS
-from rootmatch.hypergraph.deferred_tensor import DeferredTensor, renumber_tensor
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor, keep_strongest, renumber_tensor
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.residual_dispatch import has_single
-from rootmatch.samplers.base import SampledTensor
+from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion import Completion
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.samplers.guided.sampler import Guided, is_quick, pays, searches_focal_lengths
@@ -75,11 +75,7 @@ def make_sweep(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | Non
 
 def keep_affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:
     """The strongest hyper-edges of a tensor, as many as a solver can process by its deadline."""
-    size = deadline.part(INDEXED).cut(tensor.size, SECONDS_PER_HYPEREDGE)
-    if size >= tensor.size:
-        return tensor
-    kept = np.sort(np.argpartition(-tensor.weights, size)[:size])
-    return AffinityTensor.unchecked(tensor.indices[kept], tensor.weights[kept], tensor.shape, tensor.unary)
+    return keep_strongest(tensor, deadline.part(INDEXED).cut(tensor.size, SECONDS_PER_HYPEREDGE))
 
 
 def _sample_tensor(task: MatchingTask) -> tuple[SampledTensor, Any]:
@@ -97,6 +93,7 @@ def _sample_tensor(task: MatchingTask) -> tuple[SampledTensor, Any]:
                 f"sampler: {sampler!r} returned {type(sampled).__name__}; a sampler returns a "
                 "rootmatch.samplers.base.SampledTensor"
             )
+        _check_tensor(sampler, sampled.tensor, sampling)
         if sampled.conclusive or not fallback or sampling.deadline.passed():
             return sampled, selection.choose_backend(options.backend, 0.0, single)
         searched = sampled.evaluated
@@ -119,6 +116,18 @@ def _sample_tensor(task: MatchingTask) -> tuple[SampledTensor, Any]:
     check_size(task.shape, sampling.sweep_cost, most)
     tensor, evaluated = exhaustive_tensor(*sizes, max_hyperedges=options.max_hyperedges, backend=backend, **run)
     return SampledTensor(tensor, evaluated + searched), backend
+
+
+def _check_tensor(sampler: Any, tensor: Any, sampling: SamplingTask) -> None:
+    """Refuse a caller's tensor of other points, or of another order; those of this package may be deferred."""
+    if isinstance(tensor, DeferredTensor):
+        return
+    given = (tensor.shape, tensor.order) if isinstance(tensor, AffinityTensor) else (type(tensor).__name__, "none")
+    if given != (sampling.shape, sampling.order):
+        raise InputError(
+            f"sampler: {quote_value(sampler)} returned a tensor of shape {given[0]} and order {given[1]}; give an "
+            f"AffinityTensor of shape {sampling.shape} and order {sampling.order}, as the task has"
+        )
 
 
 def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
@@ -207,5 +216,6 @@ def _weigh_baseline(task: MatchingTask, tensor: AffinityTensor) -> AffinityTenso
 
 
 def _restore_order(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
-    """The tensor with the source points in the caller's order, and the prior of the candidates."""
-    return renumber_tensor(tensor, (task.permutation, np.arange(tensor.shape[1])), tensor.shape, task.weights)
+    """The tensor as the caller has it: its strongest hyper-edges by the points' order, and the prior of candidates."""
+    kept = keep_strongest(tensor, task.options.max_hyperedges)
+    return renumber_tensor(kept, (task.permutation, np.arange(tensor.shape[1])), tensor.shape, task.weights)

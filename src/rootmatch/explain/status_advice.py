@@ -16,6 +16,7 @@ from rootmatch.explain.predicted_poses import agrees_with_prior, is_against_prio
 from rootmatch.explain.silent_cameras import camera_advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
+from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.model.priors import PRESENT_ODDS, probability
 from rootmatch.problems.base import Problem
@@ -29,8 +30,7 @@ ADVICE = {
         "or add points that break the symmetry"
     ),
     Status.UNTRUSTED: (
-        "no trustworthy match: too few hyper-edges agree; check {to_check}, raise the noise, "
-        "or evaluate more hyper-edges"
+        "no trustworthy match: too few hyper-edges agree; check {to_check}, {to_change}, or evaluate more hyper-edges"
     ),
 }
 """Sentences with gaps for what the problem suggests to check and to add."""
@@ -45,9 +45,11 @@ UNDETERMINED = 1.0
 """Standard deviation of a rotation, radians, from which a pose does not tell it. A round value."""
 
 
-def general_advice(status: Status, problem: Problem, to_tell: str | None = None) -> str:
+def general_advice(
+    status: Status, problem: Problem, to_tell: str | None = None, to_change: str = "raise the noise"
+) -> str:
     """What a status means, and what can be done about it for a problem, or to tell poses of one task apart."""
-    return ADVICE[status].format(to_tell=to_tell or problem.to_tell, to_check=problem.to_check)
+    return ADVICE[status].format(to_tell=to_tell or problem.to_tell, to_check=problem.to_check, to_change=to_change)
 
 
 def advice(
@@ -178,6 +180,8 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
             "no trustworthy match: no pose explains more of the points than chance would; "
             f"check {problem.to_check} and the noise, or {to_give}{seen}"
         )
+    if task.affinity.residual.kind not in NOISE_KINDS:  # σ has no part in these
+        return general_advice(Status.UNTRUSTED, problem, to_change="try another `rho`")
     return general_advice(Status.UNTRUSTED, problem)
 
 

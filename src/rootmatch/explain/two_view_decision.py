@@ -47,7 +47,7 @@ AGREED = 0.5
 def make_two_view_model(task: MatchingTask) -> TwoViewModel | None:
     """The model of a task of two views and one motion, in units of the noise; None for every other one."""
     in_noise = task.affinity.residual.kind in NOISE_KINDS
-    if not in_noise or task.options.is_paper or task.options.packs_motions:
+    if not in_noise or task.options.is_paper or task.options.motions != 1:
         return None
     problem = task.problem
     if problem.small_baseline > 0.0:  # a prior of hyper-edges, which the model of how far away points are replaces

@@ -81,20 +81,6 @@ def check_indices(indices: ArrayLike, points: int, order: int, name: str) -> Int
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
-def check_assignment(assignment: ArrayLike, shape: tuple[int, int]) -> Integers:
-    """An assignment (n,) of a caller between n and n' points."""
-    array = np.asarray(assignment)
-    n, n_target = shape
-    if array.shape != (n,) or not np.issubdtype(array.dtype, np.integer):
-        raise InputError(f"assignment: {array.dtype} of shape {array.shape} given, integers of shape ({n},) expected")
-    if array.size and (array.min() < -1 or array.max() >= n_target):
-        raise InputError(f"assignment: {array.min()} to {array.max()} given; give −1, or 0 to {n_target - 1}")
-    matched = array[array >= 0]
-    if len(np.unique(matched)) < len(matched):
-        raise InputError("assignment: a target point is matched twice; match each at most once")
-    return np.asarray(array, dtype=np.int64)
-
-
 def check_not_exact(noise: Any) -> None:
     """Refuse a noise of zero of any target point: no pose would fit a measured one."""
     of_target = noise[1] if isinstance(noise, tuple | list) and len(noise) == 2 else noise

@@ -19,6 +19,23 @@ INVALID, UNCLEAR, CLEAR = 0, 1, 2
 """What `assign_clear` says of a soft assignment."""
 
 
+def check_assignment(assignment: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
+    """An assignment (n,) of a caller between n and n' points: each target once at most, −1 where unmatched."""
+    try:
+        array = np.asarray(assignment)
+    except ValueError:  # rows of several lengths
+        array = np.empty(0)
+    n, n_target = shape
+    if array.shape != (n,) or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"assignment: {array.dtype} of shape {array.shape} given, integers of shape ({n},) expected")
+    if array.min(initial=0) < -1 or array.max(initial=-1) >= n_target:
+        raise InputError(f"assignment: {array.min()} to {array.max()} given; give −1, or 0 to {n_target - 1}")
+    matched = array[array >= 0]
+    if np.unique(matched).size < matched.size:
+        raise InputError("assignment: a target point is matched twice; match each at most once")
+    return np.asarray(array, dtype=np.int64)
+
+
 def are_targets_disjoint(assignments: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which assignments (K, n) share no target with another one (n,)."""
     taken = np.zeros(max(int(assignments.max(initial=-1)), int(other.max(initial=-1))) + 2, np.bool_)
@@ -119,7 +136,9 @@ def one_hot(assignment: NDArray[np.int64], n_target: int) -> NDArray[np.float64]
 def margin(
     score: float, alternatives: list[tuple[NDArray[np.int64], float]], points: NDArray[np.int64] | None = None
 ) -> float:
-    """Lead of an assignment over the best different one: 1 − second / best; 0 for a tie, 1 when nothing else scores.
+    """Lead of an assignment over the best different one: 1 − second / best, 1 when nothing else scores.
+
+    It is 0 for a tie, and where another one scores more, as may be found beside what an iteration ends with.
 
     Parameters
     ----------

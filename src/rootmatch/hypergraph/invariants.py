@@ -10,18 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import permutations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.arrays import Floats, Integers
+from rootmatch.arrays import Floats, Integers, as_floats
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.enumeration import subsets
+from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.problems.checks import check_points
 
 TARGET_TUPLES = 2_000_000
 """Target tuples beyond which a random part of them is used. Not tuned: a round value."""
+TREE_TUPLES = 2_000_000
+"""Target tuples, each in several orders, that one tree holds at most, in some hundreds of megabytes: a round value."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class Invariant:
     dimensions : tuple of int
         Of the points for which it is defined.
     features : callable
-        Points (T, order, k) to features (T, f).
+        Points (T, order, k) to features (T, f), finite.
     """
 
     order: int
@@ -158,14 +162,14 @@ def nearest_hyperedges(
     rng = np.random.default_rng(seed)
     of_source = _tuples(n, chosen.order, wanted, rng)
     of_target = _tuples(n_target, chosen.order, TARGET_TUPLES, rng)
-    i, j, gap = nearest_tuples(chosen.features, (first, of_source), (second, of_target), near)
+    i, j, gap = nearest_tuples(partial(_features, chosen), (first, of_source), (second, of_target), near)
     return i.reshape(-1, chosen.order).astype(np.int32), j.reshape(-1, chosen.order).astype(np.int32), gap.ravel()
 
 
 def nearest_tuples(
     features: Callable[[Floats], Floats], source: tuple[Floats, Integers], target: tuple[Floats, Integers], count: int
 ) -> tuple[Integers, Integers, Floats]:
-    """The target tuples with the most alike features for each source tuple, in all orders.
+    """The target tuples, in any order of their points, with the most alike features for each source tuple.
 
     ``source``, ``target``: points (n, k) and tuples (T, d) of them. ``count``: target tuples for each, at most d! T'.
 
@@ -178,17 +182,21 @@ def nearest_tuples(
     from scipy.spatial import cKDTree  # slow to import
 
     (points, of_source), (seen, of_target) = source, target
-    # few are asked for: most of the time is that of building it, which takes a third so
-    tree = cKDTree(features(seen[of_target]), compact_nodes=False, balanced_tree=False)
-    # target tuples are in one order each, so the source tuples are queried in all of theirs
-    every = of_source[:, list(permutations(range(of_source.shape[1])))]
-    k = min(count, len(of_target))
-    found = [tree.query(features(points[every[:, order]]), k=k) for order in range(every.shape[1])]
-    gap, place = (np.concatenate([each.reshape(-1, k) for each in part], axis=1) for part in zip(*found, strict=True))
-    count = min(count, gap.shape[1])
-    keep = np.argpartition(gap, count - 1, axis=1)[:, :count]
-    rows = np.arange(len(gap))[:, None]
-    return every[rows, keep // k], of_target[place[rows, keep]], gap[rows, keep]
+    queried, order = features(points[of_source]), of_source.shape[1]
+    orders = np.array(list(permutations(range(order))))
+    gaps, targets = [], []
+    for few in np.array_split(orders, math.ceil(len(orders) * len(of_target) / TREE_TUPLES)):
+        several = of_target[:, few].reshape(-1, order)
+        gap, place = cKDTree(features(seen[several])).query(queried, k=min(count, len(several)))
+        gaps.append(gap.reshape(len(queried), -1))
+        targets.append(several[place.reshape(len(queried), -1)])
+    gap, target_index = np.concatenate(gaps, axis=1), np.concatenate(targets, axis=1)
+    if len(gaps) > 1:  # the nearest of each tree, of which as many are the nearest of all
+        keep = np.argpartition(gap, min(count, gap.shape[1]) - 1, axis=1)[:, :count]
+        gap, target_index = (
+            np.take_along_axis(*one, axis=1) for one in ((gap, keep), (target_index, keep[:, :, None]))
+        )
+    return np.repeat(of_source[:, None], gap.shape[1], axis=1), target_index, gap
 
 
 def invariant_affinities(
@@ -225,10 +233,8 @@ def invariant_affinities(
     weights = np.exp(-distance / mean) if mean > 0.0 else np.ones(len(distance))
     indices = (source_index * n_target + target_index).astype(np.int32)
     # one tuple can be near another in two orders; the more alike one counts
-    ordered = np.sort(indices, axis=1)
     by_weight = np.argsort(-weights, kind="stable")
-    _, unique = np.unique(ordered[by_weight], axis=0, return_index=True)
-    kept = np.sort(by_weight[unique])
+    kept = np.sort(by_weight[first_rows(sorted_rows(indices)[by_weight], len(np.asarray(source)) * n_target)])
     return indices[kept], weights[kept], (len(np.asarray(source)), n_target)
 
 
@@ -238,6 +244,18 @@ def _choose_invariant(invariant: str | Invariant) -> Invariant:
     if invariant not in INVARIANTS:
         raise InputError(f"invariant: {invariant!r} given; one of {', '.join(INVARIANTS)} expected")
     return INVARIANTS[invariant]
+
+
+def _features(invariant: Invariant, points: Floats) -> Floats:
+    """The features (T, f) of tuples of points (T, order, k), which a caller's own function may get wrong."""
+    features = as_floats(invariant.features(points), "features of the invariant", f"shape ({len(points)}, f)")
+    if features.ndim != 2 or len(features) != len(points) or not np.isfinite(features).all():
+        wrong = f"shape {features.shape}" if features.ndim != 2 or len(features) != len(points) else "NaN or infinity"
+        raise InputError(
+            f"invariant: features of {wrong} for points of shape {points.shape}; give finite numbers of shape "
+            f"({len(points)}, f), a row for each tuple"
+        )
+    return features
 
 
 def _check_count(given: int | None, default: int, name: str) -> int:

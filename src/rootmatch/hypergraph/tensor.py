@@ -10,8 +10,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quote_value
 from rootmatch.hypergraph import contraction
+from rootmatch.hypergraph.assignment import check_assignment
 from rootmatch.hypergraph.layouts import Layout, to_row_major
 from rootmatch.hypergraph.rows import are_one_to_one, sorted_rows, unique_rows
 
@@ -168,15 +169,10 @@ class AffinityTensor:
         return AffinityTensor.unchecked(self.indices[edges], self.weights[edges], self.shape, unary)
 
     def _indicator(self, assignment: ArrayLike) -> NDArray[np.bool_]:
-        n, n_target = self.shape
-        given = np.asarray(assignment)
-        if given.shape != (n,) or not np.issubdtype(given.dtype, np.integer):
-            raise InputError(f"assignment: got {given.dtype} of shape {given.shape}; expected integers of shape ({n},)")
-        matched = given[given >= 0]
-        if given.min() < -1 or given.max() >= n_target or np.unique(matched).size != matched.size:
-            raise InputError(f"assignment: expected targets 0 … {n_target - 1}, each once at most, or −1 (unmatched)")
+        given = check_assignment(assignment, self.shape)
         chosen = np.zeros(self.shape, np.bool_)
-        chosen[np.flatnonzero(given >= 0), matched] = True
+        matched = np.flatnonzero(given >= 0)
+        chosen[matched, given[matched]] = True
         return chosen
 
     def support(self) -> NDArray[np.float64]:
@@ -229,8 +225,8 @@ class AffinityTensor:
 
         ``layout``: how a pair (i, i') became one index: ``"row"``, i·n' + i' as in this class, or ``"column"``,
         i'·n + i as in pygmtools and MATLAB. Say which: in the other layout the same numbers are another problem. Left
-        out it is ``"row"``, with a warning where the entries fit both layouts and differ, and an error where they fit
-        only ``"column"``.
+        out it is ``"row"``, with a warning where the entries fit both layouts or, as those of a full matrix, neither,
+        and an error where they fit only ``"column"``.
         """
         n, n_target = (int(m) for m in shape)
         flat = np.atleast_2d(np.asarray(coordinates, dtype=np.int64)).T
@@ -328,9 +324,12 @@ class AffinityTensor:
 
 def _float_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     try:
-        return np.require(np.asarray(value), np.float64, ["C", "W", "A"])
+        given = np.asarray(value)
+        if given.dtype.kind == "c":
+            raise TypeError
+        return np.require(given, np.float64, ["C", "W", "A"])
     except (TypeError, ValueError):
-        raise InputError(f"{name}: expected an array of numbers, got {type(value).__name__}") from None
+        raise InputError(f"{name}: expected an array of real numbers, got {quote_value(value)}") from None
 
 
 def strongest_assignments(tensor: AffinityTensor, shape: tuple[int, int], most: int) -> NDArray[np.int64]:

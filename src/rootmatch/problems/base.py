@@ -278,7 +278,10 @@ class Problem(ABC):
 
     @abstractmethod
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
-        """Polynomials (E, degree + 1), highest degree first, of minimal sets: (E, m, 3|2) and (E, m, 2) points."""
+        """Polynomials (E, degree + 1), highest degree first, of minimal sets: (E, m, 3|2) and (E, m, 2) points.
+
+        Their scale means nothing: the residuals of the paper take them with unit Euclidean norm.
+        """
 
     def point_clouds(self, points: PointSets) -> PointClouds | None:
         """Both point sets, as the search for the motion between them takes them; None if they are not of one space."""

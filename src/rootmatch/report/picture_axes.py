@@ -52,8 +52,8 @@ class Layout:
         tall = float(np.clip(max(heights), 3.0, 7.5))
         height = tall + TOP + BOTTOM
         bottom, share = BOTTOM / height, tall / height
-        left = (-0.02, bottom - 0.05, 0.52, share + 0.1) if space[0] else (0.055, bottom, 0.42, share)
-        right = (0.48, bottom - 0.05, 0.52, share + 0.1) if space[1] else (0.525, bottom, 0.42, share)
+        left = (-0.02, bottom - 0.05, 0.52, share + 0.05) if space[0] else (0.055, bottom, 0.42, share)
+        right = (0.48, bottom - 0.05, 0.52, share + 0.05) if space[1] else (0.525, bottom, 0.42, share)
         return cls(height, left, right)
 
 

@@ -26,6 +26,11 @@ def make_folder(path: Path) -> None:
         raise InputError(f"{path}: cannot be made ({error.strerror}); name another output folder") from None
 
 
+def count_text(count: int, noun: str) -> str:
+    """A number of things in words: "1 instance", "2 instances"."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A table as CSV text."""
     out = StringIO()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from rootmatch.errors import InputError
+from inspect import signature
+
+from rootmatch.errors import InputError, quote_value
 from rootmatch.solvers.ascent.solver import MultiStartAscent
 from rootmatch.solvers.base import Solution, Solver
 from rootmatch.solvers.bcagm import BlockCoordinateAscent
@@ -57,4 +59,13 @@ def get_solver(solver: str | Solver) -> Solver:
         return SOLVERS[solver]
     if isinstance(solver, type) or not callable(solver):
         raise InputError(f"solver: got {solver!r}; expected a name or a solver object such as PowerIteration()")
+    try:
+        signature(solver).bind(None, seed=0)
+    except TypeError:
+        raise InputError(
+            f"solver: {quote_value(solver)} cannot be called with a tensor and seed=; give it the signature "
+            "(tensor, *, seed=0)"
+        ) from None
+    except ValueError:  # what is written in another language may not tell
+        pass
     return solver

@@ -11,7 +11,7 @@ import numpy as np
 from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
 from rootmatch.errors import InputError, quote_value
-from rootmatch.hypergraph.assignment import margin
+from rootmatch.hypergraph.assignment import check_assignment, margin
 from rootmatch.hypergraph.tensor import AffinityTensor
 
 Alternatives = list[tuple[Integers, float]]
@@ -55,7 +55,7 @@ class Solution:
 
     @property
     def margin(self) -> float:
-        """Lead over the best alternative: 0 for a tie, 1 when nothing else scores."""
+        """Lead over the best alternative: 0 for a tie or if one scores more, 1 when nothing else scores."""
         return margin(self.score, self.alternatives)
 
     @property
@@ -70,6 +70,9 @@ class Solution:
 
 class Solver(Protocol):
     """A frozen dataclass of options that is called with a tensor.
+
+    Its assignments decide a match that no model judges: with the residuals of the paper, of problems of one's own, and
+    several motions. Where poses judge, they are a few proposals among those of the hyper-edges, and seldom matter.
 
     One that can end early takes ``deadline`` as well, a `rootmatch.deadline.Deadline`; those of this package do.
     """
@@ -94,7 +97,14 @@ def solve_tensor(solver: Solver, tensor: AffinityTensor, seed: int, deadline: De
         raise InputError(
             f"solver: {quote_value(solver)} returned {type(solution).__name__}; a solver returns a Solution"
         )
-    return solution
+    try:
+        if np.shape(solution.soft) != tensor.shape:
+            raise InputError(f"soft: shape {np.shape(solution.soft)} given, {tensor.shape} expected")
+        assignment = check_assignment(solution.assignment, tensor.shape)
+        alternatives = [(check_assignment(one, tensor.shape), float(score)) for one, score in solution.alternatives]
+    except (InputError, TypeError) as error:
+        raise InputError(f"solver: what {quote_value(solver)} returned cannot be used: {error}") from None
+    return replace(solution, assignment=assignment, alternatives=alternatives)
 
 
 def empty_solution(tensor: AffinityTensor) -> Solution:
@@ -104,5 +114,9 @@ def empty_solution(tensor: AffinityTensor) -> Solution:
 
 
 def is_empty(tensor: AffinityTensor) -> bool:
-    """Whether no assignment of this tensor can score."""
+    """Whether no assignment of this tensor can score; what is no tensor is refused here, where each solver begins."""
+    if not isinstance(tensor, AffinityTensor):
+        raise InputError(
+            f"tensor: {type(tensor).__name__} given; a solver takes an AffinityTensor, of an array by its from_dense()"
+        )
     return not tensor.weights.any() and (tensor.unary is None or not tensor.unary.any())

@@ -39,9 +39,9 @@ class PowerIteration:
     norm : "l1" or "l2"
     normalise : "rows", "both" or "smaller"
         Lines that the ℓ¹ iteration normalises. ``"rows"``: those of the source points, whatever n and n' are.
-        ``"both"``: rows, then columns. ``"smaller"``: of the smaller set; where n = n', rows and then columns. Rows
-        alone, the letter, let several source points gather on one target: where n = n', balancing finds far more
-        matches. Not used with ``"l2"``.
+        ``"both"``: rows, then columns. ``"smaller"``: of the smaller set; where n = n', rows and then columns. With
+        rows alone, as the article has it, several source points may take the same target: where n = n', balancing finds
+        far more matches. Not used with ``"l2"``.
     bias : float
         This much of the start value is added to each iterate before it is normalised, as in the authors' own code; it
         revives rows without hyper-edges and makes the result depend on the scale of the weights. The equations have 0.

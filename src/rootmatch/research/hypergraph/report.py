@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from rootmatch.research.bootstrap import Estimate, estimate
 from rootmatch.research.hypergraph.protocol import DEFORMATION, OUTLIERS, POINTS
-from rootmatch.research.output_files import csv_text, figure_files, markdown_table, write_files
+from rootmatch.research.output_files import count_text, csv_text, figure_files, markdown_table, write_files
 from rootmatch.research.paper.settings import Setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+PUBLISHED = ", published"
+"""End of the name of a published result in the figure."""
 METHODS = {"power-l1": "TM", "rrwhm-published": "RRWHM", "bcagm": "BCAGM"}
 """Solvers here, and the published methods that they correspond to."""
 
@@ -96,7 +98,8 @@ def results_markdown(results: Results) -> str:
         other = MILLISECONDS.get(METHODS.get(solver, ""))
         times.append((solver, f"{results.milliseconds[solver]:.1f} ms", "" if other is None else f"{other:.0f} ms"))
     lines += ["### Time at n = 20, one thread", "", *markdown_table(("solver", "here", "published"), times)]
-    note = f"Mean accuracy of {results.instances} instances; in brackets what is published (TM, RRWHM, BCAGM)."
+    count = count_text(results.instances, "instance")
+    note = f"Mean accuracy of {count}; in brackets what is published (TM, RRWHM, BCAGM)."
     return "\n".join(["# Public protocols of hypergraph matching", "", note, "", *lines])
 
 
@@ -140,14 +143,17 @@ def draw(results: Results) -> Figure:
             points = [(at, ACCURACY[protocol, at][name]) for at in levels if name and (protocol, at) in ACCURACY]
             if points:
                 style = {"linestyle": "", "marker": "x", "markersize": 8, "markeredgewidth": 2}
-                axis.plot(*zip(*points, strict=True), color=COLOURS[solver], label=f"{name}, published", **style)
+                axis.plot(*zip(*points, strict=True), color=COLOURS[solver], label=f"{name}{PUBLISHED}", **style)
         axis.set_title(title, loc="left", fontsize=10)
         axis.set_xlabel(sign)
         axis.set_ylabel("mean accuracy")
         axis.set_ylim(0, 1.02)
         axis.grid(alpha=0.3)
     by_label = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
-    figure.legend(by_label.values(), by_label.keys(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    labels = sorted(by_label, key=lambda label: label.endswith(PUBLISHED))  # columns of solvers, then of crosses
+    figure.legend(
+        [by_label[label] for label in labels], labels, loc="outside lower center", ncols=5, fontsize=9, frameon=False
+    )
     return figure
 
 

@@ -12,6 +12,7 @@ from rootmatch.errors import InputError
 from rootmatch.jit.threads import use_one_thread
 from rootmatch.research.hypergraph.protocol import DEFORMATION, SETTINGS, instance, protocol_tensor
 from rootmatch.research.hypergraph.report import Results, write
+from rootmatch.research.output_files import count_text
 from rootmatch.research.paper.settings import Method, Setting
 from rootmatch.research.paper.work_unit import Unit
 from rootmatch.research.store import Row, Store
@@ -126,7 +127,7 @@ def reproduce(
     seeds = range(seed, seed + instances)
     plan = make_plan(settings)
     with Store(output / STORE_NAME) as store:
-        title = f"hypergraph protocols: {instances} instances"
+        title = f"hypergraph protocols: {count_text(instances, 'instance')}"
         complete(title, plan, seeds, store, jobs=jobs, scheduler=scheduler, progress=progress, function=evaluate)
         found = accuracies(plan, seeds, store)
     cells = {(setting, method.solver): values for (setting, method, _), values in found.items()}

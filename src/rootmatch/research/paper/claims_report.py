@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, replace
 
 from rootmatch.research.bootstrap import estimate
-from rootmatch.research.output_files import markdown_table
+from rootmatch.research.output_files import count_text, markdown_table
 from rootmatch.research.paper.claims import CLAIMS, Claim
 from rootmatch.research.paper.plan import BALANCED, DENSE, DENSE_START, VARIANT_NAMES, Table, Variant
 from rootmatch.research.paper.rho import ALL_RULES, CONDITIONS, RULE_NAMES, RULES, SCAN_SOLVERS, SPARSE, START, Rule
@@ -99,10 +99,11 @@ def claims_markdown(table: Table, versions: list[str], seconds: float) -> str:
 
 def _origin(table: Table, versions: list[str], seconds: float) -> list[str]:
     problems = ", ".join(TITLES[problem] for problem in table.problems)
-    effort = table.effort
+    effort, minutes = table.effort, count_text(round(seconds / 60.0), "minute")
+    minutes = "less than a minute" if seconds < 60.0 else minutes
     lines = [
-        f"Generated from {len(table.seeds)} instances (seeds {table.seeds.start} to {table.seeds.stop - 1}) of "
-        f"{problems}; {seconds / 60:.0f} minutes of processor time.",
+        f"Generated from {count_text(len(table.seeds), 'instance')} (seeds {table.seeds.start} to "
+        f"{table.seeds.stop - 1}) of {problems}; {minutes} of processor time.",
         "Accuracy is the mean over instances of correct matches / 10; the 95 % bootstrap interval is in brackets. "
         f"Unless a sample size is named, it is {effort.most:,} hyper-edges.",
         "",
@@ -163,10 +164,11 @@ def _solvers(judged: list[Judgement]) -> list[str]:
 def _rhos(table: Table) -> list[str]:
     rhos, effort = table.rhos, table.effort
     count = sum(len(SCAN_SETTINGS[problem]) for problem in rhos.problems)
+    of_qr = count_text(len(effort.scan_seeds("qr")), "instance")
     said = "; ".join(CONDITIONS[problem][2] for problem in rhos.problems)
     lines = [
         f"The paper gives no value. Here ρ is chosen among {len(effort.grid)} values on seeds that are not reported, "
-        f"from {effort.scan_seeds('qr').start:,} on: {len(effort.scan_seeds('qr'))} instances of each of {count} "
+        f"from {effort.scan_seeds('qr').start:,} on: {of_qr} of each of {count} "
         f"settings at {effort.scan_samples('qr'):,} samples ({len(effort.scan_seeds('svd'))} at "
         f"{effort.scan_samples('svd'):,} for qr-both and svd).",
         "",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rootmatch.research.bootstrap import estimates
+from rootmatch.research.output_files import count_text
 from rootmatch.research.paper.plan import DENSE, VARIANT_NAMES, Table, Variant
 from rootmatch.research.paper.rho import RULE_NAMES, RULES, SCAN_SOLVERS, SPARSE, Rhos, Rule
 from rootmatch.research.paper.settings import NOISES, PANELS, PROBLEMS, TITLES, Method, Panel
@@ -62,7 +63,7 @@ def draw(table: Table, problem: str, rule: Rule, beside: Variant | None = None) 
     rho = table.method(problem, rule=rule).rho
     count = len(table.seeds)
     figure.suptitle(
-        f"Figure {FIGURES[problem]}, {TITLES[problem]}: 10 points, {count} instances, |R| of QR, "
+        f"Figure {FIGURES[problem]}, {TITLES[problem]}: 10 points, {count_text(count, 'instance')}, |R| of QR, "
         f"{VARIANT_NAMES[table.variant]}\nρ = {rho:.3g} ({RULE_NAMES[rule]})"
         + (f", with the {_DESCRIPTIONS[beside]}" if beside else ""),
         fontsize=11,
@@ -146,9 +147,9 @@ def draw_scan(rhos: Rhos) -> Figure:
         axis.set_title(title, loc="left", fontsize=10)
         axis.set_xlabel("ρ (units of the residual)")
         axis.set_ylabel("mean accuracy (%)")
-    count = len(rhos.effort.scan_seeds("qr"))
+    count = count_text(len(rhos.effort.scan_seeds("qr")), "instance")
     figure.suptitle(
-        f"Choice of ρ: |R| of QR, {rhos.effort.scan_samples('qr'):,} samples, {count} instances a setting on seeds "
+        f"Choice of ρ: |R| of QR, {rhos.effort.scan_samples('qr'):,} samples, {count} a setting on seeds "
         "that are not reported; marks show the choices",
         fontsize=11,
     )

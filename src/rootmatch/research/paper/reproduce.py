@@ -11,7 +11,7 @@ import numpy as np
 
 from rootmatch.errors import InputError
 from rootmatch.research.bootstrap import estimates
-from rootmatch.research.output_files import csv_text, figure_files, write_files
+from rootmatch.research.output_files import count_text, csv_text, figure_files, write_files
 from rootmatch.research.paper.claims_report import claims_markdown
 from rootmatch.research.paper.figures import FIGURES, draw, draw_scan
 from rootmatch.research.paper.plan import Table, Variant, make_plan, paper_method
@@ -54,7 +54,8 @@ def reproduce(
     Parameters
     ----------
     problems : tuple of str
-        Of ``"p3p"``, ``"3p1"``, ``"up2p"``. The one ρ is chosen over these, and over what the folder has scanned whole.
+        Of ``"p3p"``, ``"3p1"``, ``"up2p"``. Those that the folder has already are run with them, as the one ρ is chosen
+        over all.
     output : Path
         Folder of ``results.sqlite``, the figures (PNG and SVG), the curves (CSV) and ``claims.md``. The same call on
         the same folder goes on where an earlier one stopped; more instances or problems add to what is there.
@@ -81,16 +82,16 @@ def reproduce(
             "higher seeds are reserved for choosing ρ"
         )
     check_jobs(jobs)
-    ordered = tuple(problem for problem in PROBLEMS if problem in problems)
     seeds = range(seed, seed + instances)
     how: dict[str, Any] = {"jobs": jobs, "scheduler": scheduler, "progress": progress, "function": function}
     with Store(output / STORE_NAME) as store:
-        scanned = tuple(p for p in PROBLEMS if p in ordered or _is_scanned(p, store, effort))
+        # the files are of all that the folder has: another problem may change the one ρ of the first
+        ordered = tuple(p for p in PROBLEMS if p in problems or _is_scanned(p, store, effort))
         for residual in RESIDUALS:
-            scan = scan_plan(residual, effort, scanned)
+            scan = scan_plan(residual, effort, ordered)
             complete(f"choosing ρ for {residual}", scan, effort.scan_seeds(residual), store, **how)
-        rhos = choose(store, effort, scanned)
-        title = f"{', '.join(ordered)}: {instances} instances"
+        rhos = choose(store, effort, ordered)
+        title = f"{', '.join(ordered)}: {count_text(instances, 'instance')}"
         plan = make_plan(ordered, rhos)
         complete(title, plan, seeds, store, **how)
         table = Table(ordered, seeds, rhos, accuracies(plan, seeds, store))

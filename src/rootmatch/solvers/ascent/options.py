@@ -20,14 +20,14 @@ class AscentOptions(Options):
         Steps of the random walk (`random_walk_start`) at most; 0 for none.
     agreement : int
         Ascents to the best assignment, from different cores, that are enough. benchmarks/solvers.py compares it with
-        an agreement that never comes.
+        a number that is never reached, so that all starts are made.
     penalty : float
         Weight that the hyper-edges of a matched point must exceed on average for it to stay matched: the points without
         image are then left out. 0: the plain score of the paper. Meaningful when all hyper-edges are in the tensor.
     keep : int
         Alternatives to report: other optima and single changes of the best assignment.
     limit : int
-        Moves of one ascent. A bound that is never met.
+        Moves of one ascent, at most: a safeguard, far above what any takes.
     most_reads : int
         Entries of the index that ascents may read. No other begins that would go beyond, by those made so far; but the
         first one, and that with exchanges from the best assignment. The bound of what a tensor of 10⁸ hyper-edges takes

@@ -26,7 +26,7 @@ STARTS = 20_000
 PER_ROUND = 512
 """Groups grown before those within them are skipped."""
 LIMIT = 1_000
-"""Moves of one ascent. A bound that is never met."""
+"""Moves of one ascent, at most: a safeguard, far above what any takes."""
 
 
 class HyperedgeGroups:
