@@ -59,10 +59,12 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
 
 def _warn_of_idle_solver(task: MatchingTask) -> None:
     """Warn of a solver that was named and does not decide, as poses do; of each once, whatever the number of frames."""
-    solver, one = task.options.solver, task if task.bodies is None else task.body(0)
-    told = task.problem.name, solver if isinstance(solver, str) else type(solver).__qualname__
-    if solver is None or told in _told:
+    if (solver := task.options.solver) is None:
         return
+    told = task.problem.name, solver if isinstance(solver, str) else type(solver).__qualname__
+    if told in _told:
+        return
+    one = task if task.bodies is None else task.body(0)
     if is_modelled(one) or make_point_set_model(one) is not None:
         _told.add(told)
         warnings.warn(
