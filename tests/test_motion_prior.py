@@ -80,7 +80,9 @@ def test_the_factor_is_the_integral_over_the_prior(kind: str) -> None:
         each = -0.5 * square - 1.5 * (len(points) - 1) * math.log(2.0 * math.pi * sigma**2)
         each -= 1.5 * math.log(len(points)) + model.log_volume
     expected = logsumexp(each) - math.log(len(each))
-    factor = MotionPrior(((knowledge(kind, pose), 1.0),), 1e-12).log_factors(fit, model.log_volume)[0, 0]
+    extents, _, _, axes = model._clutter_space
+    box = axes * extents
+    factor = MotionPrior(((knowledge(kind, pose), 1.0),), 1e-12).log_factors(fit, box)[0, 0]
     assert factor + fit.evidence[0] - model.log_volume == pytest.approx(expected, abs=0.15)
 
 

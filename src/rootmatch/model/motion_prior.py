@@ -8,9 +8,10 @@ multiplies the odds by
     N(d; 0, J Σ Jᵀ + C) / N(0; 0, F + C)
 
 where F is the covariance of a normal distribution with the volume that the flat prior gives what is known: 8π² for a
-rotation, 4π for a direction, V for a position, and for a scale s that times the range of its logarithm. Precise
-knowledge is worth that volume, and vague knowledge is worth nothing, so it takes nothing away either. It takes no
-second fit.
+rotation, 4π for a direction, for a position that of the box in which targets lie, as long along each of its axes, and
+for a scale s that times the range of its logarithm. Precise knowledge is worth that volume, and vague knowledge is
+worth nothing, so it takes nothing away either, nor does what is vaguely known along one axis take from another. It
+takes no second fit.
 """
 
 from __future__ import annotations
@@ -48,15 +49,16 @@ class _Off(NamedTuple):
     """(k, 6) or (k, 7): of a turn, a shift and, where it is unknown, the scale of the motion."""
     covariance: Floats
     """(k, k)."""
-    ranges: Floats
-    """(k,) whose product is the volume of what is known under the flat prior."""
+    flat: Floats
+    """(k, k) whose columns span the volume of what is known under the flat prior."""
 
     @property
     def log_volume(self) -> Floats:
         """Logarithm of 1 / N(0; 0, F + C): of that volume, if the knowledge is precise."""
-        unit = 2.0 * math.pi * self.covariance / (self.ranges[..., None] * self.ranges[..., None, :])
+        half = np.linalg.solve(self.flat, self.covariance).swapaxes(-1, -2)
+        unit = 2.0 * math.pi * np.linalg.solve(self.flat, half)
         more = 0.5 * np.linalg.slogdet(np.eye(unit.shape[-1]) + unit)[1]
-        return np.asarray(np.log(self.ranges).sum(axis=-1) + more)
+        return np.asarray(np.linalg.slogdet(self.flat)[1] + more)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,14 +80,17 @@ class MotionPrior:
     doubt: float | Floats
     freedom: float = math.inf
 
-    def log_factors(self, fit: PointSetFit, log_volume: float) -> Floats:
-        """Logarithm (predictions + 1, K) of the factor on the odds of each prediction, and of the doubt as the last."""
+    def log_factors(self, fit: PointSetFit, box: Floats) -> Floats:
+        """Logarithm (predictions + 1, K) of the factor on the odds of each prediction, and of the doubt as the last.
+
+        ``box`` (3, 3): edges, as columns, of the box in which positions may be.
+        """
         covariance = motion_covariances(fit)
         every = np.empty((len(self.predictions) + 1, len(fit.scale)))
         every[-1] = np.log(self.doubt)
         for row, (known, share) in zip(every, self.predictions, strict=False):
             log_share = np.log((1.0 - self.doubt) * np.maximum(share, 1e-300))
-            row[:] = log_share + self._log_factor(known, fit, covariance, log_volume)
+            row[:] = log_share + self._log_factor(known, fit, covariance, box)
         every[:-1, np.linalg.det(fit.rotation) < 0.0] = -np.inf
         return every
 
@@ -110,9 +115,9 @@ class MotionPrior:
             every.append(one)
         return every
 
-    def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, log_volume: float) -> Floats:
+    def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, box: Floats) -> Floats:
         """Logarithm (K,) of the factor that one prediction puts on the odds of rotations."""
-        measured = _measure_offsets(known, fit, math.exp(log_volume / 3.0))
+        measured = _measure_offsets(known, fit, box)
         off, jacobian = measured.off, measured.jacobian
         whole = jacobian @ covariance @ jacobian.T + measured.covariance
         # turns and shifts have different units: scaled, so that the inverse is exact
@@ -204,17 +209,17 @@ def _has_scale(pose: Pose) -> bool:
     return pose.covariance is not None and len(pose.covariance) == 7
 
 
-def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, length: float) -> _Off:
-    """How far fitted motions are from what is known of them; ``length``: edge of the volume in which they may lie."""
-    turns, places = np.full(3, ROTATIONS ** (1.0 / 3.0)), np.full(3, length)
+def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, box: Floats) -> _Off:
+    """How far fitted motions are from what is known of them; ``box`` (3, 3): see `MotionPrior.log_factors`."""
+    turns = ROTATIONS ** (1.0 / 3.0) * np.eye(3)
     fitted = 7 if fit.clouds.scaled else 6
     if isinstance(known, Pose):
         assert known.covariance is not None
         size, scale = known.covariance.shape[-1], np.asarray(known.scale)
-        longer, ranges = (known.scale - fit.scale)[:, None], np.empty((*scale.shape, 7))
+        longer, flat = (known.scale - fit.scale)[:, None], np.zeros((*scale.shape, 7, 7))
         off = np.concatenate([_turn_vectors(known.R, fit), known.t - fit.shift, longer], axis=1)[:, :size]
-        ranges[..., :3], ranges[..., 3:6], ranges[..., 6] = turns, places, scale * RANGE_OF_LOG
-        return _Off(off, np.eye(size, fitted), known.covariance, ranges[..., :size])
+        flat[..., :3, :3], flat[..., 3:6, 3:6], flat[..., 6, 6] = turns, box, scale * RANGE_OF_LOG
+        return _Off(off, np.eye(size, fitted), known.covariance, flat[..., :size, :size])
     parts = []
     if known.turn is not None:
         R, covariance = known.turn
@@ -224,20 +229,21 @@ def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, length: float) -
         across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
         off = _tilt_vectors(fit.rotation @ source, target, across) @ across.T
         tilt = max(noise, LEAST_TILT) ** 2 * np.eye(2)
-        parts.append(_Off(off, across @ np.eye(3, fitted), tilt, np.full(2, DIRECTIONS**0.5)))
+        parts.append(_Off(off, across @ np.eye(3, fitted), tilt, DIRECTIONS**0.5 * np.eye(2)))
     if known.place is not None:
         t, covariance = known.place
-        parts.append(_Off(t - fit.shift, np.eye(3, fitted, 3), covariance, places))
+        parts.append(_Off(t - fit.shift, np.eye(3, fitted, 3), covariance, box))
     sizes = [len(one.covariance) for one in parts]
-    whole, begin = np.zeros((sum(sizes), sum(sizes))), 0
+    (whole, flat), begin = np.zeros((2, sum(sizes), sum(sizes))), 0
     for one, size in zip(parts, sizes, strict=True):
-        whole[begin : begin + size, begin : begin + size] = one.covariance
+        own = slice(begin, begin + size)
+        whole[own, own], flat[own, own] = one.covariance, one.flat
         begin += size
     return _Off(
         np.concatenate([one.off for one in parts], axis=1),
         np.concatenate([one.jacobian for one in parts]),
         whole,
-        np.concatenate([one.ranges for one in parts]),
+        flat,
     )
 
 

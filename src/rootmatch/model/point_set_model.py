@@ -62,7 +62,7 @@ class Judged(NamedTuple):
     log_odds: Floats
     """(K,) of each against the hypothesis that all targets are clutter."""
     known: Floats
-    """(K,): their part that what is known of the motion gives, 0 if nothing is."""
+    """(K,): by how much what is known of the motion makes each more probable than it is without; 0 if nothing is."""
     held: Integers
     """The prediction (K,) by which each is most probable; −1 if by none."""
 
@@ -120,7 +120,7 @@ class PointSetModel:
     @property
     def log_volume(self) -> float:
         """Logarithm of the volume in which clutter lies, and the object."""
-        return self._clutter_space[0]
+        return float(np.log(self._clutter_space[0]).sum())
 
     @property
     def clutter(self) -> Clutter:
@@ -128,7 +128,7 @@ class PointSetModel:
         return self._clutter_space[1]
 
     @cached_property
-    def _clutter_space(self) -> tuple[float, Clutter, Floats, Floats]:
+    def _clutter_space(self) -> tuple[Floats, Clutter, Floats, Floats]:
         clouds = self.clouds
         space = fit_clutter_space(clouds.target, clouds.target_variance)
         return space if self.repeated is None else (space[0], self.repeated, *space[2:])
@@ -143,7 +143,7 @@ class PointSetModel:
         factors = self.log_factors(fit) if factors is None else factors
         predicted, total = len(factors) - 1, np.asarray(np.logaddexp.reduce(factors, axis=0))
         held = np.where((first := factors.argmax(axis=0)) < predicted, first, -1)
-        known = np.zeros(len(total)) if self.prior is None else total
+        known = np.zeros(len(total)) if self.prior is None else total - factors[-1] + np.log(self.prior.doubt)
         matched, taken = (assignments >= 0).sum(axis=1), used_mask(fit.assignments, len(self.clouds.target))
         # what was matched, as clutter that may crowd about points of which nothing was detected
         log_clutter = self.clutter.log_density_of_taken(taken, self.clutter_about_points(fit, fit.assignments < 0))
@@ -216,19 +216,21 @@ class PointSetModel:
         for some in bodies or [(slice(None), slice(None))]:
             own[some] = True
             shown.append(log_region_factor(self.clouds.source[some[1]], matched[some], self.detection_rate))
-        inside, in_part = self._log_placement(fit, own)
-        of_rates = np.concatenate(shown)
-        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + of_rates
-        if in_part is not None:
-            placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
+        inside, window = self._log_placement(fit, own)
+        in_view = np.concatenate(shown)
+        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + in_view
+        if window is not None:
+            rest, in_part = math.log1p(-IN_PART), math.log(IN_PART) + window[0]
+            placed, in_view = np.logaddexp(rest + placed, in_part + window[1]), np.logaddexp(rest + in_view, in_part)
         if self.prior is None:
             return placed[None]
-        factors = self.prior.log_factors(fit, self.log_volume)
-        factors[:-1] += of_rates
+        # what is known takes the place of where an object may be, and not of which of its points are in view
+        factors = self.prior.log_factors(fit, self._clutter_space[3] * self._clutter_space[0])
+        factors[:-1] += in_view
         factors[-1] += placed
         return factors
 
-    def _log_placement(self, fit: PointSetFit, own: Bools) -> tuple[Floats, Floats | None]:
+    def _log_placement(self, fit: PointSetFit, own: Bools) -> tuple[Floats, tuple[Floats, Floats] | None]:
         """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
 
         The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all
@@ -254,11 +256,13 @@ class PointSetModel:
             return np.asarray(inside), None
         return np.asarray(inside), self._log_window_placement(along, fit.assignments, last - first, own)
 
-    def _log_window_placement(self, along: Floats, assignments: Integers, extent: Floats, own: Bools) -> Floats:
+    def _log_window_placement(
+        self, along: Floats, assignments: Integers, extent: Floats, own: Bools
+    ) -> tuple[Floats, Floats]:
         """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
 
-        The window is where targets are. Points that are not in view are not missed: δ is that of the others. The object
-        may be wherever it and the window overlap.
+        The window is where targets are. Points that are not in view are not missed: δ is that of the others, the first
+        part. The object may be wherever it and the window overlap, the second.
         """
         from scipy.special import gammaln  # slow to import
 
@@ -268,7 +272,7 @@ class PointSetModel:
         in_view, n = np.where(assignments.T >= 0, 1.0, seen * own.T).sum(axis=0), own.sum(axis=1)
         missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
         missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
-        return np.asarray(missed + np.log(span / (span + extent)).sum(axis=1))
+        return np.asarray(missed), np.asarray(np.log(span / (span + extent)).sum(axis=1))
 
     @cached_property
     def _clutter_box(self) -> tuple[Floats, Floats, Floats, Floats]:

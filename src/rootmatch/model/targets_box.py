@@ -15,10 +15,10 @@ _LOG_NODES = np.log(0.5 + 0.5 * _HALF)
 
 
 @cache_by_values(8)
-def fit_clutter_space(target: Floats, variance: Floats) -> tuple[float, Clutter, Floats, Floats]:
-    """Logarithm of the volume that targets span, the clutter in it, once for all bodies among them, and its frame."""
+def fit_clutter_space(target: Floats, variance: Floats) -> tuple[Floats, Clutter, Floats, Floats]:
+    """Extents (k,) of the box that targets span, the clutter in it, once for all bodies among them, and its frame."""
     middle, axes, along, extents = bounding_box(target, variance)
-    return float(np.log(extents).sum()), estimate_space_clutter(along, np.sqrt(variance), extents), middle, axes
+    return extents, estimate_space_clutter(along, np.sqrt(variance), extents), middle, axes
 
 
 @cache_by_values(8)
