@@ -94,6 +94,26 @@ class MotionPrior:
         every[:-1, np.linalg.det(fit.rotation) < 0.0] = -np.inf
         return every
 
+    def tell_places(self, box: Floats) -> list[Floats]:
+        """How well (…, 4) each prediction tells places along the edges of a box, and the scale: from not, 0, to 1.
+
+        A flat prior along an edge e with a variance c² counts as e² / (e² + 2π c²): vague knowledge leaves the object
+        where it may be without.
+        """
+        every, back = [], np.linalg.inv(box)
+        for known, _ in self.predictions:
+            if isinstance(known, Pose):
+                assert known.covariance is not None
+                place, scale = known.covariance[..., 3:6, 3:6], float(_has_scale(known))
+            elif known.place is not None:
+                place, scale = known.place[1], 0.0
+            else:
+                every.append(np.zeros(4))
+                continue
+            share = 1.0 / (1.0 + 2.0 * math.pi * np.diagonal(back @ place @ back.T, axis1=-2, axis2=-1))
+            every.append(np.concatenate([share, np.full((*share.shape[:-1], 1), scale)], axis=-1))
+        return every
+
     def labellings(self, clouds: PointClouds) -> list[Integers]:
         """The assignment (n,) about each whole pose that is predicted: the nearest targets within its covariance."""
         every = []
@@ -206,7 +226,7 @@ def add_source_errors(clouds: PointClouds, assignment: Integers, fit: Pose) -> P
 
 def _has_scale(pose: Pose) -> bool:
     """Whether the scale is one of the predicted parameters."""
-    return pose.covariance is not None and len(pose.covariance) == 7
+    return pose.covariance is not None and pose.covariance.shape[-1] == 7
 
 
 def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, box: Floats) -> _Off:

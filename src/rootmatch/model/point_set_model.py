@@ -44,15 +44,16 @@ from rootmatch.model.modes import used_mask
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM, PRESENT
 from rootmatch.model.shown_regions import log_detection_count, log_region_factor
-from rootmatch.model.targets_box import WEIGHTS, box_edges, fit_clutter_space, view_probability, view_probability_among
+from rootmatch.model.targets_box import (
+    WEIGHTS,
+    Placement,
+    box_edges,
+    fit_clutter_space,
+    view_probability,
+    view_probability_among,
+)
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fit_point_sets
-
-INSIDE = 0.5
-"""Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
-its middle alone. A round value."""
-IN_PART = 0.2
-"""Prior probability that the targets show neither, but what of the object is in a window. A round value."""
 
 
 class Judged(NamedTuple):
@@ -216,31 +217,18 @@ class PointSetModel:
         for some in bodies or [(slice(None), slice(None))]:
             own[some] = True
             shown.append(log_region_factor(self.clouds.source[some[1]], matched[some], self.detection_rate))
-        inside, window = self._log_placement(fit, own)
-        in_view = np.concatenate(shown)
-        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + in_view
-        if window is not None:
-            rest, in_part = math.log1p(-IN_PART), math.log(IN_PART) + window[0]
-            placed, in_view = np.logaddexp(rest + placed, in_part + window[1]), np.logaddexp(rest + in_view, in_part)
+        placement, in_view = self._place(fit, own), np.concatenate(shown)
         if self.prior is None:
-            return placed[None]
-        # what is known takes the place of where an object may be, and not of which of its points are in view
-        factors = self.prior.log_factors(fit, self._clutter_space[3] * self._clutter_space[0])
-        factors[:-1] += in_view
-        factors[-1] += placed
+            return placement.log_factors(in_view)[None]
+        # what is known takes the place of where an object may be, as far as it tells, and not of what is in view of it
+        box = self._clutter_space[3] * self._clutter_space[0]
+        factors = self.prior.log_factors(fit, box)
+        for row, told in zip(factors, [*self.prior.tell_places(box), 0.0], strict=True):
+            row += placement.log_factors(in_view, told)
         return factors
 
-    def _log_placement(self, fit: PointSetFit, own: Bools) -> tuple[Floats, tuple[Floats, Floats] | None]:
-        """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
-
-        The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all
-        points of the object r', and these alone l. With c points that may be anywhere in the box, its translation has
-        the density 1 / (L − l) in the place of 1 / L, and each edge the factor
-
-            (c + 1) (c + 2) r^(c + 1) ∫ (L − r') L^(−c − 2) / (L − l) dL,  L > r'.
-
-        If its scale is unknown, the object has any size up to that of the box: s is flat, and not its logarithm.
-        """
+    def _place(self, fit: PointSetFit, own: Bools) -> Placement:
+        """Where objects may be, by the places of their own points, (K, n) in all."""
         middle, axes = self._clutter_space[2:]
         low, high, left, above = self._clutter_box
         along = ((fit.places[0] - middle) @ axes).swapaxes(0, 1).copy()  # extrema of rows take the least time
@@ -249,30 +237,19 @@ class PointSetModel:
         both = np.maximum(last, high) - np.minimum(first, low)
         share, matched = (last - first) / both, (fit.assignments >= 0).sum(axis=1)
         others, beyond = left[matched, None] + 1.0, above[matched, None]
-        log = others * np.log((high - low) / both)
-        log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
-        inside = log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0)
+        inside = others * np.log((high - low) / both)
+        inside += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
+        if self.clouds.scaled:
+            inside = np.append(inside, np.log(RANGE_OF_LOG * share.max(axis=1, keepdims=True)), axis=1)
         if self.detection_rate is not None or bool((both <= high - low).all()):
-            return np.asarray(inside), None
-        return np.asarray(inside), self._log_window_placement(along, fit.assignments, last - first, own)
-
-    def _log_window_placement(
-        self, along: Floats, assignments: Integers, extent: Floats, own: Bools
-    ) -> tuple[Floats, Floats]:
-        """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
-
-        The window is where targets are. Points that are not in view are not missed: δ is that of the others, the first
-        part. The object may be wherever it and the window overlap, the second.
-        """
-        from scipy.special import gammaln  # slow to import
-
-        low, high = self._clutter_box[:2]
-        span, matched = high - low, (assignments >= 0).sum(axis=1)
+            return Placement(inside, None, inside)
         seen = view_probability(along, low, high, len(self.clouds.target))
-        in_view, n = np.where(assignments.T >= 0, 1.0, seen * own.T).sum(axis=0), own.sum(axis=1)
-        missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
-        missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
-        return np.asarray(missed), np.asarray(np.log(span / (span + extent)).sum(axis=1))
+        in_view, n = np.where(fit.assignments.T >= 0, 1.0, seen * own.T).sum(axis=0), own.sum(axis=1)
+        return Placement(
+            inside,
+            log_detection_count(in_view, matched) - log_detection_count(n, matched),
+            np.log((high - low) / (high - low + last - first)),
+        )
 
     @cached_property
     def _clutter_box(self) -> tuple[Floats, Floats, Floats, Floats]:
