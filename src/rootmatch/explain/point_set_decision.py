@@ -32,6 +32,7 @@ from rootmatch.model.point_set_off import log_odds_of_errors
 from rootmatch.model.point_set_posterior import PointSetPosterior, mix_posteriors, weigh_point_set_posterior
 from rootmatch.model.priors import PRESENT
 from rootmatch.model.repetition import Repeated, find_repetition
+from rootmatch.model.weighed_labellings import NEGLIGIBLE
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
@@ -135,6 +136,9 @@ def _judge_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None
     judged = model.judged(every)
     if not is_search_needless(model, judged):
         return None
+    # a part of the source that is like another one explains less, and tells nothing of where this one is
+    alone = judged.log_odds - judged.known
+    judged = judged.take(np.flatnonzero(alone > alone.max() - NEGLIGIBLE))
     found = assess_labellings(task, model, SampledTensor(empty_tensor(task), 0), judged)
     if found.status is not Status.MATCHED or not found.prior_holds:
         return None
