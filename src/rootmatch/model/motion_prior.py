@@ -23,13 +23,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector, turn_jacobian
+from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, kalman_update
+from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, angle_count, kalman_update, turn_vectors
 from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, copy_shared_errors
 
 DIRECTIONS = 4.0 * math.pi
@@ -68,7 +68,7 @@ class MotionPrior:
     Parameters
     ----------
     predictions : sequence of (Pose or PosePrior, share)
-        Shares add up to 1. A pose has a covariance (6, 6), or (7, 7) if it tells the scale.
+        Shares add up to 1. A pose has a covariance (6, 6), or (3, 3) in a plane, or one row more if it tells the scale.
     doubt : float
         Probability that none of them holds.
     freedom : float
@@ -83,7 +83,7 @@ class MotionPrior:
     def log_factors(self, fit: PointSetFit, box: Floats) -> Floats:
         """Logarithm (predictions + 1, K) of the factor on the odds of each prediction, and of the doubt as the last.
 
-        ``box`` (3, 3): edges, as columns, of the box in which positions may be.
+        ``box`` (k, k): edges, as columns, of the box in which positions may be.
         """
         covariance = motion_covariances(fit)
         every = np.empty((len(self.predictions) + 1, len(fit.scale)))
@@ -95,20 +95,21 @@ class MotionPrior:
         return every
 
     def tell_places(self, box: Floats) -> list[Floats]:
-        """How well (…, 4) each prediction tells places along the edges of a box, and the scale: from not, 0, to 1.
+        """How well (…, k + 1) each prediction tells places along the edges of a box, and the scale: from not, 0, to 1.
 
         A flat prior along an edge e with a variance c² counts as e² / (e² + 2π c²): vague knowledge leaves the object
         where it may be without.
         """
-        every, back = [], np.linalg.inv(box)
+        every, back, size = [], np.linalg.inv(box), len(box)
         for known, _ in self.predictions:
             if isinstance(known, Pose):
                 assert known.covariance is not None
-                place, scale = known.covariance[..., 3:6, 3:6], float(_has_scale(known))
+                own = slice(angle_count(size), angle_count(size) + size)
+                place, scale = known.covariance[..., own, own], float(_has_scale(known))
             elif known.place is not None:
                 place, scale = known.place[1], 0.0
             else:
-                every.append(np.zeros(4))
+                every.append(np.zeros(size + 1))
                 continue
             share = 1.0 / (1.0 + 2.0 * math.pi * np.diagonal(back @ place @ back.T, axis1=-2, axis2=-1))
             every.append(np.concatenate([share, np.full((*share.shape[:-1], 1), scale)], axis=-1))
@@ -168,17 +169,17 @@ def stack_priors(priors: Sequence[MotionPrior | None], counts: Sequence[int]) ->
 
 
 def motion_covariances(fit: PointSetFit) -> Floats:
-    """Covariances (K, 6, 6) of a turn (ω, rad) and of the translation of fitted motions of space.
+    """Covariances (K, 6, 6) of a turn (ω, rad) and of the translation of fitted motions; (K, 3, 3) in a plane.
 
-    (K, 7, 7) where the scale is fitted too.
+    One row more where the scale is fitted too.
     """
-    count, size = len(fit.scale), 7 if fit.clouds.scaled else 6
     turned = (fit.rotation @ fit.centre[:, :, None])[:, :, 0]
-    whole = fit.covariance
-    change = np.tile(np.eye(size), (count, 1, 1))  # from the centre of the matches to the origin
-    change[:, 3:6, :3] = cross_matrix(fit.scale[:, None] * turned)
+    whole, angles = fit.covariance, angle_count(turned.shape[1])
+    shift = slice(angles, angles + turned.shape[1])
+    change = np.tile(np.eye(whole.shape[1]), (len(whole), 1, 1))  # from the centre of the matches to the origin
+    change[:, shift, :angles] = -turn_jacobian(fit.scale[:, None] * turned)
     if fit.clouds.scaled:
-        change[:, 6, 6], change[:, 3:6, 6] = fit.scale, -fit.scale[:, None] * turned
+        change[:, -1, -1], change[:, shift, -1] = fit.scale, -fit.scale[:, None] * turned
     return np.asarray(change @ whole @ change.swapaxes(1, 2))
 
 
@@ -191,21 +192,23 @@ def fuse_with_known(fit: Pose, known: Pose | PosePrior) -> Pose:
     size = len(known.covariance)
     # as `updated` takes it: were it the difference, each frame would add to the scale
     longer = fit.scale * math.log(known.scale / fit.scale)
-    off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), longer])[:size]
+    off = np.array([*turn_vectors((known.R @ fit.R.T)[None])[0], *(known.t - fit.t), longer])[:size]
     return kalman_update(fit, np.eye(size), off, known.covariance)
 
 
 def _correct_scale_bias(fit: Pose) -> Pose:
     """A fit whose scale is the most likely one with rotations integrated out: the best rotation fits noise as well.
 
-    The likelihood of a rotation falls with its squared angle times the scale, so the integral has a factor s^(−3/2).
+    The likelihood of a rotation falls with its squared angle times the scale, so the integral has a factor s^(−1/2) for
+    each angle.
     """
     if not _has_scale(fit):
         return fit
     assert fit.covariance is not None
-    with_scale, variance = fit.covariance[:, 6], float(fit.covariance[6, 6])
-    scale = fit.scale * math.exp(-1.5 * variance / fit.scale**2)
-    shift = (scale - fit.scale) / variance * with_scale[3:6]
+    with_scale, variance = fit.covariance[:, -1], float(fit.covariance[-1, -1])
+    angles = angle_count(len(fit.t))
+    scale = fit.scale * math.exp(-0.5 * angles * variance / fit.scale**2)
+    shift = (scale - fit.scale) / variance * with_scale[angles:-1]
     return copy_shared_errors(Pose.unchecked(fit.R, fit.t + shift, fit.covariance, scale), fit)
 
 
@@ -218,32 +221,34 @@ def add_source_errors(clouds: PointClouds, assignment: Integers, fit: Pose) -> P
     first, second = clouds.covariances(linear)
     by_pose = used[:, None, None] * _motion_jacobians(clouds.source @ fit.R.T, fit)
     known = clouds.source_covariance
-    covariance = clouds.source_variance[:, None, None] * np.eye(3) if known is None else known
-    by_point = np.broadcast_to(linear, (len(used), 3, 3))
+    covariance = clouds.source_variance[:, None, None] * np.eye(len(linear)) if known is None else known
+    by_point = np.broadcast_to(linear, (len(used), *linear.shape))
     spread = first + second[assignment]
     return SharedPose.of(fit, SharedErrors.of_points(fit.covariance, (by_pose, by_point), spread, covariance))
 
 
 def _has_scale(pose: Pose) -> bool:
     """Whether the scale is one of the predicted parameters."""
-    return pose.covariance is not None and pose.covariance.shape[-1] == 7
+    size = pose.t.shape[-1]
+    return pose.covariance is not None and pose.covariance.shape[-1] > angle_count(size) + size
 
 
 def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, box: Floats) -> _Off:
     """How far fitted motions are from what is known of them; ``box`` (3, 3): see `MotionPrior.log_factors`."""
-    turns = ROTATIONS ** (1.0 / 3.0) * np.eye(3)
-    fitted = 7 if fit.clouds.scaled else 6
+    dimension, angles = len(box), angle_count(len(box))
+    turns = ROTATIONS ** (1.0 / 3.0) * np.eye(3) if dimension == 3 else 2.0 * math.pi * np.eye(1)
+    fitted, shift = angles + dimension + fit.clouds.scaled, slice(angles, angles + dimension)
     if isinstance(known, Pose):
         assert known.covariance is not None
         size, scale = known.covariance.shape[-1], np.asarray(known.scale)
-        longer, flat = (known.scale - fit.scale)[:, None], np.zeros((*scale.shape, 7, 7))
+        longer, flat = (known.scale - fit.scale)[:, None], np.zeros((*scale.shape, *(angles + dimension + 1,) * 2))
         off = np.concatenate([_turn_vectors(known.R, fit), known.t - fit.shift, longer], axis=1)[:, :size]
-        flat[..., :3, :3], flat[..., 3:6, 3:6], flat[..., 6, 6] = turns, box, scale * RANGE_OF_LOG
+        flat[..., :angles, :angles], flat[..., shift, shift], flat[..., -1, -1] = turns, box, scale * RANGE_OF_LOG
         return _Off(off, np.eye(size, fitted), known.covariance, flat[..., :size, :size])
     parts = []
     if known.turn is not None:
         R, covariance = known.turn
-        parts.append(_Off(_turn_vectors(R, fit), np.eye(3, fitted), covariance, turns))
+        parts.append(_Off(_turn_vectors(R, fit), np.eye(angles, fitted), covariance, turns))
     elif known.down is not None:
         source, target, noise = known.down
         across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
@@ -252,7 +257,7 @@ def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, box: Floats) -> 
         parts.append(_Off(off, across @ np.eye(3, fitted), tilt, DIRECTIONS**0.5 * np.eye(2)))
     if known.place is not None:
         t, covariance = known.place
-        parts.append(_Off(t - fit.shift, np.eye(3, fitted, 3), covariance, box))
+        parts.append(_Off(t - fit.shift, np.eye(dimension, fitted, angles), covariance, box))
     sizes = [len(one.covariance) for one in parts]
     (whole, flat), begin = np.zeros((2, sum(sizes), sum(sizes))), 0
     for one, size in zip(parts, sizes, strict=True):
@@ -268,8 +273,8 @@ def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, box: Floats) -> 
 
 
 def _turn_vectors(R: Floats, fit: PointSetFit) -> Floats:
-    """Rotation vectors (K, 3) from fitted rotations to a known one."""
-    return rotation_vector(R @ fit.rotation.swapaxes(1, 2))
+    """Rotation vectors (K, 3), or angles (K, 1), from fitted rotations to a known one."""
+    return turn_vectors(R @ fit.rotation.swapaxes(1, 2))
 
 
 def _tilt_vectors(now: Floats, target: Floats, across: Floats) -> Floats:
@@ -289,13 +294,14 @@ def _squared_mahalanobis(clouds: PointClouds, pose: Pose) -> Floats:
     spread = rows @ pose.covariance @ rows.swapaxes(1, 2)
     first, second = clouds.covariances(pose.scale * pose.R)
     whole = (spread + first)[:, None] + second
-    whole = whole + RIDGE * np.trace(whole, axis1=2, axis2=3)[..., None, None] * np.eye(3)
+    whole = whole + RIDGE * np.trace(whole, axis1=2, axis2=3)[..., None, None] * np.eye(len(pose.t))
     off = clouds.target - (moved + pose.t)[:, None]
     return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
 
 
 def _motion_jacobians(turned: Floats, pose: Pose) -> Floats:
-    """Derivatives (n, 3, p) of moved source points, of which some (n, 3) are turned alone, by a motion's p errors."""
+    """Derivatives (n, k, p) of moved source points, of which some (n, k) are turned alone, by a motion's p errors."""
     assert pose.covariance is not None
-    parts = [turn_jacobian(pose.scale * turned), np.broadcast_to(np.eye(3), (len(turned), 3, 3)), turned[:, :, None]]
+    still = np.broadcast_to(np.eye(turned.shape[1]), (*turned.shape, turned.shape[1]))
+    parts = [turn_jacobian(pose.scale * turned), still, turned[:, :, None]]
     return np.concatenate(parts, axis=2)[:, :, : len(pose.covariance)]

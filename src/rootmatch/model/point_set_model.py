@@ -45,6 +45,7 @@ from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM, PRESENT
 from rootmatch.model.shown_regions import log_detection_count, log_region_factor
 from rootmatch.model.targets_box import (
+    UNTOLD,
     WEIGHTS,
     Placement,
     box_edges,
@@ -223,7 +224,7 @@ class PointSetModel:
         # what is known takes the place of where an object may be, as far as it tells, and not of what is in view of it
         box = self._clutter_space[3] * self._clutter_space[0]
         factors = self.prior.log_factors(fit, box)
-        for row, told in zip(factors, [*self.prior.tell_places(box), 0.0], strict=True):
+        for row, told in zip(factors, [*self.prior.tell_places(box), UNTOLD], strict=True):
             row += placement.log_factors(in_view, told)
         return factors
 

@@ -21,6 +21,9 @@ its middle alone. A round value."""
 IN_PART = 0.2
 """Prior probability that the targets show neither, but what of the object is in a window. A round value."""
 
+UNTOLD = np.zeros(1)
+"""Of a motion of which nothing is known."""
+
 
 class Placement(NamedTuple):
     """How much more probable K motions are by where an object may be, than with its middle anywhere among the targets.
@@ -44,10 +47,10 @@ class Placement(NamedTuple):
     overlap: Floats
     """(K, k) of where the window is."""
 
-    def log_factors(self, log_rates: Floats, told: Floats | float = 0.0) -> Floats:
+    def log_factors(self, log_rates: Floats, told: Floats = UNTOLD) -> Floats:
         """Logarithm (K,) of all of these, averaged, by what rates tell (K,) without a window.
 
-        ``told`` (…, 4): how well places along each axis, and the scale, are known, see `MotionPrior.tell_places`.
+        ``told`` (…, k + 1): how well places along each axis, and the scale, are known, see `MotionPrior.tell_places`.
         """
         inside = _sum_untold(self.inside, told)
         placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + log_rates
@@ -57,9 +60,9 @@ class Placement(NamedTuple):
         return np.asarray(np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part))
 
 
-def _sum_untold(log: Floats, told: Floats | float) -> Floats:
+def _sum_untold(log: Floats, told: Floats) -> Floats:
     """Sum (K,) of logarithms of densities along axes (K, k), as far as nothing else tells the places."""
-    share = np.broadcast_to(told, (len(log), 4))[:, : log.shape[1]]
+    share = told[..., : log.shape[1]]
     with np.errstate(divide="ignore"):
         return np.asarray((log + 0.5 * np.logaddexp(np.log(share) - 2.0 * log, np.log1p(-share))).sum(axis=1))
 
