@@ -125,6 +125,11 @@ class PointSetModel:
         return float(np.log(self._clutter_space[0]).sum())
 
     @property
+    def box(self) -> Floats:
+        """Edges of that volume as columns (k, k)."""
+        return np.asarray(self._clutter_space[3] * self._clutter_space[0])
+
+    @property
     def clutter(self) -> Clutter:
         """Where clutter lies."""
         return self._clutter_space[1]
@@ -222,9 +227,8 @@ class PointSetModel:
         if self.prior is None:
             return placement.log_factors(in_view)[None]
         # what is known takes the place of where an object may be, as far as it tells, and not of what is in view of it
-        box = self._clutter_space[3] * self._clutter_space[0]
-        factors = self.prior.log_factors(fit, box)
-        for row, told in zip(factors, [*self.prior.tell_places(box), UNTOLD], strict=True):
+        factors = self.prior.log_factors(fit, self.box)
+        for row, told in zip(factors, [*self.prior.tell_places(self.box), UNTOLD], strict=True):
             row += placement.log_factors(in_view, told)
         return factors
 
