@@ -71,9 +71,11 @@ def check_followed(problem: Problem, source: ArrayLike) -> None:
     if problem.takes_motion_prior and problem.source_dimension != 2:
         followed = not getattr(problem, "mirror", False)
     if not followed:
+        flat = problem.takes_motion_prior and problem.source_dimension == 2
+        instead = "; or give each match the last fused pose as prior=, or points z = 0" if flat else ""
         raise InputError(
             f"problem: {problem!r} given; a tracker follows rotations and translations in space: give P3P, UP2P, or "
-            "Rigid() or Similarity() with points in space"
+            f"Rigid() or Similarity() with points in space{instead}"
         )
 
 
