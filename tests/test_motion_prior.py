@@ -314,3 +314,20 @@ def test_predicted_targets_are_those_that_fit_best_together(gap: float) -> None:
     pose = rm.Pose(np.eye(3), np.zeros(3), np.diag([1e-6] * 3 + [1.0] * 3))
     (assignment,) = MotionPrior(((pose, 1.0),), 0.1).labellings(clouds)
     np.testing.assert_array_equal(assignment, [4, 3, 2, 1, 0])
+
+
+def test_a_prediction_less_certain_than_points_are_close_is_narrowed_by_its_matches() -> None:
+    """Each point's nearest target is another one's, and all of them are off by the same."""
+    source = 2.0 * np.stack(np.meshgrid(*[np.arange(4.0)] * 3), axis=-1).reshape(-1, 3)
+    source += np.random.default_rng(3).uniform(-0.6, 0.6, source.shape)
+    prior = rm.Pose(np.eye(3), np.zeros(3), np.diag([1e-6] * 3 + [0.36] * 3))
+    seen = np.arange(0, 64, 5)
+    target = source[seen] + (1.0, 0.7, -0.8) + 0.01 * np.random.default_rng(4).normal(size=(13, 3))
+    match = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.01), prior=prior)
+    assert match.status is rm.Status.MATCHED
+    assert match.evaluated == 0
+    np.testing.assert_array_equal(match.pairs, np.column_stack([seen, np.arange(13)]))
+    excluded = np.ones((64, 13), np.bool_)
+    excluded[0, 0] = False
+    other = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.01), prior=prior, candidates=excluded)
+    np.testing.assert_array_equal(other.pairs, match.pairs[1:])

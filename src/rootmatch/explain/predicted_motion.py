@@ -38,9 +38,12 @@ def is_search_needless(model: PointSetModel, judged: Judged) -> bool:
     return mass >= math.log(model.prior.doubt) + elsewhere
 
 
-def predicted_labellings(model: PointSetModel) -> list[Integers]:
-    """Labellings (n,) about predicted motions, those that determine one."""
-    every = [] if model.prior is None else model.prior.labellings(model.clouds)
+def predicted_labellings(model: PointSetModel, *, narrowed: bool = False) -> list[Integers]:
+    """Labellings (n,) about predicted motions, those that determine one; see `MotionPrior.labellings`."""
+    every = [] if model.prior is None else model.prior.labellings(model.clouds, narrowed=narrowed)
+    if model.allowed is not None:
+        rows = np.arange(len(model.allowed))
+        every = [np.where(model.allowed[rows, one], one, -1) for one in every]
     return [one for one in every if np.count_nonzero(one >= 0) >= FEWEST]
 
 

@@ -36,6 +36,8 @@ DIRECTIONS = 4.0 * math.pi
 """Area of all directions."""
 GATE = 21.0
 """Squared deviation, in three coordinates, up to which a target may be a predicted point: chance 10⁻⁴ beyond."""
+NARROWED = 16
+"""Matches that are tried one by one, of the targets that the fewest points are near. A round value."""
 RIDGE = 1e-12
 """Added to the diagonal of a covariance, relative to it, so that it has an inverse."""
 
@@ -115,25 +117,16 @@ class MotionPrior:
             every.append(np.concatenate([share, np.full((*share.shape[:-1], 1), scale)], axis=-1))
         return every
 
-    def labellings(self, clouds: PointClouds) -> list[Integers]:
-        """The assignment (n,) about each whole pose that is predicted: the nearest targets within its covariance."""
+    def labellings(self, clouds: PointClouds, *, narrowed: bool = False) -> list[Integers]:
+        """The assignment (n,) about each whole pose that is predicted: the nearest targets within its covariance.
+
+        ``narrowed``: about what one more match makes of each of these poses, of targets that few points are near.
+        """
         every = []
         for known, _ in self.predictions:
             pose = known.pose if isinstance(known, PosePrior) else known
-            if pose is None or (clouds.scaled and not _has_scale(pose)):
-                continue
-            squared = _squared_mahalanobis(clouds, pose)
-            near = squared < GATE
-            if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
-                from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
-
-                pairs = np.zeros_like(near)
-                pairs[linear_sum_assignment(np.minimum(squared, GATE))] = True
-                near &= pairs
-            one = np.full(len(squared), -1, np.int64)
-            rows, columns = np.nonzero(near)
-            one[rows] = columns
-            every.append(one)
+            if pose is not None and (_has_scale(pose) or not clouds.scaled):
+                every += [_label_nearest(clouds, one) for one in (_narrow(clouds, pose) if narrowed else [pose])]
         return every
 
     def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, box: Floats) -> Floats:
@@ -286,8 +279,37 @@ def _tilt_vectors(now: Floats, target: Floats, across: Floats) -> Floats:
     return np.asarray(angle[:, None] * unit)
 
 
-def _squared_mahalanobis(clouds: PointClouds, pose: Pose) -> Floats:
-    """Squared deviations (n, n') of targets from the places that a pose predicts, by their covariances."""
+def _label_nearest(clouds: PointClouds, pose: Pose) -> Integers:
+    """The assignment (n,) about a pose: the targets nearest to where it predicts the points."""
+    off, spread = _deviations(clouds, pose)
+    squared = (off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=2)
+    near = squared < GATE
+    if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
+        from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
+
+        pairs = np.zeros_like(near)
+        pairs[linear_sum_assignment(np.minimum(squared, GATE))] = True
+        near &= pairs
+    one = np.full(len(squared), -1, np.int64)
+    rows, columns = np.nonzero(near)
+    one[rows] = columns
+    return one
+
+
+def _narrow(clouds: PointClouds, pose: Pose) -> list[Pose]:
+    """A predicted pose after one match each: where points are closer than it is certain, errors are those of all."""
+    off, spread = _deviations(clouds, pose)
+    near = (off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=2) < GATE
+    count = near.sum(axis=0)
+    columns = [j for j in np.argsort(count, kind="stable").tolist() if count[j]]
+    pairs = [(i, j) for j in columns for i in np.flatnonzero(near[:, j]).tolist()][:NARROWED]
+    jacobian = _motion_jacobians(clouds.source @ pose.R.T, pose)
+    first, second = clouds.covariances(pose.scale * pose.R)
+    return [kalman_update(pose, jacobian[i], off[i, j], first[i] + second[j]) for i, j in pairs]
+
+
+def _deviations(clouds: PointClouds, pose: Pose) -> tuple[Floats, Floats]:
+    """Deviations (n, n', k) of targets from the places that a pose predicts, and their covariances (n, n', k, k)."""
     assert pose.covariance is not None
     turned = clouds.source @ pose.R.T
     rows, moved = _motion_jacobians(turned, pose), pose.scale * turned
@@ -295,8 +317,7 @@ def _squared_mahalanobis(clouds: PointClouds, pose: Pose) -> Floats:
     first, second = clouds.covariances(pose.scale * pose.R)
     whole = (spread + first)[:, None] + second
     whole = whole + RIDGE * np.trace(whole, axis1=2, axis2=3)[..., None, None] * np.eye(len(pose.t))
-    off = clouds.target - (moved + pose.t)[:, None]
-    return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
+    return clouds.target - (moved + pose.t)[:, None], whole
 
 
 def _motion_jacobians(turned: Floats, pose: Pose) -> Floats:
