@@ -128,16 +128,14 @@ def judge_determined(model: PointSetModel, labellings: Integers) -> Judged:
 
 def _judge_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
     """The finding about predicted motions, if no other motion could explain more; None if a search has to tell."""
-    for narrowed in (False, True):
-        if not (named := predicted_labellings(model, narrowed=narrowed)):
-            continue
-        every = np.array(named)
-        if not (every >= 0).all():
-            every = grow_labellings(model.clouds, _add_symmetric(task, every), model.mirror, task.allowed)
-        judged = model.judged(every)
-        if is_search_needless(model, judged):
-            break
-    else:
+    named = [*predicted_labellings(model), *predicted_labellings(model, narrowed=True)]
+    if not named:
+        return None
+    every = np.array(named)
+    if not (every >= 0).all():
+        every = grow_labellings(model.clouds, _add_symmetric(task, every), model.mirror, task.allowed)
+    judged = model.judged(every)
+    if not is_search_needless(model, judged):
         return None
     # a part of the source that is like another one explains less, and tells nothing of where this one is
     alone = judged.log_odds - judged.known

@@ -22,7 +22,8 @@ def is_search_needless(model: PointSetModel, judged: Judged) -> bool:
     assert model.prior is not None
     clouds, best = model.clouds, int(judged.log_odds.argmax())
     assignment, mass = judged.fit.assignments[best], float(judged.log_odds[best])
-    if judged.held[best] < 0:
+    # what is not where it was predicted may be something else than what is
+    if judged.held[best] < 0 or not model.prior.allows(clouds, assignment, int(judged.held[best])):
         return False
     if (assignment >= 0).all():
         return True

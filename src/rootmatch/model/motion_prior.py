@@ -120,7 +120,8 @@ class MotionPrior:
     def labellings(self, clouds: PointClouds, *, narrowed: bool = False) -> list[Integers]:
         """The assignment (n,) about each whole pose that is predicted: the nearest targets within its covariance.
 
-        ``narrowed``: about what one more match makes of each of these poses, of targets that few points are near.
+        ``narrowed``: about what one more match makes of each of these poses, of targets that few points are near; none
+        where no target is near several points.
         """
         every = []
         for known, _ in self.predictions:
@@ -128,6 +129,15 @@ class MotionPrior:
             if pose is not None and (_has_scale(pose) or not clouds.scaled):
                 every += [_label_nearest(clouds, one) for one in (_narrow(clouds, pose) if narrowed else [pose])]
         return every
+
+    def allows(self, clouds: PointClouds, assignment: Integers, which: int) -> bool:
+        """Whether all matches of an assignment (n,) are where one of the predictions, of a whole pose, has them."""
+        known = self.predictions[which][0]
+        pose = known.pose if isinstance(known, PosePrior) else known
+        if pose is None or (clouds.scaled and not _has_scale(pose)):
+            return False
+        off, spread = (part[assignment >= 0, assignment[assignment >= 0]] for part in _deviations(clouds, pose))
+        return bool((_squares(off, spread) < GATE).all())
 
     def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, box: Floats) -> Floats:
         """Logarithm (K,) of the factor that one prediction puts on the odds of rotations."""
@@ -282,7 +292,7 @@ def _tilt_vectors(now: Floats, target: Floats, across: Floats) -> Floats:
 def _label_nearest(clouds: PointClouds, pose: Pose) -> Integers:
     """The assignment (n,) about a pose: the targets nearest to where it predicts the points."""
     off, spread = _deviations(clouds, pose)
-    squared = (off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=2)
+    squared = _squares(off, spread)
     near = squared < GATE
     if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
         from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
@@ -299,13 +309,20 @@ def _label_nearest(clouds: PointClouds, pose: Pose) -> Integers:
 def _narrow(clouds: PointClouds, pose: Pose) -> list[Pose]:
     """A predicted pose after one match each: where points are closer than it is certain, errors are those of all."""
     off, spread = _deviations(clouds, pose)
-    near = (off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=2) < GATE
+    near = _squares(off, spread) < GATE
     count = near.sum(axis=0)
+    if not ((count > 1).any() or (near.sum(axis=1) > 1).any()):
+        return []
     columns = [j for j in np.argsort(count, kind="stable").tolist() if count[j]]
     pairs = [(i, j) for j in columns for i in np.flatnonzero(near[:, j]).tolist()][:NARROWED]
     jacobian = _motion_jacobians(clouds.source @ pose.R.T, pose)
     first, second = clouds.covariances(pose.scale * pose.R)
     return [kalman_update(pose, jacobian[i], off[i, j], first[i] + second[j]) for i, j in pairs]
+
+
+def _squares(off: Floats, spread: Floats) -> Floats:
+    """Squared deviations (…,) over their covariances."""
+    return np.asarray((off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=-1))
 
 
 def _deviations(clouds: PointClouds, pose: Pose) -> tuple[Floats, Floats]:
