@@ -152,7 +152,7 @@ def test_the_factor_is_the_integral_over_the_prior() -> None:
     turned = BODY @ Rotation.from_rotvec(drawn[:, :3]).as_matrix().swapaxes(1, 2)
     there = (2.0 + drawn[:, 6])[:, None, None] * turned + (prior.t + drawn[:, 3:6])[:, None]
     each = -0.5 * ((there - target) ** 2).sum(axis=(1, 2)) / sigma**2 - 7.5 * np.log(2.0 * np.pi * sigma**2)
-    factor = MotionPrior(((prior, 1.0),), 1e-12).log_factors(fit, model.log_volume)[0, 0]
+    factor = MotionPrior(((prior, 1.0),), 1e-12).log_factors(fit, model.box)[0, 0]
     expected = logsumexp(each) - np.log(len(each))
     assert factor + fit.evidence[0] - model.log_volume == pytest.approx(expected, abs=0.1)
 

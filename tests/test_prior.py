@@ -222,9 +222,11 @@ def test_priors_that_cannot_be_used(prior: Any, text: str) -> None:
         matched(scene(0), prior)
 
 
-def test_points_of_a_plane_refuse_a_prior() -> None:
+def test_points_of_a_plane_refuse_a_prior_in_space() -> None:
     points = np.random.default_rng(0).normal(size=(6, 2))
-    with pytest.raises(rm.InputError, match="prior: points of a plane given"):
+    with pytest.raises(
+        rm.InputError, match=r"prior: a pose in a plane with a covariance \(3, 3\) or \(4, 4\) is needed"
+    ):
         rm.match(points, points, rm.Similarity(2), prior=rm.Pose(np.eye(3), T, SPREAD))
 
 

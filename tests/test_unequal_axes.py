@@ -13,9 +13,10 @@ from scipy.stats import multivariate_t
 
 import rootmatch as rm
 from rootmatch.model.labelling_sums import sum_labellings
-from rootmatch.model.point_set_model import IN_PART, INSIDE, PointSetModel
+from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import weigh_point_set_posterior
 from rootmatch.model.shown_regions import log_region_factor
+from rootmatch.model.targets_box import IN_PART, INSIDE
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, fit_point_sets
 from rootmatch.samplers.point_sets.congruent import congruent_labellings

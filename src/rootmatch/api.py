@@ -161,8 +161,9 @@ def match(
         as a Gaussian, so three visible points are enough. If it decides, a match takes about a millisecond. If not, a
         full search runs without it, and `Match.prior_holds` says whether it was wrong. Partial knowledge, a rotation, a
         position or a vertical, is a `rootmatch.PosePrior`: it narrows the search and enters the fit. For P3P, also with
-        rigs, UP2P, and Rigid and Similarity in space, whose pose is that of the motion; for Similarity, a covariance
-        (7, 7) tells the scale as well, (6, 6) leaves it open. With ``bodies``, a dict from labels to either.
+        rigs, UP2P, and Rigid and Similarity, whose pose is that of the motion; for Similarity, a covariance (7, 7)
+        tells the scale as well, (6, 6) leaves it open, and (4, 4) or (3, 3) in a plane. With ``bodies``, a dict from
+        labels to either.
     source_noise : float, (n,), (n, 3) or (n, 3, 3) array, optional
         Standard deviation of a coordinate of the source points, in their unit: one number for all, one for each point,
         or one for each axis of each point; or the covariance of each point. Exact by default. For P3P and UP2P, also

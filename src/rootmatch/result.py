@@ -275,7 +275,7 @@ class Match:
         Fitted to all matches of the motion by maximum likelihood, with the noise that was given or estimated. None for
         a motion with fewer matches than a pose needs (`Problem.least_for_pose`), or if no pose puts them in front of
         the camera. The covariance is that of the noise, given that the assignment is right; a prior that holds is part
-        of the fit.
+        of the fit, which between two point sets is then told without χ² and residuals.
 
         Raises
         ------

@@ -17,6 +17,7 @@ from rootmatch.explain.finding import Finding, empty_tensor, make_unjudged
 from rootmatch.explain.goodness_of_fit import MOST_ALIKE, Misfit, discount_misfit, is_misfit
 from rootmatch.explain.image_decision import BY_ITS_LAW, odds_lead
 from rootmatch.explain.in_time import final_deadline
+from rootmatch.explain.predicted_motion import is_search_needless, predicted_labellings
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
@@ -31,6 +32,7 @@ from rootmatch.model.point_set_off import log_odds_of_errors
 from rootmatch.model.point_set_posterior import PointSetPosterior, mix_posteriors, weigh_point_set_posterior
 from rootmatch.model.priors import PRESENT
 from rootmatch.model.repetition import Repeated, find_repetition
+from rootmatch.model.weighed_labellings import NEGLIGIBLE
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
@@ -125,21 +127,34 @@ def judge_determined(model: PointSetModel, labellings: Integers) -> Judged:
 
 
 def _judge_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
-    """The finding about predicted motions, if every point is where one says: no other motion could explain more."""
-    named = complete_predictions(model)
+    """The finding about predicted motions, if no other motion could explain more; None if a search has to tell."""
+    named = [*predicted_labellings(model), *predicted_labellings(model, narrowed=True)]
     if not named:
         return None
-    found = assess_labellings(task, model, SampledTensor(empty_tensor(task), 0), model.judged(np.array(named)))
-    whole = found.status is Status.MATCHED and bool((found.assignment >= 0).all())
-    if not (whole and found.prior_holds):
+    every = np.array(named)
+    if not (every >= 0).all():
+        every = grow_labellings(model.clouds, _add_symmetric(task, every), model.mirror, task.allowed)
+    judged = model.judged(every)
+    if not is_search_needless(model, judged):
+        return None
+    # a part of the source that is like another one explains less, and tells nothing of where this one is
+    alone = judged.log_odds - judged.known
+    judged = judged.take(np.flatnonzero(alone > alone.max() - NEGLIGIBLE))
+    found = assess_labellings(task, model, SampledTensor(empty_tensor(task), 0), judged)
+    if found.status is not Status.MATCHED or not found.prior_holds:
         return None
     return copy_with(found.with_facts(lead=odds_lead(found.probability)), scoreless=True)
 
 
-def complete_predictions(model: PointSetModel) -> list[Integers]:
-    """Labellings (n,) about predicted motions that have a target for every point."""
-    named = [] if model.prior is None else model.prior.labellings(model.clouds)
-    return [one for one in named if len(one) >= FEWEST and (one >= 0).all()]
+def _add_symmetric(task: MatchingTask, every: Integers) -> Integers:
+    """Labellings (K, n), and those that self-motions of the source make of the first ones."""
+    if task.points.source.shape[1] != 3:
+        return every
+    more = [
+        np.where(symmetry.image >= 0, every[:LEADING, symmetry.image], -1)
+        for symmetry in find_symmetries(task.points.source, None)
+    ]
+    return np.concatenate([every, *more])
 
 
 def judge_solution(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding | None:
@@ -164,14 +179,14 @@ def _list_labellings(task: MatchingTask, model: PointSetModel) -> Labellings:
 def judge_proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Judged:
     """Labellings of large sets: those of a search, those that self-motions make of them, and named ones."""
     every = [*([] if sampled.assignments is None else sampled.assignments), *named]
-    every += [] if model.prior is None else model.prior.labellings(model.clouds)
+    every += predicted_labellings(model)
     if not every:
         return judge_determined(model, np.empty((0, task.shape[0]), np.int64))
-    if task.points.source.shape[1] == 3:
-        for symmetry in find_symmetries(task.points.source, None):
-            every += [np.where(symmetry.image >= 0, one[symmetry.image], -1) for one in every[:LEADING]]
     return add_displaced(
-        model, judge_determined(model, grow_labellings(model.clouds, np.array(every), model.mirror, task.allowed))
+        model,
+        judge_determined(
+            model, grow_labellings(model.clouds, _add_symmetric(task, np.array(every)), model.mirror, task.allowed)
+        ),
     )
 
 

@@ -26,7 +26,7 @@ from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.either_axes import covariance_in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
-from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.pose_fit.pose_prior import PosePrior, turn_vectors
 from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, pose_about_point
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.pose_fit.shared_errors import (
@@ -92,7 +92,7 @@ def agrees_with_prior(found: Finding) -> bool | None:
         return found.prior_holds
     if prior.covariance is None or pose.covariance is None or len(prior.covariance) != len(pose.covariance):
         return False
-    off = np.array([*one_rotation_vector(pose.R @ prior.R.T), *(pose.t - prior.t)])
+    off = np.array([*turn_vectors((pose.R @ prior.R.T)[None])[0], *(pose.t - prior.t)])
     return bool(off @ np.linalg.solve(prior.covariance + pose.covariance, off) <= WITHIN)
 
 
@@ -211,7 +211,9 @@ def share_errors(found: Finding, fit: Pose, prior: Pose | None) -> Pose:
         assert fit.covariance is not None
         whole = fit.covariance - own.counted + own.each @ own.each.T  # of the rank of the fit: a vertical may be exact
         told = replace(fit, covariance=nearest_covariance(whole))
-    if told.covariance is None or (covariance := add_arc_curvature(told.covariance)) is told.covariance:
+    if told.covariance is None or len(told.t) == 2:  # where one angle is, positions are on an arc of first order
+        return told
+    if (covariance := add_arc_curvature(told.covariance)) is told.covariance:
         return told
     return replace(told, covariance=covariance)
 

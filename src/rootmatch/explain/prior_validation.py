@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from rootmatch.errors import InputError
@@ -38,10 +39,15 @@ def check_predicted(prior: object, labels: BodyLabels | None, problem: Problem) 
 
 
 def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
-    """Refuse anything but a pose in space with a covariance, or what is known of one."""
-    if problem.source_dimension == 2:
+    """Refuse anything but a pose with a covariance, or what is known of one, of a plane for two point sets of one."""
+    flat = problem.source_dimension == 2
+    if flat and not problem.takes_motion_prior:
         raise InputError(f"{name}: points of a plane given; only a motion of points in space can be predicted")
+    where, size, rows = ("a plane", 2, problem.predicted_rows - 3) if flat else ("space", 3, problem.predicted_rows)
     if isinstance(prior, PosePrior):
+        parts = [one for one in (prior.rotation, prior.position, prior.vertical) if one is not None]
+        if len(np.asarray(parts[0][0])) != size:
+            raise InputError(f"{name}: points of {where} given; give R ({size}, {size}) and t ({size},)")
         if prior.vertical is not None and isinstance(problem, UP2P):
             raise InputError(f"{name}: UP2P has a vertical; leave the one of the prior out, or take P3P")
         return
@@ -49,10 +55,10 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
         raise InputError(
             f"{name}: {type(prior).__name__} given; give rootmatch.Pose(R, t, covariance) or rootmatch.PosePrior"
         )
-    sizes = sorted({6, problem.predicted_rows})
-    if prior.R.shape != (3, 3) or prior.covariance is None or len(prior.covariance) not in sizes:
+    sizes = sorted({3 if flat else 6, rows})
+    if len(prior.R) != size or prior.covariance is None or len(prior.covariance) not in sizes:
         shapes = " or ".join(f"({size}, {size})" for size in sizes)
-        raise InputError(f"{name}: a pose in space with a covariance {shapes} is needed; give Pose(R, t, covariance)")
+        raise InputError(f"{name}: a pose in {where} with a covariance {shapes} is needed; give Pose(R, t, covariance)")
     if len(sizes) == 1 and prior.scale != 1.0:
         raise InputError(f"{name}: a scale of {prior.scale:g} given, and {problem.name} has none; leave it out")
 
@@ -65,9 +71,11 @@ def check_followed(problem: Problem, source: ArrayLike) -> None:
     if problem.takes_motion_prior and problem.source_dimension != 2:
         followed = not getattr(problem, "mirror", False)
     if not followed:
+        flat = problem.takes_motion_prior and problem.source_dimension == 2
+        instead = "; or give each match the last fused pose as prior=, or points z = 0" if flat else ""
         raise InputError(
             f"problem: {problem!r} given; a tracker follows rotations and translations in space: give P3P, UP2P, or "
-            "Rigid() or Similarity() with points in space"
+            f"Rigid() or Similarity() with points in space{instead}"
         )
 
 

@@ -24,11 +24,11 @@ from rootmatch.explain.finding import Finding, empty_tensor, make_empty_finding,
 from rootmatch.explain.image_decision import BY_ITS_LAW
 from rootmatch.explain.in_time import final_deadline, prediction_deadline
 from rootmatch.explain.point_set_decision import (
-    complete_predictions,
     judge_determined,
     make_point_set_model,
     point_set_finding,
 )
+from rootmatch.explain.predicted_motion import complete_predictions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.modes import used_mask

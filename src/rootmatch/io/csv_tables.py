@@ -163,6 +163,8 @@ def _suggest_columns(unknown: Sequence[str], known: Sequence[str]) -> str:
     """Which columns unknown names probably stand for: those of other programs, and misspelt ones."""
     from difflib import get_close_matches
 
+    if {"sx", "sy"} & set(unknown) and "sxx" in known:
+        return "; in a plane the noise is sigma, or a covariance sxx,sxy,syy"
     for name in unknown:
         likely = [one for one in OTHER_NAMES.get(name, get_close_matches(name, known, 1)) if one in known]
         if likely:

@@ -8,9 +8,10 @@ multiplies the odds by
     N(d; 0, J Σ Jᵀ + C) / N(0; 0, F + C)
 
 where F is the covariance of a normal distribution with the volume that the flat prior gives what is known: 8π² for a
-rotation, 4π for a direction, V for a position, and for a scale s that times the range of its logarithm. Precise
-knowledge is worth that volume, and vague knowledge is worth nothing, so it takes nothing away either. It takes no
-second fit.
+rotation, 4π for a direction, for a position that of the box in which targets lie, as long along each of its axes, and
+for a scale s that times the range of its logarithm. Precise knowledge is worth that volume, and vague knowledge is
+worth nothing, so it takes nothing away either, nor does what is vaguely known along one axis take from another. It
+takes no second fit.
 """
 
 from __future__ import annotations
@@ -22,19 +23,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rootmatch.algebra.rotation import cross_matrix, one_rotation_vector, rotation_vector, turn_jacobian
+from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, kalman_update
+from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, angle_count, kalman_update, turn_vectors
 from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, copy_shared_errors
 
 DIRECTIONS = 4.0 * math.pi
 """Area of all directions."""
 GATE = 21.0
 """Squared deviation, in three coordinates, up to which a target may be a predicted point: chance 10⁻⁴ beyond."""
+NARROWED = 16
+"""Matches that are tried one by one, of the targets that the fewest points are near. A round value."""
 RIDGE = 1e-12
 """Added to the diagonal of a covariance, relative to it, so that it has an inverse."""
 
@@ -48,15 +51,16 @@ class _Off(NamedTuple):
     """(k, 6) or (k, 7): of a turn, a shift and, where it is unknown, the scale of the motion."""
     covariance: Floats
     """(k, k)."""
-    ranges: Floats
-    """(k,) whose product is the volume of what is known under the flat prior."""
+    flat: Floats
+    """(k, k) whose columns span the volume of what is known under the flat prior."""
 
     @property
     def log_volume(self) -> Floats:
         """Logarithm of 1 / N(0; 0, F + C): of that volume, if the knowledge is precise."""
-        unit = 2.0 * math.pi * self.covariance / (self.ranges[..., None] * self.ranges[..., None, :])
+        half = np.linalg.solve(self.flat, self.covariance).swapaxes(-1, -2)
+        unit = 2.0 * math.pi * np.linalg.solve(self.flat, half)
         more = 0.5 * np.linalg.slogdet(np.eye(unit.shape[-1]) + unit)[1]
-        return np.asarray(np.log(self.ranges).sum(axis=-1) + more)
+        return np.asarray(np.linalg.slogdet(self.flat)[1] + more)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +70,7 @@ class MotionPrior:
     Parameters
     ----------
     predictions : sequence of (Pose or PosePrior, share)
-        Shares add up to 1. A pose has a covariance (6, 6), or (7, 7) if it tells the scale.
+        Shares add up to 1. A pose has a covariance (6, 6), or (3, 3) in a plane, or one row more if it tells the scale.
     doubt : float
         Probability that none of them holds.
     freedom : float
@@ -78,41 +82,66 @@ class MotionPrior:
     doubt: float | Floats
     freedom: float = math.inf
 
-    def log_factors(self, fit: PointSetFit, log_volume: float) -> Floats:
-        """Logarithm (predictions + 1, K) of the factor on the odds of each prediction, and of the doubt as the last."""
+    def log_factors(self, fit: PointSetFit, box: Floats) -> Floats:
+        """Logarithm (predictions + 1, K) of the factor on the odds of each prediction, and of the doubt as the last.
+
+        ``box`` (k, k): edges, as columns, of the box in which positions may be.
+        """
         covariance = motion_covariances(fit)
         every = np.empty((len(self.predictions) + 1, len(fit.scale)))
         every[-1] = np.log(self.doubt)
         for row, (known, share) in zip(every, self.predictions, strict=False):
             log_share = np.log((1.0 - self.doubt) * np.maximum(share, 1e-300))
-            row[:] = log_share + self._log_factor(known, fit, covariance, log_volume)
+            row[:] = log_share + self._log_factor(known, fit, covariance, box)
         every[:-1, np.linalg.det(fit.rotation) < 0.0] = -np.inf
         return every
 
-    def labellings(self, clouds: PointClouds) -> list[Integers]:
-        """The assignment (n,) about each whole pose that is predicted: the nearest targets within its covariance."""
+    def tell_places(self, box: Floats) -> list[Floats]:
+        """How well (…, k + 1) each prediction tells places along the edges of a box, and the scale: from not, 0, to 1.
+
+        A flat prior along an edge e with a variance c² counts as e² / (e² + 2π c²): vague knowledge leaves the object
+        where it may be without.
+        """
+        every, back, size = [], np.linalg.inv(box), len(box)
+        for known, _ in self.predictions:
+            if isinstance(known, Pose):
+                assert known.covariance is not None
+                own = slice(angle_count(size), angle_count(size) + size)
+                place, scale = known.covariance[..., own, own], float(_has_scale(known))
+            elif known.place is not None:
+                place, scale = known.place[1], 0.0
+            else:
+                every.append(np.zeros(size + 1))
+                continue
+            share = 1.0 / (1.0 + 2.0 * math.pi * np.diagonal(back @ place @ back.T, axis1=-2, axis2=-1))
+            every.append(np.concatenate([share, np.full((*share.shape[:-1], 1), scale)], axis=-1))
+        return every
+
+    def labellings(self, clouds: PointClouds, *, narrowed: bool = False) -> list[Integers]:
+        """The assignment (n,) about each whole pose that is predicted: the nearest targets within its covariance.
+
+        ``narrowed``: about what one more match makes of each of these poses, of targets that few points are near; none
+        where no target is near several points.
+        """
         every = []
         for known, _ in self.predictions:
             pose = known.pose if isinstance(known, PosePrior) else known
-            if pose is None or (clouds.scaled and not _has_scale(pose)):
-                continue
-            squared = _squared_mahalanobis(clouds, pose)
-            near = squared < GATE
-            if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
-                from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
-
-                pairs = np.zeros_like(near)
-                pairs[linear_sum_assignment(np.minimum(squared, GATE))] = True
-                near &= pairs
-            one = np.full(len(squared), -1, np.int64)
-            rows, columns = np.nonzero(near)
-            one[rows] = columns
-            every.append(one)
+            if pose is not None and (_has_scale(pose) or not clouds.scaled):
+                every += [_label_nearest(clouds, one) for one in (_narrow(clouds, pose) if narrowed else [pose])]
         return every
 
-    def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, log_volume: float) -> Floats:
+    def allows(self, clouds: PointClouds, assignment: Integers, which: int) -> bool:
+        """Whether all matches of an assignment (n,) are where one of the predictions, of a whole pose, has them."""
+        known = self.predictions[which][0]
+        pose = known.pose if isinstance(known, PosePrior) else known
+        if pose is None or (clouds.scaled and not _has_scale(pose)):
+            return False
+        off, spread = (part[assignment >= 0, assignment[assignment >= 0]] for part in _deviations(clouds, pose))
+        return bool((_squares(off, spread) < GATE).all())
+
+    def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, box: Floats) -> Floats:
         """Logarithm (K,) of the factor that one prediction puts on the odds of rotations."""
-        measured = _measure_offsets(known, fit, math.exp(log_volume / 3.0))
+        measured = _measure_offsets(known, fit, box)
         off, jacobian = measured.off, measured.jacobian
         whole = jacobian @ covariance @ jacobian.T + measured.covariance
         # turns and shifts have different units: scaled, so that the inverse is exact
@@ -143,17 +172,17 @@ def stack_priors(priors: Sequence[MotionPrior | None], counts: Sequence[int]) ->
 
 
 def motion_covariances(fit: PointSetFit) -> Floats:
-    """Covariances (K, 6, 6) of a turn (ω, rad) and of the translation of fitted motions of space.
+    """Covariances (K, 6, 6) of a turn (ω, rad) and of the translation of fitted motions; (K, 3, 3) in a plane.
 
-    (K, 7, 7) where the scale is fitted too.
+    One row more where the scale is fitted too.
     """
-    count, size = len(fit.scale), 7 if fit.clouds.scaled else 6
     turned = (fit.rotation @ fit.centre[:, :, None])[:, :, 0]
-    whole = fit.covariance
-    change = np.tile(np.eye(size), (count, 1, 1))  # from the centre of the matches to the origin
-    change[:, 3:6, :3] = cross_matrix(fit.scale[:, None] * turned)
+    whole, angles = fit.covariance, angle_count(turned.shape[1])
+    shift = slice(angles, angles + turned.shape[1])
+    change = np.tile(np.eye(whole.shape[1]), (len(whole), 1, 1))  # from the centre of the matches to the origin
+    change[:, shift, :angles] = -turn_jacobian(fit.scale[:, None] * turned)
     if fit.clouds.scaled:
-        change[:, 6, 6], change[:, 3:6, 6] = fit.scale, -fit.scale[:, None] * turned
+        change[:, -1, -1], change[:, shift, -1] = fit.scale, -fit.scale[:, None] * turned
     return np.asarray(change @ whole @ change.swapaxes(1, 2))
 
 
@@ -166,21 +195,23 @@ def fuse_with_known(fit: Pose, known: Pose | PosePrior) -> Pose:
     size = len(known.covariance)
     # as `updated` takes it: were it the difference, each frame would add to the scale
     longer = fit.scale * math.log(known.scale / fit.scale)
-    off = np.array([*one_rotation_vector(known.R @ fit.R.T), *(known.t - fit.t), longer])[:size]
+    off = np.array([*turn_vectors((known.R @ fit.R.T)[None])[0], *(known.t - fit.t), longer])[:size]
     return kalman_update(fit, np.eye(size), off, known.covariance)
 
 
 def _correct_scale_bias(fit: Pose) -> Pose:
     """A fit whose scale is the most likely one with rotations integrated out: the best rotation fits noise as well.
 
-    The likelihood of a rotation falls with its squared angle times the scale, so the integral has a factor s^(−3/2).
+    The likelihood of a rotation falls with its squared angle times the scale, so the integral has a factor s^(−1/2) for
+    each angle.
     """
     if not _has_scale(fit):
         return fit
     assert fit.covariance is not None
-    with_scale, variance = fit.covariance[:, 6], float(fit.covariance[6, 6])
-    scale = fit.scale * math.exp(-1.5 * variance / fit.scale**2)
-    shift = (scale - fit.scale) / variance * with_scale[3:6]
+    with_scale, variance = fit.covariance[:, -1], float(fit.covariance[-1, -1])
+    angles = angle_count(len(fit.t))
+    scale = fit.scale * math.exp(-0.5 * angles * variance / fit.scale**2)
+    shift = (scale - fit.scale) / variance * with_scale[angles:-1]
     return copy_shared_errors(Pose.unchecked(fit.R, fit.t + shift, fit.covariance, scale), fit)
 
 
@@ -193,57 +224,60 @@ def add_source_errors(clouds: PointClouds, assignment: Integers, fit: Pose) -> P
     first, second = clouds.covariances(linear)
     by_pose = used[:, None, None] * _motion_jacobians(clouds.source @ fit.R.T, fit)
     known = clouds.source_covariance
-    covariance = clouds.source_variance[:, None, None] * np.eye(3) if known is None else known
-    by_point = np.broadcast_to(linear, (len(used), 3, 3))
+    covariance = clouds.source_variance[:, None, None] * np.eye(len(linear)) if known is None else known
+    by_point = np.broadcast_to(linear, (len(used), *linear.shape))
     spread = first + second[assignment]
     return SharedPose.of(fit, SharedErrors.of_points(fit.covariance, (by_pose, by_point), spread, covariance))
 
 
 def _has_scale(pose: Pose) -> bool:
     """Whether the scale is one of the predicted parameters."""
-    return pose.covariance is not None and len(pose.covariance) == 7
+    size = pose.t.shape[-1]
+    return pose.covariance is not None and pose.covariance.shape[-1] > angle_count(size) + size
 
 
-def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, length: float) -> _Off:
-    """How far fitted motions are from what is known of them; ``length``: edge of the volume in which they may lie."""
-    turns, places = np.full(3, ROTATIONS ** (1.0 / 3.0)), np.full(3, length)
-    fitted = 7 if fit.clouds.scaled else 6
+def _measure_offsets(known: Pose | PosePrior, fit: PointSetFit, box: Floats) -> _Off:
+    """How far fitted motions are from what is known of them; ``box`` (3, 3): see `MotionPrior.log_factors`."""
+    dimension, angles = len(box), angle_count(len(box))
+    turns = ROTATIONS ** (1.0 / 3.0) * np.eye(3) if dimension == 3 else 2.0 * math.pi * np.eye(1)
+    fitted, shift = angles + dimension + fit.clouds.scaled, slice(angles, angles + dimension)
     if isinstance(known, Pose):
         assert known.covariance is not None
         size, scale = known.covariance.shape[-1], np.asarray(known.scale)
-        longer, ranges = (known.scale - fit.scale)[:, None], np.empty((*scale.shape, 7))
+        longer, flat = (known.scale - fit.scale)[:, None], np.zeros((*scale.shape, *(angles + dimension + 1,) * 2))
         off = np.concatenate([_turn_vectors(known.R, fit), known.t - fit.shift, longer], axis=1)[:, :size]
-        ranges[..., :3], ranges[..., 3:6], ranges[..., 6] = turns, places, scale * RANGE_OF_LOG
-        return _Off(off, np.eye(size, fitted), known.covariance, ranges[..., :size])
+        flat[..., :angles, :angles], flat[..., shift, shift], flat[..., -1, -1] = turns, box, scale * RANGE_OF_LOG
+        return _Off(off, np.eye(size, fitted), known.covariance, flat[..., :size, :size])
     parts = []
     if known.turn is not None:
         R, covariance = known.turn
-        parts.append(_Off(_turn_vectors(R, fit), np.eye(3, fitted), covariance, turns))
+        parts.append(_Off(_turn_vectors(R, fit), np.eye(angles, fitted), covariance, turns))
     elif known.down is not None:
         source, target, noise = known.down
         across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
         off = _tilt_vectors(fit.rotation @ source, target, across) @ across.T
         tilt = max(noise, LEAST_TILT) ** 2 * np.eye(2)
-        parts.append(_Off(off, across @ np.eye(3, fitted), tilt, np.full(2, DIRECTIONS**0.5)))
+        parts.append(_Off(off, across @ np.eye(3, fitted), tilt, DIRECTIONS**0.5 * np.eye(2)))
     if known.place is not None:
         t, covariance = known.place
-        parts.append(_Off(t - fit.shift, np.eye(3, fitted, 3), covariance, places))
+        parts.append(_Off(t - fit.shift, np.eye(dimension, fitted, angles), covariance, box))
     sizes = [len(one.covariance) for one in parts]
-    whole, begin = np.zeros((sum(sizes), sum(sizes))), 0
+    (whole, flat), begin = np.zeros((2, sum(sizes), sum(sizes))), 0
     for one, size in zip(parts, sizes, strict=True):
-        whole[begin : begin + size, begin : begin + size] = one.covariance
+        own = slice(begin, begin + size)
+        whole[own, own], flat[own, own] = one.covariance, one.flat
         begin += size
     return _Off(
         np.concatenate([one.off for one in parts], axis=1),
         np.concatenate([one.jacobian for one in parts]),
         whole,
-        np.concatenate([one.ranges for one in parts]),
+        flat,
     )
 
 
 def _turn_vectors(R: Floats, fit: PointSetFit) -> Floats:
-    """Rotation vectors (K, 3) from fitted rotations to a known one."""
-    return rotation_vector(R @ fit.rotation.swapaxes(1, 2))
+    """Rotation vectors (K, 3), or angles (K, 1), from fitted rotations to a known one."""
+    return turn_vectors(R @ fit.rotation.swapaxes(1, 2))
 
 
 def _tilt_vectors(now: Floats, target: Floats, across: Floats) -> Floats:
@@ -255,21 +289,57 @@ def _tilt_vectors(now: Floats, target: Floats, across: Floats) -> Floats:
     return np.asarray(angle[:, None] * unit)
 
 
-def _squared_mahalanobis(clouds: PointClouds, pose: Pose) -> Floats:
-    """Squared deviations (n, n') of targets from the places that a pose predicts, by their covariances."""
+def _label_nearest(clouds: PointClouds, pose: Pose) -> Integers:
+    """The assignment (n,) about a pose: the targets nearest to where it predicts the points."""
+    off, spread = _deviations(clouds, pose)
+    squared = _squares(off, spread)
+    near = squared < GATE
+    if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
+        from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
+
+        pairs = np.zeros_like(near)
+        pairs[linear_sum_assignment(np.minimum(squared, GATE))] = True
+        near &= pairs
+    one = np.full(len(squared), -1, np.int64)
+    rows, columns = np.nonzero(near)
+    one[rows] = columns
+    return one
+
+
+def _narrow(clouds: PointClouds, pose: Pose) -> list[Pose]:
+    """A predicted pose after one match each: where points are closer than it is certain, errors are those of all."""
+    off, spread = _deviations(clouds, pose)
+    near = _squares(off, spread) < GATE
+    count = near.sum(axis=0)
+    if not ((count > 1).any() or (near.sum(axis=1) > 1).any()):
+        return []
+    columns = [j for j in np.argsort(count, kind="stable").tolist() if count[j]]
+    pairs = [(i, j) for j in columns for i in np.flatnonzero(near[:, j]).tolist()][:NARROWED]
+    jacobian = _motion_jacobians(clouds.source @ pose.R.T, pose)
+    first, second = clouds.covariances(pose.scale * pose.R)
+    return [kalman_update(pose, jacobian[i], off[i, j], first[i] + second[j]) for i, j in pairs]
+
+
+def _squares(off: Floats, spread: Floats) -> Floats:
+    """Squared deviations (…,) over their covariances."""
+    return np.asarray((off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=-1))
+
+
+def _deviations(clouds: PointClouds, pose: Pose) -> tuple[Floats, Floats]:
+    """Deviations (n, n', k) of targets from the places that a pose predicts, and their covariances (n, n', k, k)."""
     assert pose.covariance is not None
     turned = clouds.source @ pose.R.T
     rows, moved = _motion_jacobians(turned, pose), pose.scale * turned
     spread = rows @ pose.covariance @ rows.swapaxes(1, 2)
     first, second = clouds.covariances(pose.scale * pose.R)
     whole = (spread + first)[:, None] + second
-    whole = whole + RIDGE * np.trace(whole, axis1=2, axis2=3)[..., None, None] * np.eye(3)
-    off = clouds.target - (moved + pose.t)[:, None]
-    return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
+    whole = whole + RIDGE * np.trace(whole, axis1=2, axis2=3)[..., None, None] * np.eye(len(pose.t))
+    return clouds.target - (moved + pose.t)[:, None], whole
 
 
 def _motion_jacobians(turned: Floats, pose: Pose) -> Floats:
-    """Derivatives (n, 3, p) of moved source points, of which some (n, 3) are turned alone, by a motion's p errors."""
+    """Derivatives (n, k, p) of moved source points, of which some (n, k) are turned alone, by a motion's p errors."""
     assert pose.covariance is not None
-    parts = [turn_jacobian(pose.scale * turned), np.broadcast_to(np.eye(3), (len(turned), 3, 3)), turned[:, :, None]]
+    still = np.broadcast_to(np.eye(turned.shape[1]), (*turned.shape, turned.shape[1]))
+    parts = [turn_jacobian(pose.scale * turned), still, turned[:, :, None]]
     return np.concatenate(parts, axis=2)[:, :, : len(pose.covariance)]

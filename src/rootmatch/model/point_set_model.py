@@ -44,15 +44,17 @@ from rootmatch.model.modes import used_mask
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.priors import NOISE_FREEDOM, PRESENT
 from rootmatch.model.shown_regions import log_detection_count, log_region_factor
-from rootmatch.model.targets_box import WEIGHTS, box_edges, fit_clutter_space, view_probability, view_probability_among
+from rootmatch.model.targets_box import (
+    UNTOLD,
+    WEIGHTS,
+    Placement,
+    box_edges,
+    fit_clutter_space,
+    view_probability,
+    view_probability_among,
+)
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fit_point_sets
-
-INSIDE = 0.5
-"""Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
-its middle alone. A round value."""
-IN_PART = 0.2
-"""Prior probability that the targets show neither, but what of the object is in a window. A round value."""
 
 
 class Judged(NamedTuple):
@@ -62,7 +64,7 @@ class Judged(NamedTuple):
     log_odds: Floats
     """(K,) of each against the hypothesis that all targets are clutter."""
     known: Floats
-    """(K,): their part that what is known of the motion gives, 0 if nothing is."""
+    """(K,): by how much what is known of the motion makes each more probable than it is without; 0 if nothing is."""
     held: Integers
     """The prediction (K,) by which each is most probable; −1 if by none."""
 
@@ -120,7 +122,12 @@ class PointSetModel:
     @property
     def log_volume(self) -> float:
         """Logarithm of the volume in which clutter lies, and the object."""
-        return self._clutter_space[0]
+        return float(np.log(self._clutter_space[0]).sum())
+
+    @property
+    def box(self) -> Floats:
+        """Edges of that volume as columns (k, k)."""
+        return np.asarray(self._clutter_space[3] * self._clutter_space[0])
 
     @property
     def clutter(self) -> Clutter:
@@ -128,7 +135,7 @@ class PointSetModel:
         return self._clutter_space[1]
 
     @cached_property
-    def _clutter_space(self) -> tuple[float, Clutter, Floats, Floats]:
+    def _clutter_space(self) -> tuple[Floats, Clutter, Floats, Floats]:
         clouds = self.clouds
         space = fit_clutter_space(clouds.target, clouds.target_variance)
         return space if self.repeated is None else (space[0], self.repeated, *space[2:])
@@ -143,7 +150,7 @@ class PointSetModel:
         factors = self.log_factors(fit) if factors is None else factors
         predicted, total = len(factors) - 1, np.asarray(np.logaddexp.reduce(factors, axis=0))
         held = np.where((first := factors.argmax(axis=0)) < predicted, first, -1)
-        known = np.zeros(len(total)) if self.prior is None else total
+        known = np.zeros(len(total)) if self.prior is None else total - factors[-1] + np.log(self.prior.doubt)
         matched, taken = (assignments >= 0).sum(axis=1), used_mask(fit.assignments, len(self.clouds.target))
         # what was matched, as clutter that may crowd about points of which nothing was detected
         log_clutter = self.clutter.log_density_of_taken(taken, self.clutter_about_points(fit, fit.assignments < 0))
@@ -216,29 +223,17 @@ class PointSetModel:
         for some in bodies or [(slice(None), slice(None))]:
             own[some] = True
             shown.append(log_region_factor(self.clouds.source[some[1]], matched[some], self.detection_rate))
-        inside, in_part = self._log_placement(fit, own)
-        of_rates = np.concatenate(shown)
-        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + of_rates
-        if in_part is not None:
-            placed = np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part)
+        placement, in_view = self._place(fit, own), np.concatenate(shown)
         if self.prior is None:
-            return placed[None]
-        factors = self.prior.log_factors(fit, self.log_volume)
-        factors[:-1] += of_rates
-        factors[-1] += placed
+            return placement.log_factors(in_view)[None]
+        # what is known takes the place of where an object may be, as far as it tells, and not of what is in view of it
+        factors = self.prior.log_factors(fit, self.box)
+        for row, told in zip(factors, [*self.prior.tell_places(self.box), UNTOLD], strict=True):
+            row += placement.log_factors(in_view, told)
         return factors
 
-    def _log_placement(self, fit: PointSetFit, own: Bools) -> tuple[Floats, Floats | None]:
-        """Logarithm (K,) of how much more probable motions are if the object is wholly, or in part, where clutter is.
-
-        The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all
-        points of the object r', and these alone l. With c points that may be anywhere in the box, its translation has
-        the density 1 / (L − l) in the place of 1 / L, and each edge the factor
-
-            (c + 1) (c + 2) r^(c + 1) ∫ (L − r') L^(−c − 2) / (L − l) dL,  L > r'.
-
-        If its scale is unknown, the object has any size up to that of the box: s is flat, and not its logarithm.
-        """
+    def _place(self, fit: PointSetFit, own: Bools) -> Placement:
+        """Where objects may be, by the places of their own points, (K, n) in all."""
         middle, axes = self._clutter_space[2:]
         low, high, left, above = self._clutter_box
         along = ((fit.places[0] - middle) @ axes).swapaxes(0, 1).copy()  # extrema of rows take the least time
@@ -247,28 +242,19 @@ class PointSetModel:
         both = np.maximum(last, high) - np.minimum(first, low)
         share, matched = (last - first) / both, (fit.assignments >= 0).sum(axis=1)
         others, beyond = left[matched, None] + 1.0, above[matched, None]
-        log = others * np.log((high - low) / both)
-        log += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
-        inside = log.sum(axis=1) + (np.log(RANGE_OF_LOG * share.max(axis=1)) if self.clouds.scaled else 0.0)
+        inside = others * np.log((high - low) / both)
+        inside += np.log((0.5 * others + 0.5) * (beyond / (1.0 - share[..., None] * (1.0 - beyond)) @ WEIGHTS))
+        if self.clouds.scaled:
+            inside = np.append(inside, np.log(RANGE_OF_LOG * share.max(axis=1, keepdims=True)), axis=1)
         if self.detection_rate is not None or bool((both <= high - low).all()):
-            return np.asarray(inside), None
-        return np.asarray(inside), self._log_window_placement(along, fit.assignments, last - first, own)
-
-    def _log_window_placement(self, along: Floats, assignments: Integers, extent: Floats, own: Bools) -> Floats:
-        """The same if targets are what a window shows, by places (n, K, k) along the axes of the box.
-
-        The window is where targets are. Points that are not in view are not missed: δ is that of the others. The object
-        may be wherever it and the window overlap.
-        """
-        from scipy.special import gammaln  # slow to import
-
-        low, high = self._clutter_box[:2]
-        span, matched = high - low, (assignments >= 0).sum(axis=1)
+            return Placement(inside, None, inside)
         seen = view_probability(along, low, high, len(self.clouds.target))
-        in_view, n = np.where(assignments.T >= 0, 1.0, seen * own.T).sum(axis=0), own.sum(axis=1)
-        missed = gammaln(in_view - matched + 1.0) - gammaln(in_view + 2.0)
-        missed -= gammaln(n - matched + 1.0) - gammaln(n + 2.0)
-        return np.asarray(missed + np.log(span / (span + extent)).sum(axis=1))
+        in_view, n = np.where(fit.assignments.T >= 0, 1.0, seen * own.T).sum(axis=0), own.sum(axis=1)
+        return Placement(
+            inside,
+            log_detection_count(in_view, matched) - log_detection_count(n, matched),
+            np.log((high - low) / (high - low + last - first)),
+        )
 
     @cached_property
     def _clutter_box(self) -> tuple[Floats, Floats, Floats, Floats]:

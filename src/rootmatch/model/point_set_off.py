@@ -46,8 +46,10 @@ def log_odds_of_errors(
     out = np.empty(len(errors))
     for k, error in enumerate(errors):
         wide = replace(model, repeated=model.clutter, clouds=clouds.off_by(np.full(len(assignment), error)))
-        labels = [assignment[None]]
+        labels, before = assignment[None], 0
         for _ in range(ROUNDS):
-            labels.append(grow_labellings(wide.clouds, labels[-1], model.mirror, allowed))
-        out[k] = wide.judged(np.concatenate(labels)).log_odds.max()
+            if len(labels) == before:  # nothing new was near
+                break
+            before, labels = len(labels), grow_labellings(wide.clouds, labels, model.mirror, allowed)
+        out[k] = wide.judged(labels).log_odds.max()
     return out - log_mass

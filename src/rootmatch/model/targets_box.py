@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,11 +15,63 @@ _HALF, WEIGHTS = np.polynomial.legendre.leggauss(8)
 _LOG_NODES = np.log(0.5 + 0.5 * _HALF)
 
 
+INSIDE = 0.5
+"""Prior probability that, if the object is among the targets, all of it is within the box that clutter fills, and not
+its middle alone. A round value."""
+IN_PART = 0.2
+"""Prior probability that the targets show neither, but what of the object is in a window. A round value."""
+
+UNTOLD = np.zeros(1)
+"""Of a motion of which nothing is known."""
+
+
+class Placement(NamedTuple):
+    """How much more probable K motions are by where an object may be, than with its middle anywhere among the targets.
+
+    The box of clutter has an unknown place, and unknown edges L with the density L⁻². Targets span r, with all points
+    of the object r', and these alone l. With c points that may be anywhere in the box, its translation has the density
+    1 / (L − l) in the place of 1 / L, and each edge the factor
+
+        (c + 1) (c + 2) r^(c + 1) ∫ (L − r') L^(−c − 2) / (L − l) dL,  L > r'.
+
+    If its scale is unknown, the object has any size up to that of the box: s is flat, and not its logarithm.
+
+    Or targets are what a window shows, which is where they are. Points that are not in view are not missed: δ is that
+    of the others. The object may be wherever it and the window overlap.
+    """
+
+    inside: Floats
+    """(K, k) of each axis if it is wholly in the box, as logarithms, and the same of the scale."""
+    missed: Floats | None
+    """(K,) of the points in view of a window; None if all are."""
+    overlap: Floats
+    """(K, k) of where the window is."""
+
+    def log_factors(self, log_rates: Floats, told: Floats = UNTOLD) -> Floats:
+        """Logarithm (K,) of all of these, averaged, by what rates tell (K,) without a window.
+
+        ``told`` (…, k + 1): how well places along each axis, and the scale, are known, see `MotionPrior.tell_places`.
+        """
+        inside = _sum_untold(self.inside, told)
+        placed = np.logaddexp(math.log(INSIDE) + inside, math.log1p(-INSIDE)) + log_rates
+        if self.missed is None:
+            return np.asarray(placed)
+        in_part = self.missed + _sum_untold(self.overlap, told)
+        return np.asarray(np.logaddexp(math.log1p(-IN_PART) + placed, math.log(IN_PART) + in_part))
+
+
+def _sum_untold(log: Floats, told: Floats) -> Floats:
+    """Sum (K,) of logarithms of densities along axes (K, k), as far as nothing else tells the places."""
+    share = told[..., : log.shape[1]]
+    with np.errstate(divide="ignore"):
+        return np.asarray((log + 0.5 * np.logaddexp(np.log(share) - 2.0 * log, np.log1p(-share))).sum(axis=1))
+
+
 @cache_by_values(8)
-def fit_clutter_space(target: Floats, variance: Floats) -> tuple[float, Clutter, Floats, Floats]:
-    """Logarithm of the volume that targets span, the clutter in it, once for all bodies among them, and its frame."""
+def fit_clutter_space(target: Floats, variance: Floats) -> tuple[Floats, Clutter, Floats, Floats]:
+    """Extents (k,) of the box that targets span, the clutter in it, once for all bodies among them, and its frame."""
     middle, axes, along, extents = bounding_box(target, variance)
-    return float(np.log(extents).sum()), estimate_space_clutter(along, np.sqrt(variance), extents), middle, axes
+    return extents, estimate_space_clutter(along, np.sqrt(variance), extents), middle, axes
 
 
 @cache_by_values(8)

@@ -32,7 +32,8 @@ class PosePrior:
     """What is known of a body's pose x' = R x + t before its image is seen; nothing is assumed of the rest.
 
     An inertial sensor knows the vertical, or a rotation; a magnetic or acoustic one a position. Any two of them, or all
-    three, can be given together. Each is taken to be independent of the others.
+    three, can be given together. Each is taken to be independent of the others. In a plane, of two
+    point sets, R is (2, 2) and t (2,).
 
     Parameters
     ----------
@@ -63,18 +64,17 @@ class PosePrior:
             raise InputError("prior: nothing is known; give rotation=, position= or vertical=, or leave the prior out")
         if self.rotation is not None:
             R, sigma = _check_parts("rotation", self.rotation, 2, "(R, σ)")
-            covariance = _covariance("rotation", sigma)
+            R = check_rotation(R, mirrored=False)
+            covariance = _covariance("rotation", sigma, angle_count(len(R)))
             each = np.sqrt(np.diag(covariance))
             _check_angle("rotation", float(each.max() if each.max() > np.pi else each.min()))
-            self.__dict__.update(rotation=(check_rotation(R, mirrored=False), covariance))
-            if self.rotation[0].shape != (3, 3):  # type: ignore[union-attr]
-                raise InputError("prior: rotation in a plane given; give R (3, 3)")
+            self.__dict__.update(rotation=(R, covariance))
         if self.position is not None:
             place, sigma = _check_parts("position", self.position, 2, "(t, σ)")
             t = check_numbers(place, "position", "3 numbers")
-            if t.size != 3:
-                raise InputError(f"prior: position of shape {t.shape} given, (3,) expected")
-            self.__dict__.update(position=(t.ravel(), _covariance("position", sigma)))
+            if t.size not in (2, 3):
+                raise InputError(f"prior: position of shape {t.shape} given, (3,) expected, or (2,) in a plane")
+            self.__dict__.update(position=(t.ravel(), _covariance("position", sigma, t.size)))
         if self.vertical is not None:
             source, camera, tilt = _check_parts(
                 "vertical", self.vertical, 3, "(in the points' frame, in the camera's, σ)"
@@ -85,6 +85,9 @@ class PosePrior:
                 raise InputError(f"prior: vertical: σ {sigma} given; give one number of radians, not a negative one")
             _check_angle("vertical", float(sigma))
             self.__dict__.update(vertical=(first, second, float(sigma)))
+        parts = [one for one in (self.rotation, self.position, self.vertical) if one is not None]
+        if len({len(one[0]) for one in parts}) > 1:  # type: ignore[arg-type]
+            raise InputError("prior: some of it is in a plane and some in space; a plane has no vertical")
 
     def __repr__(self) -> str:
         """The arguments, σ as it was given."""
@@ -101,12 +104,12 @@ class PosePrior:
         """The rotation (3, 3) and its covariance (3, 3), the vertical in it; None if it is not known."""
         if self.rotation is None:
             return None
-        R, covariance = self.rotation
+        R, covariance = (np.asarray(part, np.float64) for part in self.rotation)
+        if self.vertical is None:
+            return R, covariance
         both = np.eye(6)
         both[:3, :3] = covariance
-        pose = Pose.unchecked(np.asarray(R), np.zeros(3), both)
-        if self.vertical is not None:
-            pose = update_with_vertical(pose, *self.vertical)  # type: ignore[arg-type]
+        pose = update_with_vertical(Pose.unchecked(R, np.zeros(3), both), *self.vertical)  # type: ignore[arg-type]
         assert pose.covariance is not None
         return pose.R, pose.covariance[:3, :3]
 
@@ -129,8 +132,9 @@ class PosePrior:
         turn, place = self.turn, self.place
         if turn is None or place is None:
             return None
-        covariance = np.zeros((6, 6))
-        covariance[:3, :3], covariance[3:, 3:] = turn[1], place[1]
+        angles = len(turn[1])
+        covariance = np.zeros((angles + len(place[0]),) * 2)
+        covariance[:angles, :angles], covariance[angles:, angles:] = turn[1], place[1]
         return Pose.unchecked(turn[0], place[0], covariance)
 
     @classmethod
@@ -165,10 +169,12 @@ class PosePrior:
         """A predicted pose and this together, to first order: what a tracker predicts and a sensor measures."""
         if self.rotation is not None:
             R, covariance = (np.asarray(part, np.float64) for part in self.rotation)
-            pose = kalman_update(pose, np.eye(3, 6), rotation_vector((R @ pose.R.T)[None])[0], covariance)
+            off = turn_vectors((R @ pose.R.T)[None])[0]
+            pose = kalman_update(pose, np.eye(len(off), len(off) + len(R)), off, covariance)
         if self.position is not None:
             t, covariance = (np.asarray(part, np.float64) for part in self.position)
-            pose = kalman_update(pose, np.eye(3, 6, 3), t - pose.t, covariance)
+            angles = angle_count(len(t))
+            pose = kalman_update(pose, np.eye(len(t), angles + len(t), angles), t - pose.t, covariance)
         return pose if self.vertical is None else update_with_vertical(pose, *self.vertical)  # type: ignore[arg-type]
 
 
@@ -203,10 +209,31 @@ def kalman_update(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> 
     kept[:, :size] -= kalman @ jacobian
     # Joseph's form: what is measured exactly leaves no negative variance
     covariance = kept @ prior.covariance @ kept.T + kalman @ noise @ kalman.T
-    R = one_rotation_matrix(step[:3]) @ prior.R
-    scale = prior.scale * math.exp(float(step[6:].sum()) / prior.scale)
-    one = Pose.unchecked(R, prior.t + step[3:6], 0.5 * (covariance + covariance.T), scale)
+    angles = angle_count(len(prior.t))
+    turn, shift, longer = np.split(step, [angles, angles + len(prior.t)])
+    scale = prior.scale * math.exp(float(longer.sum()) / prior.scale)
+    one = Pose.unchecked(_turn_matrix(turn) @ prior.R, prior.t + shift, 0.5 * (covariance + covariance.T), scale)
     return SharedPose.of(one, prior.shared.moved(kept)) if isinstance(prior, SharedPose) else one
+
+
+def angle_count(dimension: int) -> int:
+    """Number of angles of a rotation: one in a plane, three in space."""
+    return 3 if dimension == 3 else 1
+
+
+def turn_vectors(rotation: Floats) -> Floats:
+    """Rotation vectors (K, 3) of matrices (K, 3, 3), or the angle (K, 1) of those of a plane."""
+    if rotation.shape[-1] == 3:
+        return rotation_vector(rotation)
+    return np.arctan2(rotation[:, 1, 0] - rotation[:, 0, 1], rotation[:, 0, 0] + rotation[:, 1, 1])[:, None]
+
+
+def _turn_matrix(vector: Floats) -> Floats:
+    """The rotation of a vector (3,), or of an angle (1,) in a plane."""
+    if len(vector) == 3:
+        return one_rotation_matrix(vector)
+    cosine, sine = math.cos(vector[0]), math.sin(vector[0])
+    return np.array([[cosine, -sine], [sine, cosine]])
 
 
 def _pseudo_inverse(matrix: Floats) -> Floats:
@@ -242,17 +269,20 @@ def _format_value(part: tuple[ArrayLike, ArrayLike]) -> str:
     return f"({value.tolist()}, {sigma})"
 
 
-def _covariance(name: str, sigma: Any) -> Floats:
-    """A covariance (3, 3) of one number, three, or itself."""
+def _covariance(name: str, sigma: Any, size: int) -> Floats:
+    """A covariance (k, k) of one number, k, or itself."""
     wide = "π" if name == "rotation" else "the size of the space"
-    expected = f"σ as one number, three, or a covariance (3, 3); of an axis of which nothing is known, {wide}"
+    shapes = f"one number, {size}, or a covariance ({size}, {size})"
+    expected = f"σ as {shapes.replace(' 3,', ' three,')}; of an axis of which nothing is known, {wide}"
     array = check_numbers(sigma, name, expected)
-    if array.shape not in ((), (3,), (3, 3)):
-        raise InputError(f"prior: {name}: σ of shape {array.shape} given; one number, three, or (3, 3) expected")
+    if array.shape not in ((), (size,), (size, size)):
+        raise InputError(
+            f"prior: {name}: σ of shape {array.shape} given; one number, {size}, or ({size}, {size}) expected"
+        )
     if array.ndim < 2:
         if (array < 0.0).any():
             raise InputError(f"prior: {name}: σ {array.min():g} given; a standard deviation is not negative")
-        return np.eye(3) * array**2
+        return np.eye(size) * array**2
     if not np.allclose(array, array.T) or np.linalg.eigvalsh(array).min() < -1e-9 * np.abs(array).max():
         raise InputError(f"prior: {name}: the covariance is not symmetric, or has a negative eigenvalue")
     return 0.5 * (array + array.T)
