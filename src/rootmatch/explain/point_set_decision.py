@@ -273,7 +273,7 @@ def point_set_finding(
         ),
         scores=None,
         confidence=confidence,
-        log_odds=float(judged.log_odds[0]),
+        log_odds=float(model.judge_one(found.assignments[0]).log_odds[0]),
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
         prior_holds=prior_holds,

@@ -24,8 +24,7 @@ LEADING = 0.01
 NEGLIGIBLE = 12.0
 """Log-odds against a shape beyond which it is ignored. A round value."""
 SHAPES = 4
-"""Largest number of shapes, by ever more of the self-motions, and of these with the same targets that are tested
-after the first `MOTIONS`. A round value."""
+"""Largest number of shapes by ever more of the self-motions. A round value."""
 MOTIONS = 48
 """Largest number of self-motions that are tested. A round value."""
 
@@ -39,30 +38,26 @@ def is_turned(assignments: Integers, first: Integers) -> Bools:
 def share_by_exact_shapes(model: PointSetModel, found: Judged, log_mass: Floats) -> Floats:
     """Logarithms (K,) of the masses of labellings whose source may be exactly symmetric, given those by its points.
 
-    The labellings about some motions have the mass that they had, together. How much each has of it is what its best
-    labelling has, with the points that were measured or those of the shapes. ``known`` tells symmetric motions apart.
+    All labellings about a motion gain what one of them does, which has the same targets as those of other motions.
+    These motions have the mass that they had, together.
     """
     labels, out, left = found.fit.assignments, log_mass.copy(), np.ones(len(log_mass), np.bool_)
     base = log_mass - found.known
     for a in np.argsort(-base, kind="stable").tolist():
         if base[a] < base.max() + math.log(LEADING):
             break
-        others = np.flatnonzero(left & is_turned(labels, labels[a])) if left[a] else []
-        group, left_of_others = [a], others
-        while len(left_of_others) and len(group) <= MOTIONS:
-            group.append(int(left_of_others[base[left_of_others].argmax()]))
-            left_of_others = left_of_others[~is_same_motion(labels[left_of_others], labels[group[-1]])]
-        if len(group) == 1:
-            continue
-        about = [left & is_same_motion(labels, labels[k]) for k in group]
-        gains = _log_gains(model, found.take(np.array(group)))
+        turned, group = left & is_turned(labels, labels[a]), [a]
+        while turned.any() and len(group) <= MOTIONS:
+            group.append(int(np.where(turned, base, -np.inf).argmax()))
+            turned &= ~is_same_motion(labels, labels[group[-1]])
+        gains = _log_gains(model, found.take(np.array(group))) if left[a] and len(group) > 1 else None
         if gains is None:
             continue
+        about = [left & is_same_motion(labels, labels[k]) for k in group]
         before = np.array([np.logaddexp.reduce(base[own]) for own in about])
-        now = found.log_odds[group] - found.known[group] + gains
-        now += np.logaddexp.reduce(before) - np.logaddexp.reduce(now)
-        for own, change in zip(about, now - before, strict=True):
-            out[own & left] += change
+        kept = np.logaddexp.reduce(before) - np.logaddexp.reduce(before + gains)
+        for own, gain in zip(about, gains, strict=True):
+            out[own & left] += gain + kept
             left &= ~own
     return out
 
