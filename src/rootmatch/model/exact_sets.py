@@ -96,7 +96,7 @@ def _find_shapes(points: Floats, covariance: Floats, images: Integers, mirror: b
 
     Those first that are exact with one half or more by themselves.
     """
-    alone = []
+    alone = list[tuple[float, int, Integers, ExactShape]]()
     for one in images[1:]:
         checkpoint()
         shape = fit_exact_shape(points, covariance, [(images[0], one)], mirror)
@@ -104,7 +104,7 @@ def _find_shapes(points: Floats, covariance: Floats, images: Integers, mirror: b
             alone.append((shape.log_odds, len(alone), one, shape))
     alone.sort(key=lambda entry: entry[:2], reverse=True)
     fewest = max(sum(odds >= 0.0 for odds, *_ in alone), 1)
-    shapes = []
+    shapes = list[ExactShape]()
     for count in range(fewest, min(len(alone), fewest + SHAPES - 1) + 1):
         motions = [(images[0], one) for _, _, one, _ in alone[:count]]
         shape = alone[0][3] if count == 1 else fit_exact_shape(points, covariance, motions, mirror)

@@ -111,8 +111,7 @@ class PointSetPosterior:
     def drop_doubtful(self, least_probability: float) -> tuple[Integers, float] | None:
         """The first hypothesis without its least certain matches, and the probability that the rest is right.
 
-        As many are kept as have the wanted probability together; None if that is fewer than half, or no more than tell a
-        motion: three that are left of five fit somewhere by chance. As in an image, one more has to confirm it.
+        As many are kept as have the wanted probability together; None if that is fewer than half, or tells no motion.
         """
         first = self.assignments[0]
         matched = np.flatnonzero(first >= 0)
@@ -134,7 +133,7 @@ class PointSetPosterior:
             right = np.minimum.accumulate(every + more @ (begin[:, None] > np.arange(len(order))))
         together = np.minimum(here * right, 1.0 - WRONG_MODEL)
         count = int(np.count_nonzero(together >= least_probability))
-        if count < min(FEWEST + 1, len(order)) or count <= SHARED * len(order):
+        if count < FEWEST or count <= SHARED * len(order):
             return None
         sure = np.full_like(first, -1)
         sure[order[:count]] = first[order[:count]]
