@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 import rootmatch as rm
 from rootmatch.explain.point_set_decision import make_point_set_model
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.exact_symmetry import exact_symmetry_probability
+from rootmatch.model.exact_symmetry import fit_exact_shape
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import weigh_point_set_posterior
 from rootmatch.model.priors import NOISE_FREEDOM, PRESENT
@@ -316,10 +316,10 @@ def test_a_symmetry_is_exact_within_the_noise_only() -> None:
             measured = source + 0.2 * rng.normal(size=source.shape)
             off = measured + 4.0 * (np.arange(6) == 5)[:, None] * [1.0, 0.0, 0.0]
             for points, results in ((measured, exact), (off, displaced)):
-                clouds = clouds_of(points, points, 0.2 * np.sqrt(2.0))
-                results.append(exact_symmetry_probability(clouds, np.arange(6), second))
-        assert np.quantile(exact, 0.1) > 0.5
-        assert np.max(displaced) < 0.01
+                shape = fit_exact_shape(points, np.tile(0.04 * np.eye(3), (6, 1, 1)), [(np.arange(6), second)])
+                results.append(-np.inf if shape is None else shape.log_odds)
+        assert np.quantile(exact, 0.1) > 0.0
+        assert np.max(displaced) < np.log(0.01)
 
 
 def test_two_points_beside_each_other_are_no_exact_symmetry() -> None:
@@ -330,9 +330,10 @@ def test_two_points_beside_each_other_are_no_exact_symmetry() -> None:
         points[:, size - 1 :] += np.arange(8.0)[:, None] * (size - 2)
         exchanged = np.arange(8)
         exchanged[[6, 7]] = [7, 6]
-        assert exact_symmetry_probability(clouds_of(points, points, 0.14), np.arange(8), exchanged) == 0.0
+        covariance = np.tile(0.01 * np.eye(size), (8, 1, 1))
+        assert fit_exact_shape(points, covariance, [(np.arange(8), exchanged)]) is None
         pair = np.array([6, 7])  # of these alone, a half turn may be one
-        assert exact_symmetry_probability(clouds_of(points, points, 0.14), pair, pair[::-1]) > 0.0
+        assert fit_exact_shape(points, covariance, [(pair, pair[::-1])]) is not None
 
 
 def test_mirrored_sets_are_not_trusted() -> None:

@@ -264,6 +264,10 @@ def point_set_finding(
     missed = 0.0 if prior_holds else base.facts.missed
     others = found.assignments[1:]
     sure = found.drop_doubtful(least) if missed <= TRUST.missed and is_best else None
+    rest = judged if sure is None else model.judge_one(sure[0])
+    least_set = int((rest.fit.assignments >= 0).sum()) <= FEWEST
+    if rest is not judged and least_set and not rest.log_odds[0] > 0.0:
+        sure = None  # of five matches three always fit somewhere: by themselves they have to be beyond chance
     if present >= least and sure is not None:
         left_out = (sure[0] < 0) & (assignment >= 0)
         if left_out.any():
@@ -288,7 +292,7 @@ def point_set_finding(
         ),
         scores=None,
         confidence=confidence,
-        log_odds=float(judged.log_odds[0]),
+        log_odds=float(model.judge_one(found.assignments[0]).log_odds[0]),
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
         prior_holds=prior_holds,

@@ -16,10 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix
-from rootmatch.arrays import Floats, Integers, cache_by_values
+from rootmatch.arrays import Floats, Integers
 from rootmatch.model.point_set_model import log_student_factor
-from rootmatch.model.priors import NOISE_FREEDOM, probability
-from rootmatch.problems.points import PointClouds
+from rootmatch.model.priors import NOISE_FREEDOM
 from rootmatch.samplers.point_sets.motions import fit_motions
 
 EXACT = 0.5
@@ -57,6 +56,8 @@ class ExactShape(NamedTuple):
         Its degrees of freedom.
     excess : (SIZES,) float64
         Variances of the deviations, over those of the noise, for displacements of each size.
+    of_sizes : (SIZES,) float64
+        Logarithm of the probability of each size, if the motions are not exact.
     """
 
     moved: Floats
@@ -65,27 +66,7 @@ class ExactShape(NamedTuple):
     squared: float
     freedom: float
     excess: Floats
-
-
-def exact_symmetry_probability(clouds: PointClouds, first: Integers, second: Integers, mirror: bool = False) -> float:
-    """Probability that a motion takes some points of the source exactly onto others, given their measured positions.
-
-    ``first`` (m,) are the points, ``second`` (m,) those whose places they take; ``mirror``: or by a reflection.
-    """
-    order = first.argsort()  # whatever the order, it is the same question: of other labellings, and of every frame
-    return _exact_symmetry_probability(clouds.source, clouds.source_variance, first[order], second[order], mirror)
-
-
-@cache_by_values(1024)
-def _exact_symmetry_probability(
-    source: Floats, variance: Floats, first: Integers, second: Integers, mirror: bool
-) -> float:
-    """See `exact_symmetry_probability`."""
-    every, place = np.unique(np.concatenate([first, second]), return_inverse=True)
-    points = source[every]
-    covariance = variance[every, None, None] * np.eye(points.shape[1])
-    found = fit_exact_shape(points, covariance, [(place[: len(first)], place[len(first) :])], mirror)
-    return 0.0 if found is None else probability(found.log_odds)
+    of_sizes: Floats
 
 
 def fit_exact_shape(
@@ -138,7 +119,7 @@ def fit_exact_shape(
     rank = float(len(scales)) if gram.any() else 0.0
     along = axes.T @ slope
     chi2 = float(((along / scales) ** 2).sum()) if rank else 0.0
-    odds, excess = 0.0, np.ones(SIZES)
+    odds, excess, displaced = 0.0, np.ones(SIZES), np.zeros(SIZES)
     if rank:
         largest = max(math.sqrt(spread * len(motions) / float(scales[-1])), math.e)
         excess = 1.0 + np.exp(np.linspace(0.0, 2.0 * math.log(largest), SIZES))
@@ -155,6 +136,7 @@ def fit_exact_shape(
         squared=chi2,
         freedom=rank,
         excess=excess,
+        of_sizes=displaced - np.logaddexp.reduce(displaced),
     )
 
 

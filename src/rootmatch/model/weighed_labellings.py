@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.assignment import are_targets_disjoint
-from rootmatch.model.exact_symmetry import exact_symmetry_probability
+from rootmatch.model.exact_sets import LEADING, is_turned, share_by_exact_shapes
 from rootmatch.model.labelling_sums import LabellingSums, is_same_motion, sum_labellings
 from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.priors import COPY, COUNTS
@@ -34,10 +33,6 @@ EXPANDED = 6
 """Hypotheses whose neighbours are weighed in each round. A round value."""
 CHANGES = 64
 """Number of changes of a hypothesis that are weighed, the most probable ones. A round value."""
-LEADING = 0.01
-"""Share of the best hypothesis above which hypotheses are tested for exchange by a self-motion."""
-SYMMETRIC = 48
-"""Largest number of pairs of hypotheses that are tested in this way. A round value."""
 MOTIONS = 8
 """Largest number of motions about which all labellings are summed. A round value."""
 ENOUGH = 8.0
@@ -173,9 +168,7 @@ def weigh_labellings(
         model.keep(found.take(slice(1)))
     assignments, known = found.fit.assignments, found.known  # which tells symmetric motions from each other
     odds = found.log_odds - known
-    most = float(odds.max())
-    equal = _mix_symmetric(model, assignments, np.exp(odds - most))
-    mass = np.log(np.maximum(equal, 1e-300)) + known + most
+    most, mass = float(odds.max()), found.log_odds.copy()
     images = [] if mirrored is None else [mirrored, proposals.fit.assignments]
     image = _best_mirror_image(model, images, assignments, found.log_odds)
     sums = []
@@ -188,7 +181,7 @@ def weigh_labellings(
             if one.count >= ENOUGH:
                 mass[left & own] -= math.log(max(float(one.shares(assignments[own]).sum()), 1e-300))
             left &= ~own
-    return Weighed(assignments, odds, mass, *image, sums)
+    return Weighed(assignments, odds, share_by_exact_shapes(model, found, mass), *image, sums)
 
 
 def _sum_likely_motions(model: PointSetModel, assignments: Integers, log_odds: Floats) -> list[LabellingSums]:
@@ -220,7 +213,7 @@ def _apply_disjoint_changes(assignment: Integers, changes: Changes) -> Integers:
 
 
 def _select_best(found: Judged, of_several: bool) -> Judged:
-    """The best hypotheses that are not negligible, and those of a copy, the best one first.
+    """The best hypotheses that are not negligible, those of a copy, and turns of the best one, which is the first.
 
     Of several bodies, all that are better than clutter: others may take what a better one needs.
     """
@@ -233,7 +226,9 @@ def _select_best(found: Judged, of_several: bool) -> Judged:
     near = (odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE) & (np.arange(len(order)) < KEPT)
     if of_several:
         near |= (odds[order] > 0.0) & (np.arange(len(order)) < KEPT)
-    order = order[near | (apart & (np.cumsum(apart & ~near) <= KEPT))]
+    # by how much a turn that an exact symmetry makes is worse, is chance: the more so, the more points
+    more = apart | (is_turned(assignments[order], assignments[order[0]]) & (odds[order] > 0.0))
+    order = order[near | (more & (np.cumsum(more & ~near) <= KEPT))]
     return found.take(order)
 
 
@@ -256,24 +251,3 @@ def _best_mirror_image(
         weight[same] += np.log1p(-np.exp(-more), where=more > 0.0, out=np.full(len(more), -np.inf))
     best = int(np.argmax(weight))
     return mirrored[best], float(weight[best]) + math.log(MIRRORED)
-
-
-def _mix_symmetric(model: PointSetModel, assignments: Integers, weights: Floats) -> Floats:
-    """Weights (K,) of hypotheses, those that a self-motion of the source exchanges as equal as it is probably exact."""
-    mixing = np.eye(len(assignments))
-    least = math.exp(-NEGLIGIBLE) * float(weights.max())
-    used = [frozenset(one[one >= 0].tolist()) for one in assignments]
-    looked_at = 0
-    for a, b in combinations(range(len(assignments)), 2):
-        if used[a] != used[b] or weights[b] < least or weights[a] < LEADING * float(weights.max()):
-            continue
-        if looked_at == SYMMETRIC:
-            break
-        looked_at += 1
-        checkpoint()
-        # the point that one labelling assigns to a target takes the place of the other's point
-        first, second = (
-            np.argsort(one, kind="stable")[int((one < 0).sum()) :] for one in (assignments[a], assignments[b])
-        )
-        mixing[a, b] = mixing[b, a] = exact_symmetry_probability(model.clouds, first, second, model.mirror)
-    return np.asarray((mixing / mixing.sum(axis=1, keepdims=True)) @ weights)
