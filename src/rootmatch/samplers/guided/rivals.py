@@ -53,23 +53,29 @@ verified: less than of the evidence, as a minimal set may predict worse than ano
 
 
 def try_rivals(search: Search) -> None:
-    """Try minimal sets until no rival of the strongest hypothesis can well have been missed.
+    """Try minimal sets until no rival of the strongest hypothesis can well have been missed."""
+    best = search._cluster_hypotheses()[2].best[0]
+    own = np.sort(best[best >= 0])
+    search.missed = search._missed_among(own, least_own_detections(search, len(own)), known=best)
+    search.missed = max(search.missed, try_elsewhere(search))
+
+
+def try_elsewhere(search: Search) -> float:
+    """Try other detections than those of the strongest hypothesis; the probability of having missed a rival there.
 
     Copies are rare: a crowd of other detections is worth a search for them as long as what came before, which does not
     count if that ends it.
     """
-    best = search._cluster_hypotheses()[2].best[0]
-    own = np.sort(best[best >= 0])
-    search.missed = search._missed_among(own, least_own_detections(search, len(own)), known=best)
-    search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
-    free = np.ones(search.n_target, np.bool_)
-    free[own] = False
-    (rest,) = np.nonzero(free)
-    shown = least_other_detections(search, len(own))
-    if shown[-1] <= len(rest) <= CROWD and not search._is_spent():
-        missed = search._missed_among(rest, shown)
-        if not search._is_spent():
-            search.missed = max(search.missed, missed)
+    every, free = search._cluster_hypotheses()[2].best, np.ones(search.n_target, np.bool_)
+    if not len(every):
+        return 0.0
+    search.budget, best = min(search.budget, 2 * search.evaluated + LITTLE), every[0]
+    free[best[best >= 0]] = False
+    (rest,), shown = np.nonzero(free), least_other_detections(search, int((best >= 0).sum()))
+    if not shown[-1] <= len(rest) <= CROWD or search._is_spent():
+        return 0.0
+    missed = search._missed_among(rest, shown)
+    return 0.0 if search._is_spent() else missed
 
 
 def allowed_pairs(search: Search, images: Integers) -> Bools:

@@ -118,10 +118,10 @@ class Search:
                 return
             if len(self.hypotheses) > batches.APART:
                 self._cluster_hypotheses()
-        # what looks like itself has more poses than a batch verifies; and a second place shows fewer points, maybe
-        telling = max(self.fewest, self.minimal + 2)
-        if self.conclusive and (self.is_beyond_chance() or self._best_match_count() >= telling):
+        if self.conclusive and self.is_beyond_chance():  # what looks like itself has more poses than a batch verifies
             self._try_rivals()
+        elif self.conclusive and self._best_match_count() >= self.options.stopping.complete * min(self.shape):
+            rivals.try_elsewhere(self)  # it ended as no pose explains more; as probable is one that shows a point less
 
     def _steps(self) -> Iterator[None]:
         """Test batches of minimal sets, one a step, until none is left, none is needed or a deadline has passed."""
