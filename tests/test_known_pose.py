@@ -60,7 +60,8 @@ class Scene:
     [
         ({}, "nothing is known"),
         ({"rotation": np.eye(3)}, r"rotation: give \(R, σ\)"),
-        ({"rotation": (np.eye(2), 0.1)}, "rotation in a plane"),
+        ({"rotation": (np.eye(4), 0.1)}, r"R of shape \(4, 4\) given; give a rotation matrix \(3, 3\), or \(2, 2\)"),
+        ({"rotation": (np.eye(2), 0.1), "position": (np.zeros(3), 0.1)}, "some of it is in a plane and some in space"),
         ({"rotation": (2.0 * np.eye(3), 0.1)}, "R is no rotation"),
         ({"rotation": (np.eye(3), -0.1)}, "σ -0.1 given; a standard deviation is not negative"),
         ({"rotation": (np.eye(3), 10.0)}, "σ 10 given, in radians: 573°; give radians up to 1, such as"),
@@ -69,7 +70,7 @@ class Scene:
             r"σ 2 given, in radians: 115°; give radians up to 1, such as np\.radians\(2\.0\)",
         ),
         ({"rotation": (np.eye(3), (0.1, 4.0, 0.1))}, "σ 4 given, in radians: 229°"),
-        ({"position": ((0.0, 0.0), 0.1)}, "position of shape"),
+        ({"position": ((0.0,), 0.1)}, "position of shape"),
         ({"position": ((0.0, 0.0, np.nan), 0.1)}, "NaN or infinity"),
         ({"position": ((0.0, 0.0, 1.0), (np.inf, np.inf, 0.1))}, "nothing is known, the size of the space"),
         ({"position": ((0.0, 0.0, 1.0), -np.eye(3))}, "not symmetric, or has a negative eigenvalue"),

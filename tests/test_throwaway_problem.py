@@ -30,9 +30,10 @@ found = rm.match(source, target, problem, noise=0.01)
 again = rm.Matcher(source, problem, noise=0.01).match(target)
 assert found.assignment.tolist() == again.assignment.tolist() == list(range(5, -1, -1)), found.assignment
 assert found.status is rm.Status.MATCHED
+assert found.pose is None
 assert pickle.loads(pickle.dumps(problem)) == problem
 for argument, use in (
-    ("pose", lambda: found.pose),
+    ("pose", lambda: found.poses),
     ("normals", lambda: rm.match(source, target, problem, normals=np.ones((6, 3)))),
     ("noise", lambda: rm.match(source, target, problem, noise=(0.1, 0.1))),
     ("sampler", lambda: rm.match(source, target, problem, sampler="guided")),
