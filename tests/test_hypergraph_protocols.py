@@ -14,8 +14,6 @@ from typer.testing import CliRunner
 
 from rootmatch.cli.app import app
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.enumeration import subsets
-from rootmatch.hypergraph.invariants import nearest_tuples, signed_sines
 from rootmatch.research.hypergraph import run as protocols
 from rootmatch.research.hypergraph.protocol import (
     DEFORMATION,
@@ -27,6 +25,7 @@ from rootmatch.research.hypergraph.protocol import (
     protocol_tensor,
 )
 from rootmatch.research.hypergraph.report import ACCURACY
+from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, nearest_triangles
 from rootmatch.research.paper.settings import Setting
 from rootmatch.research.paper.work_unit import Task, Unit
 from rootmatch.solvers import get_solver
@@ -44,33 +43,51 @@ def turns(points: np.ndarray) -> np.ndarray:
     return np.stack(found, axis=1)
 
 
+def test_sines_of_all_triangles() -> None:
+    points = np.random.default_rng(0).normal(size=(7, 2))
+    index, sines = all_triangles(points)
+    assert index.tolist() == [list(t) for t in itertools.combinations(range(7), 3)]
+    np.testing.assert_allclose(sines, turns(points[index]), atol=1e-12)
+    assert (sines > 0.0).any()
+    assert (sines < 0.0).any()
+
+
+def test_orders_are_all_orders_and_the_last_three_turn_over() -> None:
+    assert {tuple(order) for order in ORDERS.tolist()} == set(itertools.permutations(range(3)))
+    points = np.random.default_rng(1).normal(size=(1, 3, 2))
+    signs = [np.sign(turns(points[:, order])[0, 0]) for order in ORDERS]
+    assert signs == [signs[0]] * 3 + [-signs[0]] * 3
+
+
 @pytest.mark.parametrize("count", [1, 7, 400, 6 * 220])
 def test_most_alike_are_the_nearest_of_a_tree(count: int) -> None:
     rng = np.random.default_rng(2)
     source, target = rng.normal(size=(6, 2)), rng.normal(size=(12, 2))
-    triangles = subsets(6, 3)
-    i, j, distance = nearest_tuples(signed_sines, (source, triangles), (target, subsets(12, 3)), count)
-    assert np.array_equal(np.sort(i, axis=2), np.broadcast_to(triangles[:, None], i.shape))
+    _, asked = all_triangles(source)
+    index, sines = all_triangles(target)
+    norm = np.linalg.norm(sines, axis=1)
+    by = np.argsort(norm)
+    triangle, order, distance = nearest_triangles(asked, sines[by], norm[by], count)
     every = np.array(list(itertools.permutations(range(12), 3)))
-    expected, _ = cKDTree(turns(target[every])).query(turns(source[triangles]), k=count)
-    np.testing.assert_allclose(np.sort(distance, axis=1), expected.reshape(len(triangles), count), atol=1e-12)
-    for of_source, corners, gaps in zip(i, j, distance, strict=True):
-        assert len({frozenset(zip(*pair, strict=True)) for pair in zip(of_source, corners, strict=True)}) == count
-        gap = np.linalg.norm(turns(target[corners]) - turns(source[of_source]), axis=1)
-        np.testing.assert_allclose(gap, gaps, atol=1e-12)
+    expected, _ = cKDTree(turns(target[every])).query(asked, k=count)
+    np.testing.assert_allclose(np.sort(distance, axis=1), expected.reshape(len(asked), count), atol=1e-12)
+    for row in range(len(asked)):
+        corners = np.take_along_axis(index[by][triangle[row]], ORDERS[order[row]], axis=1)
+        assert len({tuple(c) for c in corners.tolist()}) == count
+        gap = np.linalg.norm(turns(target[corners]) - asked[row], axis=1)
+        np.testing.assert_allclose(gap, distance[row], atol=1e-12)
 
 
 def test_neighbours_of_a_symmetric_target_are_as_many_as_asked_for() -> None:
     """A regular polygon: all distances come many times."""
     angle = 2.0 * np.pi * np.arange(8) / 8.0
-    target = np.column_stack((np.cos(angle), np.sin(angle)))
-    source = np.random.default_rng(3).normal(size=(4, 2))
-    i, j, _ = nearest_tuples(signed_sines, (source, subsets(4, 3)), (target, subsets(8, 3)), 50)
-    assert i.shape == j.shape == (4, 50, 3)
-    pairs = [
-        {frozenset(zip(*pair, strict=True)) for pair in zip(*both, strict=True)} for both in zip(i, j, strict=True)
-    ]
-    assert [len(each) for each in pairs] == [50] * 4
+    _, asked = all_triangles(np.random.default_rng(3).normal(size=(4, 2)))
+    _, sines = all_triangles(np.column_stack((np.cos(angle), np.sin(angle))))
+    norm = np.linalg.norm(sines, axis=1)
+    by = np.argsort(norm)
+    triangle, order, _ = nearest_triangles(asked, sines[by], norm[by], 50)
+    assert triangle.shape == (4, 50)
+    assert all(len(set(zip(t, o, strict=True))) == 50 for t, o in zip(triangle, order, strict=True))
 
 
 @pytest.mark.parametrize("setting", [Setting(DEFORMATION, 0, 0.1), Setting(OUTLIERS, 5, 0.01)])

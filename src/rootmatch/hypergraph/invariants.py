@@ -10,15 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.arrays import Floats, Integers, as_floats
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.problems.checks import check_points
 
@@ -49,9 +47,15 @@ class Invariant:
 
 def angle_sines(points: Floats) -> Floats:
     """Sines (T, 3) of the angles of triangles (T, 3, k) at their points: kept by similarity (Duchenne et al. 2011)."""
-    first, second = points[:, 2] - points[:, 1], points[:, 0] - points[:, 2]
-    squared = (first**2).sum(axis=1) * (second**2).sum(axis=1) - (first * second).sum(axis=1) ** 2
-    return _sines(points, np.sqrt(np.maximum(squared, 0.0)))
+    sides = np.stack([points[:, (k + 2) % 3] - points[:, (k + 1) % 3] for k in range(3)], axis=1)
+    lengths = np.linalg.norm(sides, axis=2)
+    first, second = sides[:, 0], sides[:, 1]
+    dots = (first * second).sum(axis=1)
+    area2 = np.sqrt(np.maximum((first**2).sum(axis=1) * (second**2).sum(axis=1) - dots**2, 0.0))
+    # twice the area is the product of two sides and the sine between them
+    products = np.stack([lengths[:, (k + 1) % 3] * lengths[:, (k + 2) % 3] for k in range(3)], axis=1)
+    sines: Floats = area2[:, None] / np.maximum(products, 1e-300)
+    return sines
 
 
 def signed_sines(points: Floats) -> Floats:
@@ -60,13 +64,9 @@ def signed_sines(points: Floats) -> Floats:
     What the code of Duchenne et al. computes, and with it all later ones that match points of a plane.
     """
     first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
-    return _sines(points, first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-
-
-def _sines(points: Floats, area2: Floats) -> Floats:
-    """Sines of angles from twice the areas (T,): these are products of two sides and the sine between them."""
-    lengths = side_lengths(points)
-    return area2[:, None] / np.maximum(np.roll(lengths, -1, axis=1) * np.roll(lengths, 1, axis=1), 1e-300)
+    area2 = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    signed: Floats = np.sign(area2)[:, None] * angle_sines(points)
+    return signed
 
 
 def side_lengths(points: Floats) -> Floats:
@@ -147,6 +147,8 @@ def nearest_hyperedges(
     five points of which four are on a line. Symmetric sets have several right matches. Noise plays no part: small
     tuples, whose features it moves far, count like large ones; `rootmatch.Similarity` and `rootmatch.Rigid` model it.
     """
+    from scipy.spatial import cKDTree  # slow to import
+
     chosen = _choose_invariant(invariant)
     dimension = np.shape(np.asarray(source))[-1] if np.ndim(source) == 2 else 0
     if dimension not in chosen.dimensions:
@@ -162,41 +164,25 @@ def nearest_hyperedges(
     rng = np.random.default_rng(seed)
     of_source = _tuples(n, chosen.order, wanted, rng)
     of_target = _tuples(n_target, chosen.order, TARGET_TUPLES, rng)
-    i, j, gap = nearest_tuples(partial(_features, chosen), (first, of_source), (second, of_target), near)
-    return i.reshape(-1, chosen.order).astype(np.int32), j.reshape(-1, chosen.order).astype(np.int32), gap.ravel()
-
-
-def nearest_tuples(
-    features: Callable[[Floats], Floats], source: tuple[Floats, Integers], target: tuple[Floats, Integers], count: int
-) -> tuple[Integers, Integers, Floats]:
-    """The target tuples, in any order of their points, with the most alike features for each source tuple.
-
-    ``source``, ``target``: points (n, k) and tuples (T, d) of them. ``count``: target tuples for each, at most d! T'.
-
-    Returns
-    -------
-    source_index, target_index : (T, count, d) arrays
-        In no particular order.
-    distance : (T, count) array
-    """
-    from scipy.spatial import cKDTree  # slow to import
-
-    (points, of_source), (seen, of_target) = source, target
-    queried, order = features(points[of_source]), of_source.shape[1]
-    orders = np.array(list(permutations(range(order))))
+    queried = _features(chosen, first[of_source])
+    orders = np.array(list(permutations(range(chosen.order))))
     gaps, targets = [], []
     for few in np.array_split(orders, math.ceil(len(orders) * len(of_target) / TREE_TUPLES)):
-        several = of_target[:, few].reshape(-1, order)
-        gap, place = cKDTree(features(seen[several])).query(queried, k=min(count, len(several)))
+        several = of_target[:, few].reshape(-1, chosen.order)
+        gap, place = cKDTree(_features(chosen, second[several])).query(queried, k=min(near, len(several)))
         gaps.append(gap.reshape(len(queried), -1))
         targets.append(several[place.reshape(len(queried), -1)])
     gap, target_index = np.concatenate(gaps, axis=1), np.concatenate(targets, axis=1)
     if len(gaps) > 1:  # the nearest of each tree, of which as many are the nearest of all
-        keep = np.argpartition(gap, min(count, gap.shape[1]) - 1, axis=1)[:, :count]
+        keep = np.argpartition(gap, min(near, gap.shape[1]) - 1, axis=1)[:, :near]
         gap, target_index = (
             np.take_along_axis(*one, axis=1) for one in ((gap, keep), (target_index, keep[:, :, None]))
         )
-    return np.repeat(of_source[:, None], gap.shape[1], axis=1), target_index, gap
+    return (
+        np.repeat(of_source, gap.shape[1], axis=0).astype(np.int32),
+        target_index.reshape(-1, chosen.order).astype(np.int32),
+        gap.ravel(),
+    )
 
 
 def invariant_affinities(
@@ -270,7 +256,7 @@ def _tuples(points: int, order: int, most: int, rng: np.random.Generator) -> Int
     """All increasing tuples (T, order) of indices, or so many different random ones where there are more."""
     count = math.comb(points, order)
     if count <= most:
-        return subsets(points, order)
+        return np.array(list(combinations(range(points), order)), dtype=np.int64)
     found = np.empty((0, order), dtype=np.int64)
     while len(found) < most:
         drawn = np.sort(rng.integers(0, points, (2 * most, order)), axis=1)

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.hypergraph.enumeration import subsets
-from rootmatch.hypergraph.invariants import nearest_tuples, signed_sines
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, nearest_triangles
 from rootmatch.research.paper.settings import Setting
 
 DEFORMATION, OUTLIERS = "deformation", "outliers"
@@ -58,9 +57,17 @@ def protocol_tensor(points: Instance, seed: int) -> AffinityTensor:
     rng = np.random.default_rng((seed, n, n_target, 1))
     drawn = np.sort(rng.permuted(np.tile(np.arange(n), (count, 1)), axis=1)[:, :3], axis=1)
     chosen, times = np.unique(drawn, axis=0, return_counts=True)
-    of_target = subsets(n_target, 3)
-    i, j, distance = nearest_tuples(signed_sines, (points.source, chosen), (points.target, of_target), count)
-    indices = (i * n_target + j).reshape(-1, 3).astype(np.int32)
+    index, sines = all_triangles(points.source)
+    row = np.zeros((n, n, n), dtype=np.int64)
+    row[tuple(index.T)] = np.arange(len(index))
+    of_target, target_sines = all_triangles(points.target)
+    norm = np.linalg.norm(target_sines, axis=1)
+    ascending = np.argsort(norm)
+    triangle, order, distance = nearest_triangles(
+        sines[row[tuple(chosen.T)]], target_sines[ascending], norm[ascending], count
+    )
+    found = np.take_along_axis(of_target[ascending[triangle]], ORDERS[order], axis=-1)
+    indices = (chosen[:, None, :] * n_target + found).reshape(-1, 3).astype(np.int32)
     mean = float(np.average(distance.mean(axis=1), weights=times))
     weights: Floats = np.exp(-distance / mean) * times[:, None]
     return AffinityTensor.unchecked(indices, weights.ravel(), (n, n_target))
