@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import combinations, permutations
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.arrays import Floats, Integers, as_floats
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.problems.checks import check_points
 
@@ -256,7 +257,7 @@ def _tuples(points: int, order: int, most: int, rng: np.random.Generator) -> Int
     """All increasing tuples (T, order) of indices, or so many different random ones where there are more."""
     count = math.comb(points, order)
     if count <= most:
-        return np.array(list(combinations(range(points), order)), dtype=np.int64)
+        return subsets(points, order)
     found = np.empty((0, order), dtype=np.int64)
     while len(found) < most:
         drawn = np.sort(rng.integers(0, points, (2 * most, order)), axis=1)

@@ -27,7 +27,7 @@ from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.pose_density import ROTATIONS
 from rootmatch.problems.points import PointClouds
-from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit
+from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, squared_deviations
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior, angle_count, kalman_update, turn_vectors
 from rootmatch.problems.pose_fit.shared_errors import EXACT, SharedErrors, SharedPose, copy_shared_errors
@@ -137,7 +137,7 @@ class MotionPrior:
         if pose is None or (clouds.scaled and not _has_scale(pose)):
             return False
         off, spread = (part[assignment >= 0, assignment[assignment >= 0]] for part in _deviations(clouds, pose))
-        return bool((_squares(off, spread) < GATE).all())
+        return bool((squared_deviations(off, spread) < GATE).all())
 
     def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, box: Floats) -> Floats:
         """Logarithm (K,) of the factor that one prediction puts on the odds of rotations."""
@@ -148,7 +148,7 @@ class MotionPrior:
         size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
         unit, scaled, count = whole / (size[:, :, None] * size[:, None]), off / size, off.shape[1]
         unit = unit + RIDGE * np.eye(count)
-        squared = (scaled * np.linalg.solve(unit, scaled[..., None])[..., 0]).sum(axis=1)
+        squared = squared_deviations(scaled, unit)
         peak = 0.5 * (np.linalg.slogdet(unit)[1] + count * math.log(2.0 * math.pi)) + np.log(size).sum(axis=1)
         tail = -0.5 * squared
         if math.isfinite(self.freedom):
@@ -292,7 +292,7 @@ def _tilt_vectors(now: Floats, target: Floats, across: Floats) -> Floats:
 def _label_nearest(clouds: PointClouds, pose: Pose) -> Integers:
     """The assignment (n,) about a pose: the targets nearest to where it predicts the points."""
     off, spread = _deviations(clouds, pose)
-    squared = _squares(off, spread)
+    squared = squared_deviations(off, spread)
     near = squared < GATE
     if (near.sum(axis=0) > 1).any() or (near.sum(axis=1) > 1).any():
         from scipy.optimize import linear_sum_assignment  # slow to import, rarely needed
@@ -309,7 +309,7 @@ def _label_nearest(clouds: PointClouds, pose: Pose) -> Integers:
 def _narrow(clouds: PointClouds, pose: Pose) -> list[Pose]:
     """A predicted pose after one match each: where points are closer than it is certain, errors are those of all."""
     off, spread = _deviations(clouds, pose)
-    near = _squares(off, spread) < GATE
+    near = squared_deviations(off, spread) < GATE
     count = near.sum(axis=0)
     if not ((count > 1).any() or (near.sum(axis=1) > 1).any()):
         return []
@@ -318,11 +318,6 @@ def _narrow(clouds: PointClouds, pose: Pose) -> list[Pose]:
     jacobian = _motion_jacobians(clouds.source @ pose.R.T, pose)
     first, second = clouds.covariances(pose.scale * pose.R)
     return [kalman_update(pose, jacobian[i], off[i, j], first[i] + second[j]) for i, j in pairs]
-
-
-def _squares(off: Floats, spread: Floats) -> Floats:
-    """Squared deviations (…,) over their covariances."""
-    return np.asarray((off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=-1))
 
 
 def _deviations(clouds: PointClouds, pose: Pose) -> tuple[Floats, Floats]:

@@ -152,8 +152,7 @@ class PointSetFit:
         wide = root @ axes
         whole[places] = (wide / rest[:, None]) @ wide.swapaxes(1, 2)
         off[places] = ((wide / rest[:, None]) @ np.linalg.inv(wide) @ off[places][..., None])[..., 0]
-        squared = (off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2)
-        return squared, -0.5 * np.linalg.slogdet(TURN * whole)[1]
+        return squared_deviations(off, whole), -0.5 * np.linalg.slogdet(TURN * whole)[1]
 
     @property
     def _linear(self) -> Floats:
@@ -298,6 +297,11 @@ def _refine_with_covariances(fit: PointSetFit, centre2: Floats) -> PointSetFit:
         spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=frame if size == 3 else fit.frame,
         full=np.asarray(np.linalg.inv(information + np.diag(vague)), np.float64),
     )  # fmt: skip
+
+
+def squared_deviations(off: Floats, spread: Floats) -> Floats:
+    """Squares (…,) of deviations (…, k) over their covariances (…, k, k)."""
+    return np.asarray((off * np.linalg.solve(spread, off[..., None])[..., 0]).sum(axis=-1))
 
 
 def scale_variance(fit: PointSetFit) -> Floats:
