@@ -207,7 +207,7 @@ def test_the_time_of_the_headset_is_that_of_the_leaderboard() -> None:
 
 
 def test_the_paper_s_preset_has_the_rho_that_the_scan_chose() -> None:
-    scan = csv.DictReader((ROOT / "docs" / "reproduction" / "earlier" / "rho-scan.csv").open(newline=""))
+    scan = csv.DictReader((ROOT / "docs" / "reproduction" / "preset-rho-scan.csv").open(newline=""))
     chosen = {
         row["problem"]: float(row["rho"])
         for row in scan
