@@ -1,4 +1,4 @@
-"""Bodies that move in a plane: a vehicle below its map of reflectors, two trolleys on a floor, a map of unknown scale."""
+"""Bodies that move in a plane: a vehicle amid a map of reflectors, two trolleys on a floor, a map of unknown scale."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.shared_errors import SharedPose
 
 TURN, SHIFT = 1e-12, 1e-6
-"""Standard deviations of what a plane fixes: of the two turns out of it, in radians, and of the height over it, in radii
-of the body. Far below any noise, and such turns move points by less than the height is uncertain."""
+"""Standard deviations of what a plane fixes: of turns out of it, in radians, and of the height over it, in radii of the
+body. Far below any noise, and such turns move points by less than the height is uncertain."""
 
 
 def points_in_space(points: Floats) -> Floats:
