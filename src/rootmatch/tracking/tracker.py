@@ -54,8 +54,7 @@ class Tracker:
     The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts a pose
     with its covariance, the prior of the next match: a frame takes a few milliseconds. A body that is not found is
     still predicted for a while; then it counts as lost and is searched for, over frames: each looks for one body, in
-    one camera of a rig. `rootmatch.warmup` compiles the kernels before the first one. Threads that share a tracker take
-    turns; the order of their frames is theirs to keep.
+    one camera of a rig. `rootmatch.warmup` compiles kernels beforehand. Threads that share a tracker take turns.
 
     Parameters
     ----------
