@@ -79,5 +79,5 @@ def _most_gained(model: PointSetModel, fit: PointSetFit, errors: Floats, left: B
     matched = int(own.sum())
     counts = model.log_counts[matched:] - model.log_counts[matched]
     gains = np.cumsum(gains, axis=1)[:, : len(counts) - 1] + counts[1 : 1 + gains.shape[1]]
-    residuals = float(fit.chi2[0]), moved
-    return residual_log_gains(NOISE_FREEDOM, residuals, float(fit.dof[0]), errors) + gains.max(axis=1, initial=0.0)
+    residuals = residual_log_gains(NOISE_FREEDOM, (float(fit.chi2[0]), moved), float(fit.dof[0]), errors)
+    return np.asarray(residuals + gains.max(axis=1, initial=0.0))
