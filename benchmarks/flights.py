@@ -1,6 +1,7 @@
 """Flights through `Tracker`: a room, a rig with two controllers, a drone before a fisheye, a board, a mirror, a hall.
 
-Also what nothing but chance could decide, as in alike_flights.py: two objects of the same kind, and a regular ceiling.
+Also a vehicle that localises itself by reflectors, in a plane; and what nothing but chance could decide, as in
+alike_flights.py: two objects of the same kind, and a regular ceiling.
 
     python benchmarks/flights.py --families room rig drone board mirror --flights 6 --first-seed 20000
     python benchmarks/flights.py --families room --merge 3 --resolution 3  # detections within 3 px are one blob
@@ -35,12 +36,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from shared import parser, scenes_of, squared_error
+from vehicle_flight import vehicle_flight, vehicle_tracker
 
 import rootmatch as rm
 
 FRAMES = {
     "room": 60, "rig": 150, "drone": 300, "board": 120, "mirror": 200, "twins": 150, "named": 150, "ceiling": 90,
-    "hall": 180,
+    "hall": 180, "vehicle": 90,
 }  # fmt: skip
 RIGS = "rig", "hall"
 """Families before several cameras."""
@@ -94,6 +96,8 @@ def tracker_of(
         return alike_tracker(family), [(None, 0)]
     if family == "board":
         return rm.Tracker(BOARD, rm.P3P(BOARD_CAMERA), noise=0.5, resolution=resolution), [(None, 0)]
+    if family == "vehicle":
+        return vehicle_tracker(), [(None, 0)]
     camera: Any = rm.Camera(900.0, 900.0, 640.0, 480.0)
     if family == "hall":
         hall = rm.P3P(rm.Rig([(HALL_CAMERA, turn, AWAY) for turn in TURNS], sizes=[HALL_SIZE] * 6))
@@ -122,6 +126,7 @@ def frames_of(xr: ModuleType, family: str, seed: int) -> Iterator[dict[str, Any]
     """The frames of one flight."""
     made = {"room": xr.room_flight, "rig": xr.rig_flight, "drone": xr.drone_flight, "board": board_flight}
     made |= {"mirror": mirror_flight, "twins": twins_flight, "ceiling": ceiling_flight, "hall": hall_flight}
+    made |= {"vehicle": vehicle_flight}
     made["named"] = partial(twins_flight, named=True)
     flight: Iterator[dict[str, Any]] = made[family](seed, frames=FRAMES[family])
     return flight
@@ -295,14 +300,17 @@ def judged(frame: dict[str, Any], number: int, one: Any, rig: bool) -> tuple[boo
 
 def _error(pose: rm.Pose | None, R: NDArray[np.float64]) -> float:
     """Angle in radians between a rotation and the true one; infinite without a pose."""
-    return np.inf if pose is None else float(Rotation.from_matrix(R @ pose.R.T).magnitude())
+    if pose is None:
+        return np.inf
+    cosine = np.trace(R @ pose.R.T) / 2.0 if len(R) == 2 else (np.trace(R @ pose.R.T) - 1.0) / 2.0
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def _covered(pose: rm.Pose | None, R: NDArray[np.float64], t: NDArray[np.float64]) -> bool:
     """Whether the truth lies within the 95 % region of a pose."""
     if pose is None or pose.covariance is None:
         return False
-    return squared_error(pose, R, t) <= chi2.ppf(0.95, 6)
+    return squared_error(pose, R, t) <= chi2.ppf(0.95, len(pose.covariance))
 
 
 def main() -> None:

@@ -161,6 +161,8 @@ def is_listed(match: rm.Match, truth: Integers) -> bool:
 def squared_error(pose: rm.Pose, R: Floats, t: Floats, scale: float = 1.0) -> float:
     """Squared deviation of a pose from the true one over its covariance, which has full rank (NEES)."""
     assert pose.covariance is not None
-    off = np.array([*Rotation.from_matrix(R @ pose.R.T).as_rotvec(), *(t - pose.t), scale - pose.scale])
+    turn = R @ pose.R.T
+    angles = Rotation.from_matrix(turn).as_rotvec() if len(R) == 3 else [np.arctan2(turn[1, 0], turn[0, 0])]
+    off = np.array([*angles, *(t - pose.t), scale - pose.scale])
     off = off[: len(pose.covariance)]
     return float(off @ np.linalg.solve(pose.covariance, off))

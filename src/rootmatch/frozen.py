@@ -14,13 +14,10 @@ def copy_with(value: Value, **fields: Any) -> Value:
     Stages hand on findings with dozens of fields, several times in each frame of a tracker. What was worked out once is
     left behind, as by `dataclasses.replace`.
     """
-    known = type(value).__dataclass_fields__  # type: ignore[attr-defined]
+    known, before = type(value).__dataclass_fields__, value.__dict__  # type: ignore[attr-defined]
     out = object.__new__(type(value))
     after = out.__dict__
-    after |= value.__dict__
-    if len(after) > len(known):
-        for name in [name for name in after if name not in known]:
-            del after[name]
+    after |= before if len(before) == len(known) else {name: before[name] for name in known}
     after |= fields
     if len(after) > len(known):
         raise TypeError(f"{type(value).__name__} has no field {', '.join(fields.keys() - known.keys())}")

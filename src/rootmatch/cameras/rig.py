@@ -126,7 +126,7 @@ class Rig(CameraModel):
         """Translations (C, 3) from the rig to the cameras."""
         return np.array([view[2] for view in self.views])
 
-    @property
+    @cached_property
     def centres(self) -> Floats:
         """Centres (C, 3) of the cameras in the rig's frame."""
         return np.asarray(-np.einsum("cji,cj->ci", self.rotations, self.translations))

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from rootmatch.algebra.rotation import one_rotation_vector
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.explain.finding import Finding
@@ -26,7 +25,7 @@ from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.either_axes import covariance_in_either_axes
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
-from rootmatch.problems.pose_fit.pose_prior import PosePrior, turn_vectors
+from rootmatch.problems.pose_fit.pose_prior import PosePrior, angle_count, turn_vectors
 from rootmatch.problems.pose_fit.reference_point import add_arc_curvature, pose_about_point
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.pose_fit.shared_errors import (
@@ -107,7 +106,9 @@ def is_against_prior(found: Finding) -> bool:
 
 def contradicts(known: PosePrior, pose: Pose) -> bool:
     """Whether a pose is where what is known of it in part all but excludes it."""
+    angles = angle_count(len(pose.t))
     spread, apart = np.zeros((6, 6)) if pose.covariance is None else pose.covariance, 0.0
+    own = slice(angles, angles + len(pose.t))
     if known.vertical is not None:
         source, camera, sigma = np.asarray(known.vertical[0]), np.asarray(known.vertical[1]), known.vertical[2]
         turned = pose.R @ source
@@ -116,9 +117,10 @@ def contradicts(known: PosePrior, pose: Pose) -> bool:
     parts = []
     if known.rotation is not None:
         R, covariance = known.rotation
-        parts.append((one_rotation_vector(pose.R @ np.asarray(R).T), np.asarray(covariance) + spread[:3, :3]))
+        (off,) = turn_vectors((pose.R @ np.asarray(R).T)[None])
+        parts.append((off, np.asarray(covariance) + spread[:angles, :angles]))
     if known.place is not None:
-        parts.append((pose.t - known.place[0], known.place[1] + spread[3:6, 3:6]))
+        parts.append((pose.t - known.place[0], known.place[1] + spread[own, own]))
     apart = max(apart, *(float(off @ np.linalg.lstsq(both, off)[0]) for off, both in parts), 0.0)
     return apart > CONTRADICTED
 

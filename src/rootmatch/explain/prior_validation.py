@@ -64,19 +64,15 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
 
 
 def check_followed(problem: Problem, source: ArrayLike) -> None:
-    """Refuse what a tracker does not follow: no pose of a body, or one in a plane, or reflected."""
+    """Refuse what a tracker does not follow: no pose of a body, or a reflected one."""
     check_problem(problem)
     problem = problem.for_points(source)
-    followed = problem.takes_prior
-    if problem.takes_motion_prior and problem.source_dimension != 2:
-        followed = not getattr(problem, "mirror", False)
-    if not followed:
-        flat = problem.takes_motion_prior and problem.source_dimension == 2
-        instead = "; or give each match the last fused pose as prior=, or points z = 0" if flat else ""
-        raise InputError(
-            f"problem: {problem!r} given; a tracker follows rotations and translations in space: give P3P, UP2P, or "
-            f"Rigid() or Similarity() with points in space{instead}"
-        )
+    if problem.takes_prior or (problem.takes_motion_prior and not getattr(problem, "mirror", False)):
+        return
+    raise InputError(
+        f"problem: {problem!r} given; a tracker follows rotations and translations: give P3P, UP2P, or Rigid() or "
+        "Similarity() without mirror"
+    )
 
 
 def prior_attributes(prior: object) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from rootmatch.model.priors import INEXACT, WRONG_MODEL
 LEAST, MOST = 2, 4
 """Points that are elsewhere, at least and at most: of a single one the body is a hundred times as probable as anything
 else, but for one that was in place in the frames before, and four decide. Round values."""
+LOG_2PI = math.log(2.0 * math.pi)
 
 
 class Elsewhere(NamedTuple):
@@ -171,25 +172,23 @@ class _Place:
                     best = one
         return best
 
-    def _innovations(self, row: int, own: Integers, step: Floats, spread: Floats) -> tuple[Floats, Floats, Floats]:
-        """Deviations (m, 2) of detections, their covariance (2, 2), and their Jacobian (2, 9) by pose and point."""
-        jacobian, sigma = self.jacobian[row], float(self.model.sigma[own].max()) + 1e-300
-        across = jacobian @ spread @ jacobian.T + sigma**2 * np.eye(2)
-        return self.off[row][own] - jacobian @ step, across, jacobian
-
     def _grow_track(self, possible: list[tuple[int, Integers]], lit: Floats) -> _Track:
         """What a point has in each image in turn, as far as those before tell where it is."""
         step, spread, total, pairs = np.zeros(9), self.spread, 0.0, list[tuple[int, int]]()
         for row, own in possible:
-            off, across, jacobian = self._innovations(row, own, step, spread)
-            inverse, chance = np.linalg.inv(across), USUAL_RATE * float(lit[row])
-            worth = math.log(chance / (1.0 - chance)) - self.model.clutter.log_density[own]
-            worth -= 0.5 * (off @ inverse * off).sum(axis=1)
-            worth -= 0.5 * float(np.linalg.slogdet(2.0 * np.pi * across)[1])
+            jacobian, sigma = self.jacobian[row], float(self.model.sigma[own].max()) + 1e-300
+            carried = jacobian @ spread
+            (a, b), (_, d) = (carried @ jacobian.T).tolist()
+            a, d = a + sigma**2, d + sigma**2  # of the deviations, whose covariance is 2 x 2
+            determinant = a * d - b * b
+            inverse = np.array([[d, -b], [-b, a]]) / determinant
+            off, chance = self.off[row][own] - jacobian @ step, USUAL_RATE * float(lit[row])
+            worth = -self.model.clutter.log_density[own] - 0.5 * ((off @ inverse) * off).sum(axis=1)
+            worth += math.log(chance / (1.0 - chance)) - 0.5 * math.log(determinant) - LOG_2PI
             one = int(worth.argmax())
             if worth[one] > 0.0 or not pairs:
-                gain = spread @ jacobian.T @ inverse
-                step, spread = step + gain @ off[one], spread - gain @ jacobian @ spread
+                gain = carried.T @ inverse
+                step, spread = step + gain @ off[one], spread - gain @ carried
                 total += float(worth[one])
                 pairs.append((row, int(own[one])))
         rows, detections = np.array(pairs, np.int64).reshape(-1, 2).T

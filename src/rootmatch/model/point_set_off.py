@@ -12,13 +12,18 @@ from dataclasses import replace
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.model.image_alike import ERRORS, REACH
+from rootmatch.model.image_alike import ERRORS, LEAST, LOG_PRIOR, REACH, SEEN, residual_log_gains
 from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.samplers.point_sets.congruent import grow_labellings
 
 ROUNDS = 3
 """Rounds in which a labelling is fitted and takes what is near its motion. A round value."""
+MORE = 5.0
+"""Log-odds by which fits may gain more than is foreseen: of 106 labellings 4.3 at most (benchmarks/flights.py, vehicle,
+and the point sets of benchmarks/together.py, seeds from 1000). A round value; it bounds time."""
 
 
 def log_odds_of_errors(
@@ -32,24 +37,47 @@ def log_odds_of_errors(
     Returns
     -------
     (W,) float64 or None
-        Over the body as given; None where nothing is near the place of a point that has no match.
+        Over the body as given; −∞ where they cannot matter. None where none can, as nothing is near the place of a
+        point that has no match.
     """
     clouds, left = model.clouds, np.ones(len(model.clouds.target), np.bool_) if taken is None else ~taken
     allowed = model.allowed
     if not left.all():
         allowed = np.tile(left, (len(assignment), 1)) if allowed is None else allowed & left
-    fit, errors = model.judge_one(assignment).fit, ERRORS * body_radius(clouds.source)
+    judged, errors = model.judge_one(assignment), ERRORS * body_radius(clouds.source)
     left[assignment[assignment >= 0]] = False
-    squared, variance = (part[0][assignment < 0][:, left] for part in fit.squares())
-    if not (squared < REACH**2 * (variance + (float(fit.scale[0]) * errors[-1]) ** 2)).any():
+    most = _most_gained(model, judged.fit, errors, left)
+    if most is None:
         return None
-    out = np.empty(len(errors))
-    for k, error in enumerate(errors):
-        wide = replace(model, repeated=model.clutter, clouds=clouds.off_by(np.full(len(assignment), error)))
+    out = np.full(len(errors), -np.inf)
+    for k in np.flatnonzero(float(judged.log_odds[0]) - log_mass + most + MORE + LOG_PRIOR >= LEAST).tolist():
+        wide = replace(model, repeated=model.clutter, clouds=clouds.off_by(np.full(len(assignment), errors[k])))
         labels, before = assignment[None], 0
         for _ in range(ROUNDS):
             if len(labels) == before:  # nothing new was near
                 break
             before, labels = len(labels), grow_labellings(wide.clouds, labels, model.mirror, allowed)
-        out[k] = wide.judged(labels).log_odds.max()
-    return out - log_mass
+        out[k] = wide.judged(labels).log_odds.max() - log_mass
+    return out if np.isfinite(out).any() else None
+
+
+def _most_gained(model: PointSetModel, fit: PointSetFit, errors: Floats, left: Bools) -> Floats | None:
+    """About the most (W,) that a fitted labelling gains if all points are off by errors (W,).
+
+    By its residuals, and by targets ``left`` (n',) that are near the places of points without a match; None if none is.
+    """
+    assignment, size = fit.assignments[0], model.clouds.target.shape[1]
+    own, scale = assignment >= 0, float(fit.scale[0])
+    squared, variance = (part[0] for part in fit.squares())
+    moved = float((scale**2 / variance[own, assignment[own]]).mean())
+    squared, variance = squared[~own][:, left], variance[~own][:, left] + (scale * errors[:, None, None]) ** 2
+    near = squared < REACH**2 * variance
+    if not near.any():
+        return None
+    gains = -0.5 * squared / variance - 0.5 * size * np.log(2.0 * np.pi * variance) - model.clutter.log_density[left]
+    gains = np.sort(np.where(near, gains + SEEN, 0.0).max(axis=2, initial=0.0), axis=1)[:, ::-1]
+    matched = int(own.sum())
+    counts = model.log_counts[matched:] - model.log_counts[matched]
+    gains = np.cumsum(gains, axis=1)[:, : len(counts) - 1] + counts[1 : 1 + gains.shape[1]]
+    residuals = residual_log_gains(NOISE_FREEDOM, (float(fit.chi2[0]), moved), float(fit.dof[0]), errors)
+    return np.asarray(residuals + gains.max(axis=1, initial=0.0))

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Floats
+from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
@@ -292,15 +292,16 @@ class Belief:
             last = LastFrame(time - self.room[0], overlooked_chance(found.model, told.modes, mode, self.room[1]))
         return log_absence(before, time - since, time - self.excluded, last)
 
-    def log_other(self, k: int, pose: Pose | None, time: float, centres: Floats | None) -> float:
+    def log_other(self, k: int, pose: Pose | None, time: float, found: Finding, assignment: Integers) -> float:
         """Log-odds that what is found with a pose is something else, before it is known how well it fits.
 
-        ``k``: the hypothesis that it continues, −1 for a new one; ``centres``: see `seeing_centres`. What was not seen
-        in the last frame may be what was given up.
+        ``k``: the hypothesis that it continues, −1 for a new one; ``assignment``: by which it is found. What was not
+        seen in the last frame may be what was given up.
         """
         known = self.poses[k].log_other if k >= 0 else FLOOR
         if self.given_up is None or pose is None or (k >= 0 and self.poses[k].filter.time == self.time):
             return known
+        centres = seeing_centres(found, assignment)
         return max(known, log_other_presence(self.given_up, pose, time, centres))
 
     def _advance(self, step: Step, found: Finding, modes: Modes, time: float, seen: bool) -> FollowedPose:
@@ -328,10 +329,8 @@ class Belief:
             misfit = mode_misfit(model, modes, step.mode)
         stands = found.status is Status.MATCHED or math.isfinite(step.weighed)
         shows = stands + (last.shows if step.origin >= 0 and last.filter.time == self.time else 0)
-        centres = seeing_centres(found, modes.assignments[step.mode])
-        log_other = update_identity(
-            self.log_other(step.origin, pose, time, centres), misfit, TEMPER, len(model.images) > 1
-        )
+        before = self.log_other(step.origin, pose, time, found, modes.assignments[step.mode])
+        log_other = update_identity(before, misfit, TEMPER, len(model.images) > 1)
         # what the caller knows counts as well where a body is found
         k = step.mode
         told = last.told_with(lambda: sole_odds_of(model, modes, k) if self.poses else float(modes.log_mass[k]))

@@ -12,7 +12,6 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen, sole_odds_of
 from rootmatch.tracking.followed_pose import FollowedPose
-from rootmatch.tracking.mistaken_identity import seeing_centres
 
 ALIKE = "it may be something else of nearly its shape, as not every frame fitted"
 GAVE_UP = "what was followed in its line of sight a moment ago did not fit"
@@ -48,7 +47,7 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
             "it is no more than what chance shows, which persists as well": _seen_chance(belief.poses[goes_on], found),
         }
     if holds or pose is not None:
-        other = belief.log_other(goes_on, pose, time, seeing_centres(found, found.assignment))
+        other = belief.log_other(goes_on, pose, time, found, found.assignment)
         sure[ALIKE if holds else GAVE_UP] = probability(-other)
     return Certainty(math.prod(sure.values()), min(sure, key=sure.__getitem__))
 

@@ -20,6 +20,7 @@ from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.followed_body import FollowedBody
 from rootmatch.tracking.followed_pose import FollowedPose
+from rootmatch.tracking.in_plane import motion_in_space
 from rootmatch.tracking.motion_filter import ALIKE, MotionFilter
 
 Groups = Sequence[Sequence[Label]]
@@ -115,9 +116,8 @@ def _current_pose(followed: MotionFilter) -> Pose:
 
 def _is_same_place(first: Pose, second: Pose, radius: float) -> bool:
     """Whether two poses are of one body: no two are so near each other."""
-    return (
-        bool((first.R * second.R).sum() > ALIKE) and float(np.linalg.norm(first.t - second.t)) <= radius * first.scale
-    )
+    (turn, place), (other, there) = (motion_in_space(one.R, one.t) for one in (first, second))
+    return bool((turn * other).sum() > ALIKE) and float(np.linalg.norm(place - there)) <= radius * first.scale
 
 
 def _is_same(points: Floats, normals: Floats | None, first: Integers, second: Integers) -> bool:

@@ -13,6 +13,7 @@ from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import body_radius, pose_about_point
 from rootmatch.problems.pose_fit.shared_errors import SharedErrors, SharedPose, remaining_prediction_error
+from rootmatch.tracking.in_plane import motion_in_space, points_in_space, pose_in_plane, pose_in_space
 from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
 State = tuple[Floats, Floats, Floats, Floats]
@@ -77,6 +78,8 @@ class MotionOptions(Options):
 ALIKE = 1.0 + 2.0 * math.cos(0.2)
 """Trace of the rotation between two poses above which they are one. A round value."""
 DEFAULT_MOTION = MotionOptions()
+IN_SPACE, IN_PLANE = np.ones(6), np.array([0.0, 0.0, 1.0, 1.0, 1.0, 0.0])
+"""Axes of turns and shifts along which a body moves."""
 MOST_SURPRISE = 10.0
 """Square of a step over the expected one above which it counts as no larger. A round value."""
 
@@ -106,19 +109,20 @@ class MotionFilter:
 
     Parameters
     ----------
-    source : (n, 3) array
-        The body's points.
+    source : (n, 3) or (n, 2) array
+        The body's points; those of a plane are followed in space, where they stay in it.
     pose : Pose
-        With a covariance, (6, 6), or (7, 7) with the scale.
+        With a covariance, (6, 6), or (7, 7) with the scale; in a plane (3, 3) or (4, 4).
     time : float
         Of the pose, seconds.
     options : MotionOptions
     """
 
     def __init__(self, source: Floats, pose: Pose, time: float, options: MotionOptions = DEFAULT_MOTION) -> None:
-        self.scale = pose.scale
+        self.scale, self.flat = pose.scale, len(pose.t) == 2
         self.middle, self.extent, radius = _extents(source)
         self.centre, self.radius = self.middle, self.scale * radius
+        pose = pose_in_space(pose, self.radius)
         if len(np.asarray(pose.covariance)) == 6 and self._is_among(-pose.R.T @ pose.t - self.middle):
             self.centre = -pose.R.T @ pose.t
         self.options, self.time, self.factor = options, time, 1.0
@@ -128,7 +132,7 @@ class MotionFilter:
         self.P = np.zeros((size + 12, size + 12))
         self.P[:size, :size] = covariance
         lengths = [options.angular_velocity, options.velocity * self.radius, *self._accelerations]
-        self.P[size:, size:] = np.diag(np.repeat(lengths, 3) ** 2)
+        self.P[size:, size:] = np.diag((np.repeat(lengths, 3) * np.tile(self._free_axes, 2)) ** 2)
         self.shared: SharedErrors | None = None
         """Of the rows of ``P``; None if the errors of all poses are independent."""
         if isinstance(pose, SharedPose):
@@ -146,14 +150,14 @@ class MotionFilter:
 
         It is that of the same place in the camera frame, which is another one of the body: so both expect the same.
         """
-        other = self.copy()
+        other, (R, t) = self.copy(), motion_in_space(R, t)
         other.R, other.centre, other.middle = self.R @ R, R.T @ (self.centre - t), R.T @ (self.middle - t)
         other._ahead = None
         return other
 
     def of_body(self, R: Floats, t: Floats, source: Floats) -> MotionFilter:
         """A filter with the same motion for another body of points (n, 3), which x' = R x + t takes to this one's."""
-        other = self.copy()
+        other, (R, t) = self.copy(), motion_in_space(R, t)
         other.middle, other.extent, radius = _extents(source)
         other.centre, other.radius = other.middle, self.scale * radius
         other.R = self.R @ R
@@ -166,6 +170,7 @@ class MotionFilter:
     def is_near(self, pose: Pose, time: float) -> bool:
         """Whether a pose at a time is where the body is expected: no two bodies are so near each other."""
         R, t, _, _ = self._at(time)
+        pose = pose_in_space(pose, self.radius)
         off = pose.t + pose.scale * pose.R @ self.middle - self._middle(R, t)
         return bool((R * pose.R).sum() > ALIKE) and float(np.linalg.norm(off)) <= self.radius
 
@@ -176,6 +181,7 @@ class MotionFilter:
         whether it is where the body is expected.
         """
         R, t, _, _ = self._at(time)
+        pose = pose_in_space(pose, self.radius)
         t, middle = self._middle(R, t), pose.t + pose.scale * pose.R @ self.middle
         if centres is None:
             return float(np.linalg.norm(middle - t)) <= self.radius
@@ -186,9 +192,9 @@ class MotionFilter:
         """The pose at a later time; a `SharedPose` if its errors are those of earlier frames."""
         R, t, _, P = self._at(time)
         pose, shared = self._to_own_frame(R, t, P[: self.rows, : self.rows]), self._shared_errors_at(time)
-        if shared is None:
-            return pose
-        return SharedPose.of(pose, shared.moved(np.eye(self.rows, len(P))).about(-self.scale * R @ self.centre))
+        if shared is not None:
+            pose = SharedPose.of(pose, shared.moved(np.eye(self.rows, len(P))).about(-self.scale * R @ self.centre))
+        return pose_in_plane(pose) if self.flat else pose
 
     def update(self, pose: Pose, time: float, weight: float = 1.0) -> None:
         """Take in a pose that was fitted with the prediction for this time as its prior and therefore includes it.
@@ -202,6 +208,7 @@ class MotionFilter:
             and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
         """
         R, t, motion, P = before = self._at(time)
+        pose = pose_in_space(pose, self.radius)
         size, scale, shared = self.rows, self.scale, self._shared_errors_at(time)
         self.R, self.t, covariance = self._centred_state(pose)
         self.scale = pose.scale
@@ -293,10 +300,16 @@ class MotionFilter:
         """Standard deviations of the angular acceleration and of that of the centre, on each axis."""
         return self.options.angular_acceleration, self.options.acceleration * self.radius
 
+    @property
+    def _free_axes(self) -> Floats:
+        """Of three turns and three shifts (6,), 1 for those that the body is free to make, else 0."""
+        return IN_PLANE if self.flat else IN_SPACE
+
     def _advance_by(self, dt: float) -> State:
         angular, linear = self._accelerations
         of_scale = (self.options.scale_drift * self.scale) ** 2 * dt
-        variances = np.array([(self.factor * angular) ** 2] * 3 + [(self.factor * linear) ** 2] * 3 + [of_scale])
+        each = (self.factor * np.repeat([angular, linear], 3) * self._free_axes) ** 2
+        variances = np.append(each, of_scale)
         out = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty(self.P.shape)
         state = self.R, self.t, self.motion, self.P, variances
         move_ahead(*transition(dt, self.options.persistence), state, out)
@@ -318,6 +331,7 @@ class MotionFilter:
 
 @cache_by_identity(64)
 def _extents(source: Floats) -> tuple[Floats, float, float]:
-    """Centre of a body's points (n, 3), how far the farthest is from it, and their radius."""
+    """Centre (3,) of a body's points (n, k), how far the farthest is from it, and their radius."""
+    source = points_in_space(source)
     middle = source.mean(axis=0)
     return middle, float(np.linalg.norm(source - middle, axis=1).max()), body_radius(source)

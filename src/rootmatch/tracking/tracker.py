@@ -54,15 +54,14 @@ class Tracker:
     The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts a pose
     with its covariance, the prior of the next match: a frame takes a few milliseconds. A body that is not found is
     still predicted for a while; then it counts as lost and is searched for, over frames: each looks for one body, in
-    one camera of a rig. Kernels are compiled when a frame first needs them; `rootmatch.warmup` does it before the first
-    one. Threads that share a tracker take turns; the order of their frames is theirs to keep.
+    one camera of a rig. `rootmatch.warmup` compiles kernels beforehand. Threads that share a tracker take turns.
 
     Parameters
     ----------
-    source : (n, 3) array, in any frame and unit.
+    source : (n, 3) array, in any frame and unit; (n, 2) in a plane.
     problem : Problem
-        `P3P`, also of a `Rig`, `UP2P`, or, where targets are measured in space, `Rigid` or `Similarity`. The scale of
-        the latter, one for each body, is taken to be constant but for `MotionOptions.scale_drift`.
+        `P3P`, also of a `Rig`, `UP2P`, or, for targets measured in space or in a plane, `Rigid` or `Similarity`. The
+        scale of the latter, one for each body, is taken to be constant but for `MotionOptions.scale_drift`.
     noise : float, (n',) or (n', 2, 2) array
         Standard deviation of a pixel coordinate, in pixels, or covariances, of a rig also by camera; `update` can
         override it. For `Rigid` and `Similarity` as in `rootmatch.match`.
@@ -112,6 +111,7 @@ max_evaluations
             raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels; a Matcher can estimate it")
         check_followed(problem, source)
         self.matcher = Matcher(**given)
+        self._of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
         self.tracking, self._turns, self._steps = tracking, Turns(), FrameSteps()
         self.labels, self._bodies = self.matcher.labels, dict[Label | None, FollowedBody]()
         points, normals = self.matcher.source, self.matcher.normals
@@ -122,7 +122,8 @@ max_evaluations
             self._alike = family_likenesses(self.labels, points, self._identical)
             each = {label: self.labels.points_of(k) for k, label in enumerate(self.labels.names)}
         for label, own in each.items():
-            turns = near_symmetric_motions(points[own], None if normals is None else normals[own], TURNS)
+            facing = None if normals is None else normals[own]
+            turns = near_symmetric_motions(points[own], facing, TURNS) if self._of_images else []
             self._bodies[label] = FollowedBody(points[own], tracking, turns)
         self.reset()
 
@@ -198,7 +199,7 @@ max_evaluations
         ----------
         target : (n', 2) array
             Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame and may be 0.
-            For a `Rig` as in `rootmatch.match`. For `Rigid` and `Similarity`, (n', 3) points.
+            For a `Rig` as in `rootmatch.match`. For `Rigid` and `Similarity`, (n', 3) points, or (n', 2).
         time : float, optional
             Seconds, later than the previous frame; by default one interval later. Where most of the first steps are
             longer than a second, an `InputWarning` says once that these may be milliseconds.
@@ -265,7 +266,6 @@ max_evaluations
                 poses[label], rivals[label] = pose, others
             elif told is not None:
                 poses[label] = told
-        of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
         present = {label: chance for label, body in self._bodies.items() if (chance := body.present(when)) is not None}
         factor = self.noise_factor
         stated = join_camera_noise(self.matcher.problem.rig, self.matcher.noise if noise is None else noise, target)
@@ -283,7 +283,7 @@ max_evaluations
             )  # fmt: skip
 
         searched: set[Label | None] = set(self._bodies)
-        if not of_images or (not poses and self.time is None):
+        if not self._of_images or (not poses and self.time is None):
             found = explained(True)
         elif self.labels is not None or self.matcher.problem.rig is not None:
             found = explained(lambda near: search_schedule.choose_next_part(self._bodies, self._parts(near), frame))
@@ -309,7 +309,7 @@ max_evaluations
         matched = all(part.status is Status.MATCHED for part in parts.values())
         self._search.take(matched, cut=found.is_cut or deadline.stopped_early)
         changed = False
-        if of_images:
+        if self._of_images:
             lost = not poses and self.labels is None and self.time is not None  # which takes a search
             doubted = self._noise.is_doubted
             lost &= is_frame_of_row(frame, self.tracking.search_every) or doubted
@@ -328,7 +328,7 @@ max_evaluations
                 self._bodies[label].acquit()
         self._inexact.take(parts.get(None), self._noise.stays)
         name_places(self._identical, self._bodies, parts, when)
-        if not of_images and frame % self.tracking.search_every == 0:
+        if not self._of_images and frame % self.tracking.search_every == 0:
             expect_exchanged(self._alike, self._bodies)
         parts = {label: check_contradiction(part, given.get(label)) for label, part in parts.items()}
         if factor > 1.0:
