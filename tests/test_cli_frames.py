@@ -8,7 +8,6 @@ import os
 import pickle
 import re
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -20,7 +19,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from commands import Command, descendants, rows_of, run
+from commands import descendants, rows_of, run, started
 from rootmatch.errors import InputError
 from rootmatch.io.frame_files import Frame, has_frames, read_frames
 from rootmatch.io.known_files import read_known
@@ -141,30 +140,28 @@ def test_no_process_outlives_a_kill(folder: Path, tmp_path: Path, victim: str) -
     rows = [line.split(",", 1)[1] for line in body]
     many.write_text("frame,x,y\n" + "".join(f"{k},{row}\n" for k in range(4_000) for row in rows))
     output = tmp_path / "m.csv"
-    command = [sys.executable, "-m", "rootmatch", "match", str(folder / "model.csv"), str(many), *OPTIONS]
-    command += ["--jobs", "2", "--output", str(output)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    work, deadline = Command(process.pid, tmp_path), time.monotonic() + 600
+    words = ["match", str(folder / "model.csv"), str(many), *OPTIONS, "--jobs", "2", "--output", str(output)]
+    command, deadline = started(words, tmp_path, tmp_path / "logs"), time.monotonic() + 600
     while not output.exists() or not output.stat().st_size:
-        assert process.poll() is None, process.stderr.read() if process.stderr else ""
+        assert not command.ended(0.0), command.stderr
         # seconds of the processor: on a busy machine the clock says nothing
-        assert work.worked() < 120, "no frame is matched"
+        assert command.worked() < 120, "no frame is matched"
         assert time.monotonic() < deadline, "nothing is computed"
         time.sleep(0.1)
-    children = descendants(process.pid)
+    children = descendants(command.pid)
     assert len(children) >= 2
     workers = [pid for pid in children if b"LokyProcess" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-    os.kill(workers[0] if victim == "worker" else process.pid, signal.SIGKILL)
-    stderr = process.communicate(timeout=300)[1]
+    os.kill(workers[0] if victim == "worker" else command.pid, signal.SIGKILL)
+    assert command.ended(300.0)
     if victim == "worker":
-        assert process.returncode == 2
-        assert stderr.startswith("rootmatch: a worker process died")
-        assert len(stderr.splitlines()) == 1
+        assert command.code == 2
+        assert command.stderr.startswith("rootmatch: a worker process died")
+        assert len(command.stderr.splitlines()) == 1
     deadline = time.monotonic() + 120
     while any(map(running, children)):
         assert time.monotonic() < deadline, "a process is left"
         time.sleep(0.1)
-    assert {path.name for path in tmp_path.iterdir()} == {"many.csv", "m.csv", "m.csv.settings.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {"many.csv", "m.csv", "m.csv.settings.json", "logs"}
 
 
 def test_standard_input_closed_or_with_a_byte_order_mark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,6 +220,13 @@ def test_frames_in_order_from_a_pipe(folder: Path, tmp_path: Path) -> None:
     )
     assert "warning: the frames are 2 s apart at --rate 0.5; where frame is a time in milliseconds" in slow.stderr
     assert slow.stderr.count("apart") == 1  # not by the tracker too
+
+
+def test_a_warning_of_every_frame_is_printed_once(folder: Path) -> None:
+    files = folder / "model.csv", folder / "frames.csv"
+    result = run("match", *files, *OPTIONS, "--solver", "rrwhm", "--jobs", 1)
+    assert "8 frames" in result.output
+    assert result.stderr.count("this solver only adds proposals") == 1
 
 
 def test_bodies_of_a_model(folder: Path, tmp_path: Path) -> None:
@@ -339,21 +343,25 @@ def test_lines_of_json(folder: Path, tmp_path: Path) -> None:
     assert first["bodies"]["hmd"]["status"] == "matched"
 
 
-def test_a_frame_is_answered_when_it_ends(folder: Path) -> None:
+@pytest.mark.skipif(os.name == "nt", reason="no pipes by name there")
+def test_a_frame_is_answered_when_it_ends(folder: Path, tmp_path: Path) -> None:
     """At an empty line, and not when the next frame begins: the answer comes while the pipe is still open."""
-    command = [sys.executable, "-m", "rootmatch", "track", str(folder / "model.csv"), "-", *map(str, OPTIONS), "--json"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        process.stdin.write("time,x,y\n")
-        for k in range(3):
-            process.stdin.writelines(f"{k / 60},{x},{y}\n" for x, y in frame(k)[0].tolist())
-            process.stdin.write("\n")
-            process.stdin.flush()
-            assert json.loads(process.stdout.readline())["frame"] == k
-        process.stdin.close()
-        assert process.stdout.read() == ""
-        assert process.wait() == 0
+    os.mkfifo(tmp_path / "frames")
+    read, write = os.pipe()
+    words = ["track", str(folder / "model.csv"), "-", *OPTIONS, "--json"]
+    command = started(words, tmp_path, tmp_path / "logs", stdin=tmp_path / "frames", stdout=write)
+    os.close(write)
+    with open(read, encoding="utf-8") as answers:
+        with (tmp_path / "frames").open("w", encoding="utf-8") as frames:
+            frames.write("time,x,y\n")
+            for k in range(3):
+                frames.writelines(f"{k / 60},{x},{y}\n" for x, y in frame(k)[0].tolist())
+                frames.write("\n")
+                frames.flush()
+                assert json.loads(answers.readline())["frame"] == k
+        assert answers.read() == ""
+    assert command.ended(60.0)
+    assert command.code == 0, command.stderr
 
 
 @pytest.mark.parametrize(("spelled", "comments"), [("%.18e", ""), ("%.18e", "# "), ("%.1f", "# ")])
