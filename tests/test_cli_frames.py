@@ -8,6 +8,7 @@ import os
 import pickle
 import re
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -19,7 +20,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from commands import descendants, rows_of, run, started
+from commands import Command, descendants, rows_of, run, started
 from rootmatch.errors import InputError
 from rootmatch.io.frame_files import Frame, has_frames, read_frames
 from rootmatch.io.known_files import read_known
@@ -140,28 +141,30 @@ def test_no_process_outlives_a_kill(folder: Path, tmp_path: Path, victim: str) -
     rows = [line.split(",", 1)[1] for line in body]
     many.write_text("frame,x,y\n" + "".join(f"{k},{row}\n" for k in range(4_000) for row in rows))
     output = tmp_path / "m.csv"
-    words = ["match", str(folder / "model.csv"), str(many), *OPTIONS, "--jobs", "2", "--output", str(output)]
-    command, deadline = started(words, tmp_path, tmp_path / "logs"), time.monotonic() + 600
+    command = [sys.executable, "-m", "rootmatch", "match", str(folder / "model.csv"), str(many), *OPTIONS]
+    command += ["--jobs", "2", "--output", str(output)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    work, deadline = Command(process.pid, tmp_path), time.monotonic() + 600
     while not output.exists() or not output.stat().st_size:
-        assert not command.ended(0.0), command.stderr
+        assert process.poll() is None, process.stderr.read() if process.stderr else ""
         # seconds of the processor: on a busy machine the clock says nothing
-        assert command.worked() < 120, "no frame is matched"
+        assert work.worked() < 120, "no frame is matched"
         assert time.monotonic() < deadline, "nothing is computed"
         time.sleep(0.1)
-    children = descendants(command.pid)
+    children = descendants(process.pid)
     assert len(children) >= 2
     workers = [pid for pid in children if b"LokyProcess" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-    os.kill(workers[0] if victim == "worker" else command.pid, signal.SIGKILL)
-    assert command.ended(300.0)
+    os.kill(workers[0] if victim == "worker" else process.pid, signal.SIGKILL)
+    stderr = process.communicate(timeout=300)[1]
     if victim == "worker":
-        assert command.code == 2
-        assert command.stderr.startswith("rootmatch: a worker process died")
-        assert len(command.stderr.splitlines()) == 1
+        assert process.returncode == 2
+        assert stderr.startswith("rootmatch: a worker process died")
+        assert len(stderr.splitlines()) == 1
     deadline = time.monotonic() + 120
     while any(map(running, children)):
         assert time.monotonic() < deadline, "a process is left"
         time.sleep(0.1)
-    assert {path.name for path in tmp_path.iterdir()} == {"many.csv", "m.csv", "m.csv.settings.json", "logs"}
+    assert {path.name for path in tmp_path.iterdir()} == {"many.csv", "m.csv", "m.csv.settings.json"}
 
 
 def test_standard_input_closed_or_with_a_byte_order_mark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -56,7 +56,7 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
 
 
 def _warn_of_idle_solver(task: MatchingTask) -> None:
-    """Warn of a solver that was named and does not decide, as poses do; Python shows that once for each calling line."""
+    """Warn of a solver that was named and does not decide, as poses do; Python shows that once for each line."""
     if task.options.solver is None:
         return
     one = task if task.bodies is None else task.body(0)
