@@ -31,7 +31,7 @@ from rootmatch.model.exact_shapes import grow_in_copies_place
 from rootmatch.model.exchanged import add_family_places, mark_exchanged
 from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.known_density import Known
-from rootmatch.model.line_readings import propose_line_readings, turn_about_lines
+from rootmatch.model.line_readings import is_turn_loose, propose_line_readings, turn_about_lines
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes, grow_mode, pool_modes
 from rootmatch.model.modes import Modes, empty_modes
@@ -129,7 +129,7 @@ class Candidate:
             proposals = join_proposals([proposals, predicted]) if searched else predicted
         modes = find_modes(self.model, proposals, least=-math.inf if searched else -HOPELESS)
         prior = self.model.prior
-        if searched or isinstance(prior, Doubted):
+        if searched or (isinstance(prior, Doubted) and (len(prior.predictions) > 1 or is_turn_loose(modes))):
             modes = self._add_twins(modes, searched)
         return copy_with(self, modes=modes)
 

@@ -62,9 +62,8 @@ def turn_about_lines(model: DetectionModel, modes: Modes) -> Proposals:
     """
     known: dict[bytes, Settled] = {}
     n = len(model.points) // max(len(model.images), 1)
+    modes = modes.take(_loose_turns(modes))
     for row, R, position, covariance in zip(*modes[:3], modes.covariance, strict=True):
-        if covariance[0, 0] + covariance[1, 1] + covariance[2, 2] < STRAIGHT**2:
-            continue  # something tells how it is turned
         (used,) = (row >= 0).reshape(-1, n).any(axis=0).nonzero()
         line = _find_line(model.points[:n], used) if LEAST <= len(used) < n else None
         if line is None or not np.isfinite(covariance).all():
@@ -77,6 +76,15 @@ def turn_about_lines(model: DetectionModel, modes: Modes) -> Proposals:
             settle_assignment(model, (rotation[None], there[None]), wide, known=known)
     found = collect_proposals(list(known.values()))
     return empty_proposals(model.shape[0]) if found is None else found
+
+
+def is_turn_loose(modes: Modes) -> bool:
+    """Whether one of some modes hardly tells how the body is turned."""
+    return bool(_loose_turns(modes).any())
+
+
+def _loose_turns(modes: Modes) -> Bools:
+    return np.asarray(modes.covariance[:, [0, 1, 2], [0, 1, 2]].sum(axis=1) > STRAIGHT**2)
 
 
 @cache_by_values(256)
