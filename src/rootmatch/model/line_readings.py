@@ -62,7 +62,7 @@ def turn_about_lines(model: DetectionModel, modes: Modes) -> Proposals:
     """
     known: dict[bytes, Settled] = {}
     n = len(model.points) // max(len(model.images), 1)
-    modes = modes.take(_loose_turns(modes))
+    modes = modes.take(np.flatnonzero(_loose_turns(modes)))
     for row, R, position, covariance in zip(*modes[:3], modes.covariance, strict=True):
         (used,) = (row >= 0).reshape(-1, n).any(axis=0).nonzero()
         line = _find_line(model.points[:n], used) if LEAST <= len(used) < n else None
