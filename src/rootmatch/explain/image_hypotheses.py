@@ -27,7 +27,6 @@ from rootmatch.model.competition import KEPT, joint_posterior
 from rootmatch.model.depth_reversal import reverse_depths
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import NO_CHANGE, Evidence
-from rootmatch.model.exact_shapes import grow_in_copies_place
 from rootmatch.model.exchanged import add_family_places, mark_exchanged
 from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.known_density import Known
@@ -202,10 +201,9 @@ def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
                 if place is not None:
                     others.append((place, other.model.prior))
         model = add_family_places(body.model, others)
-        modes = own if copies is None else grow_in_copies_place(copies[k], model, own)
         if more:
-            modes = find_modes(model, join_proposals(more), modes, of_several=True, least=-HOPELESS)
-        models[k], every[k] = model, modes
+            own = find_modes(model, join_proposals(more), own, of_several=True, least=-HOPELESS)
+        models[k], every[k] = model, own
 
     def weigh() -> list[Posterior]:
         own = every
