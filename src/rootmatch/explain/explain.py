@@ -153,7 +153,8 @@ def _explain_motions(task: MatchingTask) -> Finding:
     solve = _explain_in_time if task.options.chosen_sampler == "auto" else None
     if solve is not None and (found := find_motions_in_turn(task, solve)) is not None:
         return found
-    return judge_motions(assess(task, *pack_motions(task, sample(task))), solve)
+    sampled = sample(task)
+    return judge_motions(assess(task, pack_motions(task, sampled), sampled), solve)
 
 
 def _explain_motion(task: MatchingTask, judging: bool) -> Finding:
