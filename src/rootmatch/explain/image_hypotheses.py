@@ -127,8 +127,9 @@ class Candidate:
         if predicted is not None:
             proposals = join_proposals([proposals, predicted]) if searched else predicted
         modes = find_modes(self.model, proposals, least=-math.inf if searched else -HOPELESS)
-        prior = self.model.prior
-        if searched or (isinstance(prior, Doubted) and (len(prior.predictions) > 1 or is_turn_loose(modes))):
+        prior, poses = self.model.prior, modes.covariance
+        several = isinstance(prior, Doubted) and len(prior.predictions) > 1
+        if searched or several or (len(poses) and is_turn_loose(poses[0])):
             modes = self._add_twins(modes, searched)
         return copy_with(self, modes=modes)
 

@@ -62,8 +62,9 @@ def turn_about_lines(model: DetectionModel, modes: Modes) -> Proposals:
     """
     known: dict[bytes, Settled] = {}
     n = len(model.points) // max(len(model.images), 1)
-    modes = modes.take(np.flatnonzero(_loose_turns(modes)))
     for row, R, position, covariance in zip(*modes[:3], modes.covariance, strict=True):
+        if not is_turn_loose(covariance):
+            continue
         (used,) = (row >= 0).reshape(-1, n).any(axis=0).nonzero()
         line = _find_line(model.points[:n], used) if LEAST <= len(used) < n else None
         if line is None or not np.isfinite(covariance).all():
@@ -78,13 +79,9 @@ def turn_about_lines(model: DetectionModel, modes: Modes) -> Proposals:
     return empty_proposals(model.shape[0]) if found is None else found
 
 
-def is_turn_loose(modes: Modes) -> bool:
-    """Whether one of some modes hardly tells how the body is turned."""
-    return bool(_loose_turns(modes).any())
-
-
-def _loose_turns(modes: Modes) -> Bools:
-    return np.asarray(modes.covariance[:, [0, 1, 2], [0, 1, 2]].sum(axis=1) > STRAIGHT**2)
+def is_turn_loose(covariance: Floats) -> bool:
+    """Whether it is hardly known how a body is turned, by the covariance (6, 6) of its pose."""
+    return bool(covariance[0, 0] + covariance[1, 1] + covariance[2, 2] > STRAIGHT**2)
 
 
 @cache_by_values(256)
