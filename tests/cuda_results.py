@@ -15,7 +15,7 @@ import numpy as np
 
 import rootmatch as rm
 from cuda_cases import CASES, LIMITED, SINGLE, SOLVED, case_tables, given_hyperedges, random_tensor
-from rootmatch.backends import cuda, cuda_float32
+from rootmatch.backends import cpu, cuda, cuda_float32, selection
 from rootmatch.backends.cuda_contraction import DeviceTensor
 from rootmatch.backends.strongest import Enumeration
 from rootmatch.hypergraph.affinity import affinity
@@ -62,6 +62,7 @@ def results() -> dict[str, Any]:
         match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, backend=backend)
         made[f"{backend} assignment"], made[f"{backend} indices"] = match.assignment, match.tensor.indices
         made[f"{backend} weights"], made[f"{backend} evaluated"] = match.tensor.weights, match.evaluated
+    made["auto is the processor"] = selection.choose_backend("auto", 1e12) is cpu
     return made
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,7 +17,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rootmatch as rm
-from commands import rows_of, run
+from commands import rows_of, run, started
 from rootmatch.cli import app
 from rootmatch.cli.error_messages import translate_to_options
 from rootmatch.simulation import up2p_scene
@@ -548,33 +547,13 @@ class TestProgram:
         assert (result.returncode, result.stderr) == (0, "")
         assert result.stdout.startswith("rootmatch ")
 
+    @pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
     def test_a_mistake_shows_no_traceback(self, tmp_path: Path) -> None:
-        command = [*PROGRAM, "match", "a.csv", "b.csv", "--problem", "p3p", "--camera", CAMERA]
-        result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert (result.returncode, result.stdout) == (2, "")
-        assert result.stderr == "rootmatch: a.csv: there is no such file; check the name\n"
-
-    @pytest.mark.skipif(os.name == "nt", reason="signals are sent otherwise there")
-    def test_ctrl_c_leaves_nothing_behind(self, tmp_path: Path) -> None:
-        folder, out = tmp_path / "scene", tmp_path / "out"
-        out.mkdir()
-        assert run("simulate", "p3p", "--points", 40, "--outliers", 40, "--output", folder).exit_code == 0
-        arguments = of(folder, "--output", out / "m.csv", "--plot", out / "m.png", "--progress")
-        arguments += ["--sampler", "exhaustive", "--max-evaluations", 10**15]  # hours of work
-        # a process started in the background ignores Ctrl-C, and so would those that it starts
-        heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        command = [sys.executable, "-c", heeding + PROGRAM[-1], *(str(argument) for argument in arguments)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            try:
-                assert process.stderr is not None
-                assert process.stderr.readline() == "hyper-edges: 0 %\n"
-                process.send_signal(signal.SIGINT)
-                stdout, stderr = process.communicate(timeout=60)
-            finally:
-                process.kill()
-        assert process.returncode == 130
-        assert (stdout, stderr) == ("", "rootmatch: interrupted; no partial output is left\n")
-        assert list(out.iterdir()) == []
+        words = ["match", "a.csv", "b.csv", "--problem", "p3p", "--camera", CAMERA]
+        child = started(words, tmp_path, tmp_path / "logs")
+        assert child.ended(60.0)
+        assert (child.code, child.stdout) == (2, "")
+        assert child.stderr == "rootmatch: a.csv: there is no such file; check the name\n"
 
     @pytest.mark.skipif(os.name == "nt", reason="pipes end otherwise there")
     def test_a_reader_that_leaves_early_sees_no_traceback(self) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from commands import Command, descendants, rows_of, run
+from commands import Command, descendants, rows_of, run, started
 from rootmatch.errors import InputError
 from rootmatch.io.frame_files import Frame, has_frames, read_frames
 from rootmatch.io.known_files import read_known
@@ -225,6 +225,13 @@ def test_frames_in_order_from_a_pipe(folder: Path, tmp_path: Path) -> None:
     assert slow.stderr.count("apart") == 1  # not by the tracker too
 
 
+def test_a_warning_of_every_frame_is_printed_once(folder: Path) -> None:
+    files = folder / "model.csv", folder / "frames.csv"
+    result = run("match", *files, *OPTIONS, "--solver", "rrwhm", "--jobs", 1)
+    assert "8 frames" in result.output
+    assert result.stderr.count("this solver only adds proposals") == 1
+
+
 def test_bodies_of_a_model(folder: Path, tmp_path: Path) -> None:
     other = np.random.default_rng(8).uniform(-0.3, 0.3, (6, 3))
     rows = [["hmd", *point] for point in BODY.tolist()] + [["left", *point] for point in other.tolist()]
@@ -339,21 +346,25 @@ def test_lines_of_json(folder: Path, tmp_path: Path) -> None:
     assert first["bodies"]["hmd"]["status"] == "matched"
 
 
-def test_a_frame_is_answered_when_it_ends(folder: Path) -> None:
+@pytest.mark.skipif(os.name == "nt", reason="no pipes by name there")
+def test_a_frame_is_answered_when_it_ends(folder: Path, tmp_path: Path) -> None:
     """At an empty line, and not when the next frame begins: the answer comes while the pipe is still open."""
-    command = [sys.executable, "-m", "rootmatch", "track", str(folder / "model.csv"), "-", *map(str, OPTIONS), "--json"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        process.stdin.write("time,x,y\n")
-        for k in range(3):
-            process.stdin.writelines(f"{k / 60},{x},{y}\n" for x, y in frame(k)[0].tolist())
-            process.stdin.write("\n")
-            process.stdin.flush()
-            assert json.loads(process.stdout.readline())["frame"] == k
-        process.stdin.close()
-        assert process.stdout.read() == ""
-        assert process.wait() == 0
+    os.mkfifo(tmp_path / "frames")
+    read, write = os.pipe()
+    words = ["track", str(folder / "model.csv"), "-", *OPTIONS, "--json"]
+    command = started(words, tmp_path, tmp_path / "logs", stdin=tmp_path / "frames", stdout=write)
+    os.close(write)
+    with open(read, encoding="utf-8") as answers:
+        with (tmp_path / "frames").open("w", encoding="utf-8") as frames:
+            frames.write("time,x,y\n")
+            for k in range(3):
+                frames.writelines(f"{k / 60},{x},{y}\n" for x, y in frame(k)[0].tolist())
+                frames.write("\n")
+                frames.flush()
+                assert json.loads(answers.readline())["frame"] == k
+        assert answers.read() == ""
+    assert command.ended(60.0)
+    assert command.code == 0, command.stderr
 
 
 @pytest.mark.parametrize(("spelled", "comments"), [("%.18e", ""), ("%.18e", "# "), ("%.1f", "# ")])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Iterator
 from functools import partial
 from operator import truediv
@@ -22,12 +24,17 @@ from rootmatch.problems.similarity.problem import Rigid
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.samplers.random import random_tensor
 from rootmatch.simulation import p3p_scene, up2p_scene
+from tiny_sweep import sweep
 
 
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as workers:
+    with pytest.MonkeyPatch.context() as patch:
+        # the workers import tiny_sweep from here
+        patch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]))
+        workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
+    with workers:
         yield workers.scheduler_address
 
 
@@ -173,3 +180,7 @@ def test_command_line(scheduler: str, tmp_path: Path) -> None:
         printed.append(json.loads(result.stdout) | {"seconds": 0} if arguments[0] == "match" else {})
     assert printed[1] == printed[2]
     assert sorted(printed[1]["assignment"]) == list(range(6))
+
+
+def test_a_sweep_of_the_paper_gives_the_same_rows(scheduler: str, tmp_path: Path) -> None:
+    assert sweep(tmp_path / "there.sqlite", scheduler=scheduler) == sweep(tmp_path / "here.sqlite")

@@ -12,7 +12,6 @@ import pickle
 import stat
 import subprocess
 import sys
-import textwrap
 from collections.abc import Callable
 from pathlib import Path
 
@@ -882,41 +881,45 @@ def test_pickled_and_back() -> None:
     np.testing.assert_array_equal(again.coefficients(*args), problem.coefficients(*args))
 
 
-def test_code_is_the_same_in_every_process(tmp_path: Path) -> None:
-    """Sets of symbols have another order under another hash seed; the code must not, or compiled kernels are missed."""
-    script = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_derivation as t; "
-    script += "print(t.up2p_by_rotation().code, t.p3p_by_cosines().code)"
-    seed = "1" if os.environ.get("PYTHONHASHSEED") == "0" else "0"
-    environment = os.environ | {"PYTHONHASHSEED": seed, "ROOTMATCH_CACHE_DIR": str(tmp_path / "there")}
+COMPILED = """
+import numpy as np, sympy as sp
+from rootmatch.backends import cpu
+from rootmatch.problems.residual_kinds import QR
+from rootmatch.derivation.derive import derive
+from rootmatch.problems.derived.measurements import Points
+
+x = sp.Symbol("x")
+problem = derive("scale", lambda X, u: (u[1] - u[0]).dot(u[1] - u[0]) - x * (X[1] - X[0]).dot(X[1] - X[0]),
+                 minimal=2, shared=x, source=Points(2), target=Points(2, noisy=True))
+points = np.random.default_rng(0).normal(size=(5, 2))
+index = np.arange(3)[None]
+value = cpu.residuals(problem.prepare(points, 2.0 * points, 0.01), QR(), index, index)[0]
+print(value < 1e-6, sum(cpu.evaluate.stats.cache_hits.values()))
+"""
+CODE = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import test_derivation as t
+print(t.up2p_by_rotation().code, t.p3p_by_cosines().code)
+"""
+
+
+def in_a_process(script: str, folder: Path, **variables: str) -> str:
+    """What a process prints that keeps code and kernels in a folder."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder), "ROOTMATCH_CACHE_DIR": str(folder / "derived")}
     command = [sys.executable, "-c", script]
-    there = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(command, env=environment | variables, capture_output=True, text=True, check=True).stdout
+
+
+def test_code_is_the_same_in_every_process_and_the_next_one_finds_compiled_kernels(tmp_path: Path) -> None:
+    """Sets of symbols have another order under another hash seed; the code must not, or compiled kernels are missed.
+
+    Compiled drivers are found by the problem's tag, also where the process that compiled them has gone.
+    """
+    other = "1" if os.environ.get("PYTHONHASHSEED") == "0" else "0"
+    compiled, _, there = in_a_process(COMPILED + CODE, tmp_path, PYTHONHASHSEED=other).partition("\n")
+    assert compiled == "True 0"
     assert len(there) > 10_000
     assert there == f"{derived('up2p').code} {derived('p3p').code}\n"
-    assert list((tmp_path / "there").iterdir())  # nothing was read of what this process had left
-
-
-def test_the_next_process_finds_compiled_kernels(tmp_path: Path) -> None:
-    """Compiled drivers are found by the problem's tag, also where the process that compiled them has gone."""
-    script = textwrap.dedent(
-        """
-        import numpy as np, sympy as sp
-        from rootmatch.backends import cpu
-        from rootmatch.problems.residual_kinds import QR
-        from rootmatch.derivation.derive import derive
-        from rootmatch.problems.derived.measurements import Points
-
-        x = sp.Symbol("x")
-        problem = derive("scale", lambda X, u: (u[1] - u[0]).dot(u[1] - u[0]) - x * (X[1] - X[0]).dot(X[1] - X[0]),
-                         minimal=2, shared=x, source=Points(2), target=Points(2, noisy=True))
-        points = np.random.default_rng(0).normal(size=(5, 2))
-        index = np.arange(3)[None]
-        value = cpu.residuals(problem.prepare(points, 2.0 * points, 0.01), QR(), index, index)[0]
-        print(value < 1e-6, sum(cpu.evaluate.stats.cache_hits.values()))
-        """
-    )
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "ROOTMATCH_CACHE_DIR": str(tmp_path / "derived")}
-    out = [
-        subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
-        for _ in range(2)
-    ]
-    assert [o.stdout.split() for o in out] == [["True", "0"], ["True", "1"]]
+    assert len(list((tmp_path / "derived").iterdir())) == 3  # nothing was read of what this process had left
+    assert in_a_process(COMPILED, tmp_path) == "True 1\n"

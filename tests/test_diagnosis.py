@@ -100,7 +100,7 @@ def test_inward_normals() -> None:
 @pytest.mark.parametrize(("in_fractions", "sigma_too"), [(False, True), (True, False)])
 def test_an_image_that_is_not_in_pixels(in_fractions: bool, sigma_too: bool) -> None:
     camera = replace(BROWN, size=(1280.0, 960.0))
-    given = scene(3, CAMERA if not in_fractions else BROWN)
+    given = scene(3, CAMERA if not in_fractions else BROWN, count=6)
     scale, offset = ((1280.0, 960.0), (0.0, 0.0)) if in_fractions else ((900.0, 900.0), (640.0, 480.0))
     given |= {"target": (given["target"] - offset) / scale, "problem": rm.P3P(camera)}
     if sigma_too:
@@ -110,7 +110,7 @@ def test_an_image_that_is_not_in_pixels(in_fractions: bool, sigma_too: bool) -> 
     first = match.diagnose(SECONDS).fits[0]
     told = "the image is in fractions of its size" if in_fractions else "the image is in normalised coordinates"
     assert first.mistake.startswith(told)
-    assert first.matched == 8
+    assert first.matched == 6
     assert ("give the noise in pixels too" in first.remedy) == sigma_too
 
 
@@ -233,10 +233,10 @@ def test_a_camera_that_was_knocked_is_named(knocked: int | None, monkeypatch: py
 )
 def test_poses_of_cameras_in_another_convention_and_units(change: Any, mistake: str | None) -> None:
     rng = np.random.default_rng(5)
-    views, points, rows = four_about(seed=5).rig.views, rng.uniform(-0.3, 0.3, (8, 3)), list[Any]()
+    views, points, rows = four_about(seed=5).rig.views[:3], rng.uniform(-0.3, 0.3, (7, 3)), list[Any]()
     seen = points @ Rotation.random(random_state=5).as_matrix().T + (0.3, -0.2, 0.1)
     for k, (camera, R, t) in enumerate(views):
-        pixels = camera.project(seen @ np.array(R).T + t) + rng.normal(0.0, 0.3, (8, 2))
+        pixels = camera.project(seen @ np.array(R).T + t) + rng.normal(0.0, 0.3, (7, 2))
         rows += [(*pixel, k) for pixel in [*pixels.tolist(), *rng.uniform(100.0, 900.0, (2, 2)).tolist()]]
     given = views if not callable(change) else [(camera, *change(np.array(R), np.array(t))) for camera, R, t in views]
     scale = change if isinstance(change, float) else 1.0

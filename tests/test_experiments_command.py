@@ -78,6 +78,17 @@ def test_mistakes_take_one_line_and_exit_code_two(tmp_path, monkeypatch, argumen
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("which", ["p3p", "hypergraph"])
+def test_a_folder_of_something_else_is_refused_and_left_as_it_is(tmp_path, which):
+    scene = tmp_path / "scene"
+    assert CliRunner().invoke(app, ["simulate", "p3p", "--output", str(scene)]).exit_code == 0
+    there = sorted(scene.iterdir())
+    result = CliRunner().invoke(app, ["reproduce", which, "--output", str(scene)])
+    assert result.exit_code == 2
+    assert f"{scene}: the folder is not empty, and no results are in it" in result.stderr
+    assert sorted(scene.iterdir()) == there
+
+
 def test_log_says_how_much_time_is_left(monkeypatch, capsys):
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])

@@ -139,7 +139,7 @@ def draw_few(table, problem, rule, beside=None):
 
 def draw_none(*_):
     """A figure of one empty axis."""
-    figure = mpl.figure.Figure()
+    figure = mpl.figure.Figure(figsize=(2.0, 1.5))
     figure.subplots()
     return figure
 

@@ -1,12 +1,4 @@
-"""A sweep loses nothing when it is killed, and gives the same rows however it is run."""
-
-import os
-import signal
-import sqlite3
-import subprocess
-import sys
-import time
-from pathlib import Path
+"""A sweep gives the same rows however it is run, and works out none of them twice."""
 
 import pytest
 
@@ -14,7 +6,7 @@ from rootmatch.errors import InputError, RootmatchError
 from rootmatch.research.paper.settings import Method, Setting
 from rootmatch.research.store import Store
 from rootmatch.research.sweep import run, units
-from tiny_sweep import METHODS, PLAN, SEEDS, UNITS, dies, sweep
+from tiny_sweep import METHODS, PLAN, SEEDS, UNITS, dies, sweep, units_done
 
 ROWS = sum(len(sizes) for _, sizes in METHODS) * len(PLAN) * len(SEEDS)
 
@@ -25,61 +17,19 @@ def unbroken(tmp_path_factory):
     return sweep(tmp_path_factory.mktemp("unbroken") / "results.sqlite")
 
 
-def units_done(path):
-    """How many units the store holds, seen from another process."""
-    if not path.exists():
-        return 0
-    with sqlite3.connect(path) as connection:
-        try:
-            return connection.execute("SELECT COUNT(*) FROM work").fetchone()[0]
-        except sqlite3.OperationalError:  # not laid out yet
-            return 0
-
-
-def start(path, pause):
-    command = [sys.executable, str(Path(__file__).with_name("tiny_sweep.py")), str(path), "1", str(pause)]
-    return subprocess.Popen(command, start_new_session=True)
-
-
-def kill_once_some_are_done(path, more):
-    """Start the sweep, kill it the hard way when it has done so many more units, and say how many are kept."""
-    before = units_done(path)
-    process = start(path, 0.15)
-    deadline = time.monotonic() + 60
-    while units_done(path) < before + more:
-        assert process.poll() is None, "the sweep ended before it was killed"
-        assert time.monotonic() < deadline, "the sweep does not get on"
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
-    return units_done(path)
-
-
 def test_unbroken_sweep_has_every_row(unbroken):
     assert len(unbroken) == ROWS
     assert len({row[:10] for row in unbroken}) == ROWS
 
 
-def test_killed_twice_and_resumed_gives_the_same_rows_bit_for_bit(tmp_path, unbroken):
+def test_what_is_there_is_not_worked_out_again_and_two_processes_give_the_rows_of_one(tmp_path, unbroken):
+    """That a kill loses nothing of it is tested in test_torture.py."""
     path = tmp_path / "results.sqlite"
-    first = kill_once_some_are_done(path, more=2)
-    second = kill_once_some_are_done(path, more=2)
-    assert 2 <= first < second < UNITS
-    # Nothing is worked out twice: what was done before a kill was kept.
     with Store(path) as store:
-        assert len(units(PLAN, SEEDS, store)) == UNITS - second
-    # Two processes give the rows of one.
+        run(units(PLAN, SEEDS, store)[:4], store, jobs=1)
+        assert len(units(PLAN, SEEDS, store)) == UNITS - 4
     assert sweep(path, jobs=2) == unbroken
     assert units_done(path) == UNITS
-
-
-def test_dask_with_two_workers_gives_the_same_rows(tmp_path, unbroken, monkeypatch):
-    distributed = pytest.importorskip("distributed")
-    # The workers import the helper module from here.
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]))
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        rows = sweep(tmp_path / "results.sqlite", scheduler=cluster.scheduler_address)
-    assert rows == unbroken
 
 
 def test_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):

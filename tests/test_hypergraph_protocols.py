@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 from typer.testing import CliRunner
 
 from rootmatch.cli.app import app
 from rootmatch.errors import InputError
+from rootmatch.research.hypergraph import report
 from rootmatch.research.hypergraph import run as protocols
 from rootmatch.research.hypergraph.protocol import (
     DEFORMATION,
@@ -170,6 +172,7 @@ def test_small_sweep_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(protocols, "evaluate", watched)
     monkeypatch.setattr(protocols, "milliseconds", lambda: dict.fromkeys(protocols.SOLVERS, 1.0))
+    monkeypatch.setattr(report, "draw", lambda _: Figure(figsize=(2.0, 1.5)))
     protocols.reproduce(tmp_path, instances=2, jobs=1, settings=SMALL)
     assert done == []
     assert (tmp_path / "hypergraph.csv").read_text() == table

@@ -50,7 +50,7 @@ def point_sets(draw: st.DrawFn) -> PointSet:
     return PointSet(np.array(rows), None if ids is None else tuple(ids), normals)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(points=point_sets())
 @example(points=PointSet(np.array([[5e-324, -0.0], [1.7976931348623157e308, 0.1]]), ('a,"b"', "=1+1;\u00e9")))
 def test_points_are_read_back_to_the_bit(tmp_path: Path, points: PointSet) -> None:

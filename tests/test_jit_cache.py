@@ -95,15 +95,22 @@ def kept(folder: Path) -> list[Path]:
 
 
 @pytest.fixture(scope="module")
-def damaged(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
-    """What the next process says, and the one after it, once the compiled code is damaged in each of the ways."""
-    folder = tmp_path_factory.mktemp("damaged")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the module and its compiled code, which a process has left; each test leaves both there."""
+    folder = tmp_path_factory.mktemp("compiled")
     (folder / "kernels.py").write_text(MODULE)
     assert run(folder) == ["3.0 0"]
-    (path,) = kept(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def damaged(compiled: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """What the next process says, and the one after it, once the compiled code is damaged in each of the ways."""
+    (path,) = kept(compiled)
+    folder = tmp_path_factory.mktemp("damages")
     for name, damage in DAMAGES.items():
         (folder / name).write_bytes(damage(path.read_bytes()))
-    first, *told = run(folder, *(folder / name for name in DAMAGES))
+    first, *told = run(compiled, *(folder / name for name in DAMAGES))
     assert first == "3.0 1"
     return {name: told[2 * k : 2 * k + 2] for k, name in enumerate(DAMAGES)}
 
@@ -114,24 +121,20 @@ def test_a_cache_that_cannot_be_read_is_made_anew(damaged: dict[str, list[str]],
 
 
 def test_an_edited_driver_is_compiled_anew_and_nothing_else_is_left(tmp_path: Path) -> None:
-    (tmp_path / "kernels.py").write_text(MODULE)
-    (tmp_path / "edited.py").write_text(MODULE.replace("2.0 * x", "2.0 * x + 1.0"))
-    assert run(tmp_path, tmp_path / "edited.py") == ["3.0 0", "4.0 0", "4.0 1"]
-    assert (tmp_path / "kernels.py").read_text() != MODULE
-    assert run(tmp_path) == ["4.0 1"]
-    (tmp_path / "kernels.py").write_text(MODULE)
-    assert run(tmp_path) == ["3.0 1"]
+    edited, original = tmp_path / "edited.py", tmp_path / "original.py"
+    edited.write_text(MODULE.replace("2.0 * x", "2.0 * x + 1.0"))
+    for path in (original, tmp_path / "kernels.py"):
+        path.write_text(MODULE)
+    assert run(tmp_path, edited, original) == ["3.0 0", "4.0 0", "4.0 1", "3.0 1", "3.0 1"]
     assert {path.suffix for path in (tmp_path / "cache").rglob("*") if path.is_file()} == {SUFFIX}
 
 
-def test_what_other_sources_have_left_is_removed(tmp_path: Path) -> None:
-    (tmp_path / "kernels.py").write_text(MODULE)
-    assert run(tmp_path) == ["3.0 0"]
-    (path,) = kept(tmp_path)
+def test_what_other_sources_have_left_is_removed(compiled: Path) -> None:
+    (path,) = kept(compiled)
     stem, _, key = path.name.removesuffix(SUFFIX).rsplit(".", 2)
     path.rename(path.with_name(f"{stem}.{'0' * 16}.{key}{SUFFIX}"))
-    assert run(tmp_path) == ["3.0 0"]
-    assert kept(tmp_path) == [path]
+    assert run(compiled) == ["3.0 0"]
+    assert kept(compiled) == [path]
 
 
 @pytest.mark.parametrize("then", [None, RuntimeError("no compiled object yet")])
@@ -229,11 +232,9 @@ except KeyboardInterrupt:
 """
 
 
-def test_an_interrupt_while_code_is_loaded_comes_after_it(tmp_path: Path) -> None:
+def test_an_interrupt_while_code_is_loaded_comes_after_it(compiled: Path) -> None:
     """It was lost, with the code: to call what was missing ended the process."""
-    (tmp_path / "kernels.py").write_text(MODULE)
-    assert run(tmp_path) == ["3.0 0"]
-    assert printed(tmp_path, LOADED, "interrupted") == ["interrupted True", "3.0 1"]
+    assert printed(compiled, LOADED, "interrupted") == ["interrupted True", "3.0 1"]
 
 
 def test_two_processes_compile_once(tmp_path: Path) -> None:

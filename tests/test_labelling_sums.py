@@ -118,7 +118,7 @@ def test_points_that_overlap_in_part_are_as_doubtful_as_samples_say() -> None:
     model = model_of_sets(source, target, (2.0, 2.0))
     found = weigh_point_set_posterior(model, model.judged(truth[None]))
     first = found.assignments[0]
-    exact = gibbs_marginals(model, first, 60)
+    exact = gibbs_marginals(model, first, 40)
     off = found.confidence[0] - exact[np.arange(len(first)), first]
     assert np.abs(off[first >= 0]).mean() < 0.06
     assert found.confidence[0][first >= 0].max() < 0.998

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,7 +11,9 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.explain.image_hypotheses import make_detection_model
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.line_readings import TURNS, find_lines, propose_line_readings
+from rootmatch.model.line_readings import TURNS, find_lines, propose_line_readings, turn_about_lines
+from rootmatch.model.mode_search import find_modes
+from rootmatch.model.proposals import Proposals
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
 WAND = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.12, 0.0, 0.0], [0.2, 0.0, 0.0], [0.09, 0.04, 0.02]])
@@ -90,3 +94,24 @@ def test_frames_far_apart_are_all_matched(step: float) -> None:
         match = tracker.update(np.concatenate([pixels, rng.uniform(0.0, 480.0, (2, 2))])[order], time=k * step)
         assert match, k
         np.testing.assert_array_equal(order[match.assignment], np.arange(8))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_beside_the_line_is_found_however_wrong_the_turn_was_predicted(seed: int) -> None:
+    """By two radians: the matches on the line fit, and nothing but the point beside it tells."""
+    target, R, t = shown(seed, count=5)
+    axis = R @ (1.0, 0.0, 0.0)
+    turned = Rotation.from_rotvec(2.0 * axis).as_matrix() @ R
+    known = rm.Pose(turned, t, np.diag([0.1, 0.1, 0.1, 0.01, 0.01, 0.01]) ** 2)
+    model = make_detection_model(MatchingTask.of(rm.P3P(CAMERA), WAND, target, noise=NOISE, prior=known))
+    row = np.array([0, 1, 2, 3, -1])
+    beside = Proposals(row[None], turned[None], (t + turned @ model.centre)[None])
+    modes = find_modes(model, beside, least=-math.inf)
+    assert (modes.assignments[0] == row).all()
+    found = turn_about_lines(model, modes)
+    whole = (found.assignments == np.arange(5)).all(axis=1)
+    off = Rotation.from_matrix(found.rotation[whole] @ R.T).magnitude()
+    assert off.min() < 0.2, "the prediction pulls"
+    sure = modes._replace(covariance=1e-6 * modes.covariance)
+    assert not len(turn_about_lines(model, sure).assignments)
+    assert not len(turn_about_lines(model, find_modes(model, found.take(whole), least=-math.inf)).assignments)

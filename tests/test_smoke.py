@@ -15,8 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from typer.testing import CliRunner
 
 import rootmatch as rm
+from rootmatch.cli import app
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 from rootmatch.solvers import SOLVERS, get_solver
 
@@ -127,16 +129,18 @@ def test_the_commands_match(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
 
     def rootmatch(*arguments: str) -> str:
-        command = [sys.executable, "-m", "rootmatch", *arguments]
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr + done.stdout
+        done = CliRunner().invoke(app, arguments)
+        assert done.exit_code == 0, done.output
         return done.stdout
 
     assert "--noise" in rootmatch("match", "--help")
-    rootmatch("simulate", "up2p", "--points", "7", "--noise", "0.1", "--seed", "1", "--output", "made")
-    told = rootmatch(
-        "match", "made/model.csv", "made/image.csv", "--problem", "up2p", "--camera", "made/camera.json",
-        "--noise", "0.1", "--plot", "out.png", "--json",
-    )  # fmt: skip
-    assert json.loads(told)
+    made = str(tmp_path / "made")
+    rootmatch("simulate", "up2p", "--points", "7", "--noise", "0.1", "--seed", "1", "--output", made)
+    command = [
+        sys.executable, "-m", "rootmatch", "match", "made/model.csv", "made/image.csv", "--problem", "up2p",
+        "--camera", "made/camera.json", "--noise", "0.1", "--plot", "out.png", "--json",
+    ]  # fmt: skip
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr + done.stdout
+    assert json.loads(done.stdout)
     assert (tmp_path / "out.png").stat().st_size > 1000

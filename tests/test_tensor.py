@@ -266,6 +266,8 @@ def test_coordinates_once_or_in_all_orders():
         AffinityTensor.from_coo([[0, 5], [5, 0]], [1.0], (4, 4))
     with pytest.raises(InputError, match="0 … 15"):
         AffinityTensor.from_coo([[0], [16]], [1.0], (4, 4))
+    with pytest.raises(InputError, match="coordinates: got float64; expected integers"):
+        AffinityTensor.from_coo([[0.0], [5.9]], [1.0], (4, 4))
 
 
 def test_conflicting_entries_are_refused_or_dropped():
@@ -311,8 +313,15 @@ def test_another_layout_is_not_taken_for_this_one_silently():
             AffinityTensor.from_dense(dense, (3, 5), conflicts=conflicts)
     square, _ = instance(2, 4, 4, 30, seed=12)
     matrix = square.merged().to_scipy()
-    with pytest.warns(UserWarning, match="pygmtools and MATLAB"):
-        AffinityTensor.from_scipy(matrix, (4, 4))
+    made = (
+        lambda: AffinityTensor.from_scipy(matrix, (4, 4)),
+        lambda: AffinityTensor.from_dense(matrix.toarray(), (4, 4)),
+        lambda: AffinityTensor.from_coo(matrix.tocoo().coords, matrix.tocoo().data, (4, 4)),
+    )
+    for make in made:
+        with pytest.warns(UserWarning, match="pygmtools and MATLAB") as told:
+            make()
+        assert [one.filename for one in told] == [__file__]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         back = AffinityTensor.from_scipy(matrix, (4, 4), layout="row")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import random
-import sqlite3
 import sys
 import time
 from functools import partial
@@ -19,9 +18,10 @@ import pytest
 import rootmatch as rm
 from commands import forked, started
 from rootmatch.research.store import Store
+from rootmatch.research.sweep import units
 from rootmatch.simulation import p3p_scene
 from test_tracker import BODY, frame
-from tiny_sweep import UNITS, sweep
+from tiny_sweep import PLAN, SEEDS, UNITS, sweep, units_done
 
 LONG = bool(os.environ.get("ROOTMATCH_TORTURE"))
 KILLS = int(os.environ.get("ROOTMATCH_KILLS", "100")) if LONG else 6
@@ -50,8 +50,13 @@ def test_a_sweep_killed_at_random_gives_the_rows_of_an_unbroken_one(tmp_path: Pa
             finished += 1
             path = tmp_path / f"{finished}.sqlite"
         else:
+            reached = units_done(path)
             child.kill()
             kills += 1
+            assert units_done(path) >= reached
+            if reached:
+                with Store(path) as store:  # nothing is worked out twice
+                    assert len(units(PLAN, SEEDS, store)) == UNITS - units_done(path)
     assert swept(path, 0.0) == 0
     with Store(path) as store:
         assert store.rows() == expected
@@ -61,19 +66,6 @@ def swept(path: Path, pause: float) -> int:
     """Go on with a sweep to its end."""
     sweep(path, pause=pause)
     return 0
-
-
-def units_done(path: Path) -> int:
-    """How many units a store holds, seen from another process."""
-    if not path.exists():
-        return 0
-    connection = sqlite3.connect(path)
-    try:
-        return int(connection.execute("SELECT COUNT(*) FROM work").fetchone()[0])
-    except sqlite3.OperationalError:  # not laid out yet
-        return 0
-    finally:
-        connection.close()
 
 
 @pytest.fixture

@@ -41,15 +41,17 @@ def _to_dashes(name: str) -> str:
 
 @contextmanager
 def print_brief_warnings() -> Iterator[None]:
-    """Print each `InputWarning` of a block as the command line's own warnings, and others as Python does."""
+    """Print each `InputWarning` of a block once, as the command line's own warnings, and others as Python does."""
     with warnings.catch_warnings():
         by_default = warnings.showwarning
+        printed: set[str] = set()
 
         def show(message: Any, category: type[Warning], *where: Any, **told: Any) -> None:
-            if issubclass(category, InputWarning):
-                print(f"rootmatch: warning: {message}", file=sys.stderr)
-            else:
+            if not issubclass(category, InputWarning):
                 by_default(message, category, *where, **told)
+            elif str(message) not in printed:
+                printed.add(str(message))
+                print(f"rootmatch: warning: {message}", file=sys.stderr)
 
         warnings.showwarning = show
         warnings.simplefilter("always", InputWarning)

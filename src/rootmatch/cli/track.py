@@ -95,20 +95,6 @@ StatedNoise = Annotated[
         default="1, or the columns sigma or sxx,sxy,syy",
     ),
 ]
-VerticalCamera = Annotated[
-    str | None,
-    option.points(
-        "up2p: the direction 'down' in the camera frame (x right, y down, z forward).",
-        metavar="X,Y,Z",
-        default="that of the camera file",
-    ),
-]
-VerticalWorld = Annotated[
-    str | None,
-    option.points(
-        "up2p: the direction 'down' in the model's frame.", metavar="X,Y,Z", default="that of the camera file"
-    ),
-]
 Prior = Annotated[
     Path | None,
     option.points(
@@ -165,8 +151,8 @@ def track(
     rate: Rate = None,
     noise: StatedNoise = None,
     source_noise: option.SourceNoise = None,
-    vertical_camera: VerticalCamera = None,
-    vertical_world: VerticalWorld = None,
+    vertical_camera: option.VerticalCamera = None,
+    vertical_world: option.VerticalWorld = None,
     vertical_noise: option.VerticalNoise = None,
     prior: Prior = None,
     known: option.Known = None,

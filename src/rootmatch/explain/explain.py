@@ -42,8 +42,6 @@ from rootmatch.solvers.base import solve_tensor
 
 SOLVED = 0.6
 """Share of the time left at a deadline, after sampling, that the solver may take; the rest is for the assessment."""
-_told: set[tuple[str, str]] = set()
-"""Problems and solvers of which it was told that the solver does not decide."""
 
 
 def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
@@ -58,15 +56,11 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
 
 
 def _warn_of_idle_solver(task: MatchingTask) -> None:
-    """Warn of a solver that was named and does not decide, as poses do; of each once, whatever the number of frames."""
-    if (solver := task.options.solver) is None:
-        return
-    told = task.problem.name, solver if isinstance(solver, str) else type(solver).__qualname__
-    if told in _told:
+    """Warn of a solver that was named and does not decide, as poses do; Python shows that once for each line."""
+    if task.options.solver is None:
         return
     one = task if task.bodies is None else task.body(0)
     if is_modelled(one) or make_point_set_model(one) is not None:
-        _told.add(told)
         warnings.warn(
             f"solver: the poses of {task.problem.name} decide, and this solver only adds proposals, which seldom "
             'matter; to compare solvers give residual="qr" or preset="paper", or call them with a tensor',
@@ -159,7 +153,8 @@ def _explain_motions(task: MatchingTask) -> Finding:
     solve = _explain_in_time if task.options.chosen_sampler == "auto" else None
     if solve is not None and (found := find_motions_in_turn(task, solve)) is not None:
         return found
-    return judge_motions(assess(task, *pack_motions(task, sample(task))), solve)
+    sampled = sample(task)
+    return judge_motions(assess(task, pack_motions(task, sampled), sampled), solve)
 
 
 def _explain_motion(task: MatchingTask, judging: bool) -> Finding:

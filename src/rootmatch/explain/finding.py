@@ -251,7 +251,6 @@ def make_unjudged(
     """Assignments that a solver or a search named, and the finding of them before a model has judged any."""
     named = [] if solution is None else [solution.assignment, *(other for other, _ in solution.alternatives)]
     named += [] if sampled.assignments is None else list(sampled.assignments)
-    named += [] if sampled.consensus is None else [sampled.consensus]
     return named, Finding(
         task=task,
         assignment=named[0] if named else np.full(task.rows, -1, np.int64),

@@ -27,11 +27,10 @@ from rootmatch.model.competition import KEPT, joint_posterior
 from rootmatch.model.depth_reversal import reverse_depths
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import NO_CHANGE, Evidence
-from rootmatch.model.exact_shapes import grow_in_copies_place
 from rootmatch.model.exchanged import add_family_places, mark_exchanged
 from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.known_density import Known
-from rootmatch.model.line_readings import propose_line_readings
+from rootmatch.model.line_readings import is_turn_loose, propose_line_readings, turn_about_lines
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes, grow_mode, pool_modes
 from rootmatch.model.modes import Modes, empty_modes
@@ -114,6 +113,8 @@ class Candidate:
         """Poses in which the body looks as in its best modes, whether the search met them or not."""
         model, points, first = self.model, self.task.points, best_proposals(modes)
         parts = [reverse_depths(model, first), propose_line_readings(model, first.assignments)]
+        if self.task.rig is not None:
+            parts.append(turn_about_lines(model, modes.take(slice(TWINS))))
         parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetry_images(self.task)]
         further = compose_symmetries(points.source, points.normals)
         images = self.task.sighting_rows(further.image)
@@ -126,8 +127,9 @@ class Candidate:
         if predicted is not None:
             proposals = join_proposals([proposals, predicted]) if searched else predicted
         modes = find_modes(self.model, proposals, least=-math.inf if searched else -HOPELESS)
-        prior = self.model.prior
-        if searched or (isinstance(prior, Doubted) and len(prior.predictions) > 1):
+        prior, poses = self.model.prior, modes.covariance
+        several = isinstance(prior, Doubted) and len(prior.predictions) > 1
+        if searched or several or (len(poses) and is_turn_loose(poses[0])):
             modes = self._add_twins(modes, searched)
         return copy_with(self, modes=modes)
 
@@ -200,10 +202,9 @@ def _compete(bodies: Sequence[Candidate]) -> list[Posterior]:
                 if place is not None:
                     others.append((place, other.model.prior))
         model = add_family_places(body.model, others)
-        modes = own if copies is None else grow_in_copies_place(copies[k], model, own)
         if more:
-            modes = find_modes(model, join_proposals(more), modes, of_several=True, least=-HOPELESS)
-        models[k], every[k] = model, modes
+            own = find_modes(model, join_proposals(more), own, of_several=True, least=-HOPELESS)
+        models[k], every[k] = model, own
 
     def weigh() -> list[Posterior]:
         own = every
@@ -317,9 +318,11 @@ def select_determined(task: MatchingTask, assignments: Sequence[Integers]) -> In
 def propose_predicted_twins(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
     """Poses about one prediction in which the body looks as in its best modes, which may lie about another.
 
-    A prediction that is off by many degrees may not find what a better one has found, and would lose by that alone.
+    A prediction that is off by many degrees may not find what a better one has found, and would lose by that alone. Nor
+    does it find how a body is turned about a line on which all matches are.
     """
-    first, prior, parts = best_proposals(modes), model.prior, [empty_proposals(task.rows)]
+    first, prior = best_proposals(modes), model.prior
+    parts = [turn_about_lines(model, modes.take(slice(TWINS)))]
     if isinstance(prior, Doubted) and len(prior.predictions) > 1:
         for image in symmetry_images(task, (False,)):
             twins = look_alikes(first, model.points, model.points, image[None])

@@ -88,7 +88,8 @@ def _has_more_motions(task: MatchingTask, found: Finding) -> bool:
     if min(len(points), len(detections)) < task.problem.order:
         return False
     part = task.subset(points, detections)
-    return bool((judge_motions(assess(part, *pack_motions(part, sample(part)))).assignment >= 0).any())
+    sampled = sample(part)
+    return bool((judge_motions(assess(part, pack_motions(part, sampled), sampled)).assignment >= 0).any())
 
 
 def is_judged(task: MatchingTask) -> bool:

@@ -11,6 +11,13 @@ from rootmatch.problems.points import PointSets
 
 Change = Callable[[MatchingTask], MatchingTask]
 """Corrects a task, by its deadline."""
+METRES = {"metres": 1.0, "feet": 0.3048, "inches": 0.0254, "centimetres": 1e-2, "millimetres": 1e-3}
+"""Units of length, the largest first."""
+
+
+def ratio_of_units(one: str, other: str) -> float:
+    """How many times a unit of length is as large as another one."""
+    return METRES[one] / METRES[other]
 
 
 def make_change(**changes: Any) -> Change:

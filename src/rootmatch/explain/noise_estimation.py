@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,7 @@ from rootmatch.backends import cpu
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import image_finding, is_modelled
+from rootmatch.explain.image_decision import is_modelled
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import make_candidate
 from rootmatch.hypergraph.affinity import Residual
@@ -73,21 +72,6 @@ def estimate_noise_and_solve(task: MatchingTask, solve: Callable[[MatchingTask],
         match = solve(replace(_round_task(task, guess), budget=budget, found_before=found_before))
         known.append(match.assignment)
         budget = None if budget is None else max(budget - match.evaluated, BUDGETS[0])
-    return _weigh_known(match, known)
-
-
-def _weigh_known(match: Finding, known: list[Integers]) -> Finding:
-    """A finding weighed with what was found at other σ and its own search did not name."""
-    task = match.task
-    if match.posterior is None or task.has_prior or not is_modelled(task):
-        return match
-    named = {one.tobytes() for one in match.every}
-    more = [one for one in known if one.tobytes() not in named]
-    if not more:
-        return match
-    with suppress(OutOfTime):
-        body = make_candidate(task, [*match.every, *more])
-        return image_finding(match, body.alone(), body, missed=match.facts.missed)
     return match
 
 

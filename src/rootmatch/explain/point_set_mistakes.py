@@ -5,28 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from rootmatch.explain.mistake import Mistake, make_change, scale_noise
+from rootmatch.explain.mistake import METRES, Mistake, make_change, ratio_of_units, scale_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Rigid, Similarity
 
 COARSEST = 0.1
 """Noise of a set of points, over its size, from which it may be in another unit. A round value."""
-UNITS = {
-    2.54: "inches and centimetres",
-    1.0 / 0.3048: "feet and metres",
-    10.0: "centimetres and millimetres",
-    12.0: "feet and inches",
-    25.4: "inches and millimetres",
-    1.0 / 0.0254: "metres and inches",
-    100.0: "metres and centimetres",
-    304.8: "feet and millimetres",
-    1000.0: "metres and millimetres",
-}
-"""Pairs of units of length, the larger one first, by how many times it is as large."""
 NEAR = 0.05
 """Relative deviation from their ratio within which units are named: less than half of the least gap between two."""
 HANDED = "one of the sets is left-handed"
@@ -62,9 +51,9 @@ def _with_scale(mistake: Mistake, match: Any) -> Mistake:
     scale = float(np.median([one.pose.scale for one in found]))
     factor = max(scale, 1.0 / scale)
     larger, smaller = ("target", "source") if scale > 1.0 else ("source", "target")
-    units = [names for ratio, names in UNITS.items() if abs(math.log(factor / ratio)) < NEAR]
+    units = [names for names in combinations(METRES, 2) if abs(math.log(factor / ratio_of_units(*names))) < NEAR]
     if units:
-        told = f"the {larger} is {factor:.4g} times the {smaller} ({units[0]}?)"
+        told = f"the {larger} is {factor:.4g} times the {smaller} ({' and '.join(units[0])}?)"
         return mistake._replace(name=f"{mistake.name}: {told}")
     remedy = mistake.remedy.replace("use one unit, or", "check the scale of both sets, or use")
     return mistake._replace(name=mistake.name.replace(UNIT, f"a scale of {scale:.4g} fits"), remedy=remedy)

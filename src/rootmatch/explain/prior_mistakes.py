@@ -5,22 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import permutations
 
 import numpy as np
 
-from rootmatch.explain.mistake import Mistake, make_change
+from rootmatch.explain.mistake import Mistake, make_change, ratio_of_units
 from rootmatch.explain.prior_validation import Prior, prior_attributes
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import update_with_vertical
 
-LENGTHS = {
-    1e-3: ("millimetres", "metres"),
-    1e3: ("metres", "millimetres"),
-    1e-2: ("centimetres", "metres"),
-    1e2: ("metres", "centimetres"),
-}
-"""Units in which one thing may be given, and in which the others are, by what takes the first to the second."""
+METRIC = [(one, other) for short in ("millimetres", "centimetres") for one, other in permutations((short, "metres"))]
+"""Units in which one thing may be given, and in which the others are."""
 
 
 def list_prior_mistakes(task: MatchingTask) -> Iterator[Mistake]:
@@ -29,9 +25,10 @@ def list_prior_mistakes(task: MatchingTask) -> Iterator[Mistake]:
         return
     remedy = "give x' = R x + t, points to target: pose.inverse()"
     yield from _change_priors(task, "the prior is the inverse of the pose", remedy, _invert_prior)
-    for factor, (wrong, right) in LENGTHS.items():
+    for wrong, right in METRIC:
         name = f"the position of the prior is in {wrong}, the points are in {right}"
-        yield from _change_priors(task, name, "use one unit for points and prior", partial(_scale_prior, factor))
+        change = partial(_scale_prior, ratio_of_units(wrong, right))
+        yield from _change_priors(task, name, "use one unit for points and prior", change)
     remedy = "check its frame and its σ, or leave prior= out"
     yield Mistake("what is known of the pose is wrong", remedy, MatchingTask.without_priors, if_nothing_fits=True)
 

@@ -53,17 +53,15 @@ def sample(task: MatchingTask) -> SampledTensor:
     tensor = sampled.tensor
     if task.problem.small_baseline > 0.0:
         tensor = _weigh_baseline(task, tensor)
-    assignments, consensus = sampled.assignments, sampled.consensus
-    if assignments is not None or consensus is not None:
-        place = np.argsort(task.permutation)
-        assignments = None if assignments is None else np.ascontiguousarray(assignments[:, place])
-        consensus = None if consensus is None else consensus[place]
+    assignments = sampled.assignments
+    if assignments is not None:
+        assignments = np.ascontiguousarray(assignments[:, np.argsort(task.permutation)])
     if isinstance(tensor, DeferredTensor) and not selection.is_device(backend):
         made = tensor
         tensor = DeferredTensor.of(lambda: _restore_order(task, made), task.shape, task.weights)
     else:
         tensor = selection.place_tensor(_restore_order(task, tensor), backend)
-    return sampled._replace(tensor=tensor, assignments=assignments, consensus=consensus)
+    return sampled._replace(tensor=tensor, assignments=assignments)
 
 
 def make_sweep(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | None:

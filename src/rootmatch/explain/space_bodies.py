@@ -15,11 +15,10 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime, checkpoint
-from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_body_among, search_rounds
+from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_rounds
 from rootmatch.explain.body_findings import join_findings
 from rootmatch.explain.continued_bodies import LIKELY
 from rootmatch.explain.continued_sets import allow_continued_sets
-from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor, make_empty_finding, make_unjudged
 from rootmatch.explain.image_decision import BY_ITS_LAW
 from rootmatch.explain.in_time import final_deadline, prediction_deadline
@@ -37,10 +36,6 @@ from rootmatch.model.point_set_model import Judged, PointSetModel
 from rootmatch.model.point_set_posterior import PointSetPosterior
 from rootmatch.model.weighed_labellings import Weighed, empty_weighed, weigh_labellings
 from rootmatch.samplers.base import SampledTensor
-
-CONFIRMED = 6
-"""Number of matches from which a certain body whose search was cut short is called matched if its detections allow no
-other pose. A round value; none on the tuning seeds was wrong."""
 
 SEARCHED = 0.8
 """Share of the time left at a deadline for the searches: all are weighed together after them. A round value."""
@@ -101,21 +96,6 @@ class _Body(SearchedBody):
             self.model, judge_determined(self.model, np.array(self.named)), mirrored, of_several=True
         )
 
-    def confirm(self, task: MatchingTask, solve: Solve) -> None:
-        """Search the targets of a sure body again if its search was cut short before it looked for other motions.
-
-        Other bodies may be elsewhere, but these targets have one owner, so only they are searched.
-        """
-        if self.found.facts.missed <= TRUST.missed or self.told.motion < SURE:
-            return
-        first = self.told.assignments[0]
-        if np.count_nonzero(first >= 0) < CONFIRMED:
-            return
-        again, _ = search_body_among(task, self.number, np.sort(first[first >= 0]), self.budget, solve)
-        self.evaluated += again.evaluated
-        if again.facts.missed <= TRUST.missed:
-            self.found = self.found.with_facts(missed=again.facts.missed)
-
 
 def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
     """The match of a task of two point sets of one space whose source points are of several bodies.
@@ -134,8 +114,6 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
         _predict(task, bodies)
         with task.deadline.part(SEARCHED).enforce():
             search_rounds(task, bodies, _Body.is_worth_searching, search)
-            for body in bodies:
-                body.confirm(task, solve)
     if task.deadline.passed():
         with suppress(OutOfTime):
             _weigh(bodies)

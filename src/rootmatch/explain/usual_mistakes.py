@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,9 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.explain.displaced_cameras import displaced_cameras
-from rootmatch.explain.mistake import Change, Mistake, make_change, scale_noise
+from rootmatch.explain.mistake import Change, Mistake, make_change, ratio_of_units, scale_noise
 from rootmatch.explain.point_set_mistakes import list_point_set_mistakes
-from rootmatch.explain.prior_mistakes import LENGTHS, list_prior_mistakes
+from rootmatch.explain.prior_mistakes import METRIC, list_prior_mistakes
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.wrong_calibration import wrong_calibration
 from rootmatch.problems.checks import are_collinear
@@ -31,13 +31,8 @@ FACTORS = (3.0, 10.0)
 """Factors by which σ may have been stated too small. Round values."""
 NOISIER = {f"the noise is {factor:g} times as large": factor for factor in FACTORS}
 """The factor of each mistake of that kind."""
-UNITS = LENGTHS | {
-    0.3048: ("feet", "metres"),
-    0.0254: ("inches", "metres"),
-    304.8: ("feet", "millimetres"),
-    25.4: ("inches", "millimetres"),
-}
-"""The same of a model before a rig."""
+UNITS = [*METRIC, *product(("feet", "inches"), ("metres", "millimetres"))]
+"""Units in which a model may be given before a rig, and in which the rig is."""
 OPENGL = np.array([1.0, -1.0, -1.0])
 """Signs that take its axes, y up and the view along −z, to those of a camera here."""
 BEYOND = 1.0
@@ -173,7 +168,8 @@ def _axis_mistakes(
             exchanged = camera.with_views(order)
             remedy = f"exchange cameras {one} and {other} of the rig, or the camera of their detections"
             yield Mistake(f"cameras {one} and {other} are exchanged", remedy, posed(camera=exchanged))
-        for factor, (wrong, right) in UNITS.items():
+        for wrong, right in UNITS:
+            factor = ratio_of_units(wrong, right)
             name = f"the model is in {wrong}, the rig in {right}"
             remedy = "use one unit for the points and the rig's translations"
             yield Mistake(

@@ -41,6 +41,6 @@ def to_row_major(flat: NDArray[np.int64], shape: tuple[int, int], layout: Layout
                 f'layout: not given, and the entries fit {"both" if fits_rows else "neither"}; taken as "row", '
                 "i·n' + i', while pygmtools and MATLAB have \"column\"; say which",
                 InputWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
     return flat

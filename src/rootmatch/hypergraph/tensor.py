@@ -228,14 +228,23 @@ class AffinityTensor:
         out it is ``"row"``, with a warning where the entries fit both layouts or, as those of a full matrix, neither,
         and an error where they fit only ``"column"``.
         """
+        return cls._from_entries(coordinates, values, shape, layout=layout, conflicts=conflicts)
+
+    @classmethod
+    def _from_entries(
+        cls, coordinates: Any, values: Any, shape: tuple[int, int], *, layout: Any = None, conflicts: str = "error"
+    ) -> AffinityTensor:
+        """As `from_coo`, for all constructors, so that a warning of the layout names the line of their caller."""
         n, n_target = (int(m) for m in shape)
-        flat = np.atleast_2d(np.asarray(coordinates, dtype=np.int64)).T
+        flat = np.atleast_2d(np.asarray(coordinates)).T
+        if flat.size and flat.dtype.kind not in "iu":
+            raise InputError(f"coordinates: got {flat.dtype}; expected integers, as those of `indices`")
         value = _float_array("values", values)
         if value.shape != (flat.shape[0],):
             raise InputError(f"values: got shape {value.shape}; expected ({len(flat)},), one a column of coordinates")
         if flat.size and (flat.min() < 0 or flat.max() >= n * n_target):
             raise InputError(f"coordinates: got {flat.min()} … {flat.max()}; expected 0 … {n * n_target - 1}")
-        flat, value = flat[value != 0], value[value != 0]
+        flat, value = flat[value != 0].astype(np.int64), value[value != 0]
         flat = to_row_major(flat, (n, n_target), layout)
         unary = None
         if flat.shape[1] == 2:
@@ -291,7 +300,7 @@ class AffinityTensor:
         if not all(np.allclose(array, np.swapaxes(array, p, p + 1), rtol=1e-9, atol=0) for p in range(array.ndim - 1)):
             raise InputError("dense: the array is not symmetric; average it over all orders of its axes first")
         where = np.nonzero(array)
-        return cls.from_coo(np.stack(where), array[where], shape, layout=layout, conflicts=conflicts)
+        return cls._from_entries(np.stack(where), array[where], shape, layout=layout, conflicts=conflicts)
 
     def to_dense(self, *, layout: Layout = "row", max_bytes: float = 1e9) -> NDArray[np.float64]:
         """Full symmetric array (n n',)·d, the unary weights on the diagonal at order 2 (lost at higher orders)."""
@@ -310,7 +319,7 @@ class AffinityTensor:
     def from_scipy(cls, matrix: Any, shape: tuple[int, int], **options: Any) -> AffinityTensor:
         """Tensor of order 2 from a symmetric `scipy.sparse` matrix (n n', n n'); options as in `from_coo`."""
         entries = matrix.tocoo()
-        return cls.from_coo(np.stack([entries.row, entries.col]), entries.data, shape, **options)
+        return cls._from_entries(np.stack([entries.row, entries.col]), entries.data, shape, **options)
 
     def to_scipy(self, *, layout: Layout = "row") -> Any:
         """Symmetric `scipy.sparse.csr_array` (n n', n n') of a tensor of order 2."""

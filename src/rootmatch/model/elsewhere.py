@@ -9,6 +9,7 @@ place in the frames before.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,9 @@ from rootmatch.model.priors import INEXACT, WRONG_MODEL
 LEAST, MOST = 2, 4
 """Points that are elsewhere, at least and at most: of a single one the body is a hundred times as probable as anything
 else, but for one that was in place in the frames before, and four decide. Round values."""
+TOGETHER = 2048
+"""Tracks that grow together. A round value; it bounds memory."""
+NOTHING = np.empty(0, np.int64)
 LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -86,18 +90,19 @@ def _weigh_another(
     assignments, rotation, position, (covariance,), (lit,) = mode
     at, own, off = model.linearise_about(rotation, position), assignments.copy(), np.zeros(n, np.bool_)
     placed, moved = _placed(model), 0.0
-    rows = (np.arange(images)[:, None] * n + dark).ravel()
-    place = _Place(model, at, covariance, rows[lit[rows] > HIDDEN])
-    free, left, body, other = free.copy(), set(dark.tolist()), list[float](), list[float]()
-    seen = list[Elsewhere]()
+    place = _Place(model, at, covariance, np.arange(images)[:, None] * n + dark, lit)
+    near, left, body, other = place.gate(free), list(range(len(dark))), list[float](), list[float]()
+    tracks, stale, seen = dict[int, _Track](), left, list[Elsewhere]()
     for count in range(1, min(len(dark), MOST) + 1):
-        near = place.gate(free)
-        each = [(place.seen(np.arange(images) * n + one, near, lit), one) for one in sorted(left)]
-        track, point = max(each, key=lambda one: one[0].worth)
+        tracks |= zip(stale, place.grow_tracks(near, stale), strict=True)
+        best = max(left, key=lambda k: tracks[k].worth)
+        track, point = tracks[best], int(dark[best])
         if len(track.rows) < 2:
             break
-        left.discard(point)
-        own[0, track.rows], free[track.detections], off[point] = track.detections, False, True
+        left.remove(best)
+        stale = [k for k in left if np.isin(tracks[k].detections, track.detections).any()]
+        near[..., track.detections] = False
+        own[0, track.rows], off[point] = track.detections, True
         turned = rotation[0]
         where = model.points[point] + turned.T @ track.step[6:]
         seen.append(Elsewhere(where, turned.T @ track.spread[6:, 6:] @ turned, len(track.rows)))
@@ -135,61 +140,119 @@ class _Track(NamedTuple):
     spread: Floats
 
 
-class _Place:
-    """Where a pose with its covariance (6, 6) has points that may be anywhere on the body."""
+class _Tracks(NamedTuple):
+    """Of N points, as `_Track` of one."""
 
-    def __init__(self, model: DetectionModel, at: Linearised, covariance: Floats, rows: Integers) -> None:
-        self.model, self.rows = model, rows.tolist()
+    worth: Floats
+    detections: Integers
+    """(N, C) in each image; −1 for none."""
+    step: Floats
+    spread: Floats
+
+
+class _Place:
+    """Where a pose with its covariance (6, 6) has points that may be anywhere on the body.
+
+    ``rows`` (C, D): those of each of D points in each of C images; ``lit`` (n,): that each row is visible.
+    """
+
+    def __init__(self, model: DetectionModel, at: Linearised, covariance: Floats, rows: Integers, lit: Floats) -> None:
+        self.model, self.rows, self.lit = model, rows, lit[rows]
         self.spread = np.zeros((9, 9))
         self.spread[:6, :6], self.spread[6:, 6:] = covariance, model.radius**2 * np.eye(3)
-        jacobian = np.concatenate([at.jacobian[0], at.jacobian[0, :, :, 3:]], axis=2)[rows]
-        self.jacobian = dict(zip(self.rows, jacobian, strict=True))
-        """By the pose and the point (2, 9), of each of the rows: of all visible points that may be anywhere."""
-        self._every_off = model.target - at.pixels[0, rows, None]
-        self.off = dict(zip(self.rows, self._every_off, strict=True))
-        """Of all detections (n', 2) from each."""
-        self._image = rows // (model.shape[0] // len(model.images))
-        self._across = jacobian @ self.spread @ jacobian.swapaxes(1, 2)
+        self.jacobian = np.concatenate([at.jacobian[0], at.jacobian[0, :, :, 3:]], axis=2)[rows]
+        """By the pose and the point (C, D, 2, 9)."""
+        self.off = model.target - at.pixels[0, rows, None]
+        """Of all detections (C, D, n', 2) from where a point is predicted in its image."""
 
-    def gate(self, free: Bools) -> dict[int, Integers]:
-        """Detections that may be of the point of each row, of those that are free (n',)."""
-        of_image = free & (self.model.image_indices == self._image[:, None])
-        sigma = np.where(of_image, self.model.sigma, 0.0).max(axis=1, initial=0.0) + 1e-300
-        (a, b), (_, d) = np.moveaxis(self._across + (sigma**2)[:, None, None] * np.eye(2), 0, 2)[..., None]
-        x, y = np.moveaxis(self._every_off, 2, 0)
-        near = of_image & (d * x * x - 2.0 * b * x * y + a * y * y < REACH**2 * (a * d - b * b))
-        return {row: own.nonzero()[0] for row, own in zip(self.rows, near, strict=True)}
+    def gate(self, free: Bools) -> Bools:
+        """Which detections (C, D, n') may be of each point, of those that are free (n',)."""
+        visible = (self.lit > HIDDEN)[..., None]
+        of_image = visible & free & (self.model.image_indices == np.arange(len(self.rows))[:, None, None])
+        sigma = np.where(of_image, self.model.sigma, 0.0).max(axis=2, initial=0.0) + 1e-300
+        across = self.jacobian @ self.spread @ self.jacobian.swapaxes(2, 3)
+        (a, b), (_, d) = np.moveaxis(across + (sigma**2)[..., None, None] * np.eye(2), (2, 3), (0, 1))[..., None]
+        x, y = np.moveaxis(self.off, 3, 0)
+        return np.asarray(of_image & (d * x * x - 2.0 * b * x * y + a * y * y < REACH**2 * (a * d - b * b)))
 
-    def seen(self, rows: Integers, near: dict[int, Integers], lit: Floats) -> _Track:
-        """The likeliest detections of a point that has these rows; ``near``: what `gate` tells."""
-        possible = {row: near[row] for row in rows.tolist() if row in near}
-        best = _Track(-math.inf, np.empty(0, np.int64), np.empty(0, np.int64), np.zeros(9), self.spread)
-        for row, every in possible.items():
-            others = [(one, own) for one, own in possible.items() if one != row and len(own)]
-            for first in every.tolist() if others else []:
-                one = self._grow_track([(row, np.array([first])), *others], lit)
-                if len(one.rows) > 1 and one.worth > best.worth:
-                    best = one
+    def grow_tracks(self, near: Bools, points: Sequence[int]) -> list[_Track]:
+        """The likeliest detections of each of some points; ``near`` (C, D, n'): what `gate` tells."""
+        best = [_Track(-math.inf, NOTHING, NOTHING, np.zeros(9), self.spread) for _ in points]
+        which, near = np.array(points, np.int64), near[:, points]
+        elsewhere = near.any(axis=2).sum(axis=0) > 1
+        image, number, detection = (near & elsewhere[:, None]).nonzero()
+        for begin in range(0, len(number), TOGETHER):
+            some = slice(begin, begin + TOGETHER)
+            told = self._grow_together(image[some], detection[some], which[number[some]], near[:, number[some]])
+            worth = np.where((told.detections >= 0).sum(axis=1) > 1, told.worth, -np.inf)
+            for k in np.unique(number[some]).tolist():
+                one = int(np.where(number[some] == k, worth, -np.inf).argmax())
+                if worth[one] > best[k].worth:
+                    images = np.flatnonzero(told.detections[one] >= 0)
+                    rows, taken = self.rows[images, which[k]], told.detections[one, images]
+                    best[k] = _Track(float(worth[one]), rows, taken, told.step[one], told.spread[one])
         return best
 
-    def _grow_track(self, possible: list[tuple[int, Integers]], lit: Floats) -> _Track:
-        """What a point has in each image in turn, as far as those before tell where it is."""
-        step, spread, total, pairs = np.zeros(9), self.spread, 0.0, list[tuple[int, int]]()
-        for row, own in possible:
-            jacobian, sigma = self.jacobian[row], float(self.model.sigma[own].max()) + 1e-300
-            carried = jacobian @ spread
-            (a, b), (_, d) = (carried @ jacobian.T).tolist()
-            a, d = a + sigma**2, d + sigma**2  # of the deviations, whose covariance is 2 x 2
-            determinant = a * d - b * b
-            inverse = np.array([[d, -b], [-b, a]]) / determinant
-            off, chance = self.off[row][own] - jacobian @ step, USUAL_RATE * float(lit[row])
-            worth = -self.model.clutter.log_density[own] - 0.5 * ((off @ inverse) * off).sum(axis=1)
-            worth += math.log(chance / (1.0 - chance)) - 0.5 * math.log(determinant) - LOG_2PI
-            one = int(worth.argmax())
-            if worth[one] > 0.0 or not pairs:
-                gain = carried.T @ inverse
-                step, spread = step + gain @ off[one], spread - gain @ carried
-                total += float(worth[one])
-                pairs.append((row, int(own[one])))
-        rows, detections = np.array(pairs, np.int64).reshape(-1, 2).T
-        return _Track(total, rows, detections, step, spread)
+    def _grow_together(self, first: Integers, detections: Integers, points: Integers, near: Bools) -> _Tracks:
+        """What points (N,) have in each image in turn, as far as those before tell where they are.
+
+        They begin in images ``first`` (N,) with detections (N,); ``near`` (C, N, n'): what they may have.
+        """
+        count, every = len(points), np.arange(len(points))
+        told = _Tracks(
+            np.zeros(count),
+            np.full((count, len(near)), -1),
+            np.zeros((count, 9)),
+            np.repeat(self.spread[None], count, axis=0),
+        )
+        self._grow_by(told, (first, points, every), detections[:, None], np.ones((count, 1), np.bool_), least=-math.inf)
+        for image in range(len(near)):
+            own = np.flatnonzero(near[image].any(axis=1) & (first != image))
+            if len(own):
+                which = np.flatnonzero(self.model.image_indices == image)[None]
+                where = np.full(len(own), image), points[own], own
+                self._grow_by(told, where, which, near[image][np.ix_(own, which[0])])
+        return told
+
+    def _grow_by(
+        self,
+        told: _Tracks,
+        where: tuple[Integers, Integers, Integers],
+        which: Integers,
+        may: Bools,
+        *,
+        least: float = 0.0,
+    ) -> None:
+        """Let some tracks grow by the likeliest of the detections that they may have, where that is worth more.
+
+        Parameters
+        ----------
+        where : image, point and track
+            (M,) each.
+        which, may : (M, m) or (1, m), and (M, m) arrays
+            Detections, and whether they may be of the point.
+        least : float
+            What they are worth, at least.
+        """
+        (image, of, own), model = where, self.model
+        sigma = np.where(may, model.sigma[which], 0.0).max(axis=1) + 1e-300
+        jacobian, step, spread = self.jacobian[image, of], told.step[own], told.spread[own]
+        carried = jacobian @ spread
+        (a, b), (_, d) = np.moveaxis(carried @ jacobian.swapaxes(1, 2), 0, 2)
+        a, d = a + sigma**2, d + sigma**2  # of the deviations, whose covariance is 2 x 2
+        determinant = a * d - b * b
+        off = self.off[image[:, None], of[:, None], which] - (jacobian @ step[..., None])[:, None, :, 0]
+        x, y = np.moveaxis(off, 2, 0)
+        squared = (d[:, None] * x * x - 2.0 * b[:, None] * x * y + a[:, None] * y * y) / determinant[:, None]
+        chance = USUAL_RATE * self.lit[image, of]
+        more = np.log(chance / (1.0 - chance)) - 0.5 * np.log(determinant) - LOG_2PI
+        worth = np.where(may, more[:, None] - 0.5 * squared - model.clutter.log_density[which], -np.inf)
+        one = worth.argmax(axis=1)
+        (at,) = (worth[np.arange(len(own)), one] > least).nonzero()
+        one, own = one[at], own[at]
+        inverse = np.stack([d, -b, -b, a], axis=-1).reshape(-1, 2, 2)[at] / determinant[at, None, None]
+        gain = carried[at].swapaxes(1, 2) @ inverse
+        told.worth[own] += worth[at, one]
+        told.detections[own, image[at]] = np.broadcast_to(which, may.shape)[at, one]
+        told.step[own] += (gain @ off[at, one, :, None])[..., 0]
+        told.spread[own] -= gain @ carried[at]

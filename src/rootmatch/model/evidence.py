@@ -284,11 +284,7 @@ def step_poses(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
 
 def squared_deviations(model: DetectionModel, assignments: Integers, at: Linearised) -> Floats:
     """Squared deviations (K,) of the detections of assignments (K, n) from poses, in units of their noise."""
-    used, image = assignments >= 0, np.maximum(assignments, 0)
-    offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
-    if not model.has_covariances:
-        return np.asarray(((offset / model.noise_of(at, image)[..., None]) ** 2).sum(axis=(1, 2)))
-    return np.asarray((_whiten_matches(model, at, used, image, offset)[1] ** 2).sum(axis=(1, 2)))
+    return np.asarray((normalised_deviations(model, assignments, at)[0] ** 2).sum(axis=(1, 2)))
 
 
 def residual_statistics(

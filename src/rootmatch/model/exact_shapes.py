@@ -15,7 +15,6 @@ from rootmatch.deadline import checkpoint
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_assignments
 from rootmatch.model.exact_symmetry import ExactShape, fit_exact_shape, leave_points_out, log_prior_of_outliers
-from rootmatch.model.mode_search import GROWN, grow_mode
 from rootmatch.model.modes import Modes
 from rootmatch.model.near_symmetries import find_symmetries, neighbour_tolerance
 from rootmatch.model.reweighed import reweigh_evidence
@@ -51,21 +50,6 @@ def exact_shape_log_gains(model: DetectionModel, modes: Modes, copies: Copies = 
         gains[some] = np.logaddexp(gains[some], share + _shape_log_gains(model, kept, shape))
     before, after = (float(np.logaddexp.reduce(one)) for one in (modes.log_mass, modes.log_mass + gains))
     return np.asarray(gains + before - after)
-
-
-def grow_in_copies_place(copies: Copies, model: DetectionModel, modes: Modes) -> Modes:
-    """Modes of a body that may be an exact copy of others, with the sums of those that are far behind the best.
-
-    What the body shows in the place of a copy is as much its own.
-    """
-    if model.source_covariance is None or not copies or not _candidate_shapes(model, copies):
-        return modes
-    for _ in range(GROWN):
-        (left,) = np.nonzero(~modes.summed & (modes.log_odds > 0.0))
-        if not len(left):
-            break
-        modes = grow_mode(model, modes, int(left[0]))
-    return modes
 
 
 def _shape_log_gains(model: DetectionModel, modes: Modes, shape: ExactShape) -> Floats:

@@ -15,11 +15,16 @@ import numpy as np
 from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.modes import Modes
+from rootmatch.model.prediction import Settled, collect_proposals, settle_assignment
 from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals
+from rootmatch.problems.pose_fit.reference_point import STRAIGHT
 
 FLAT = 0.02
 """Width of matched points over their length up to which they are on a line: of a wand of 20 cm whose line is bent by
 .5 mm some readings are still lost, by 4 mm none. A round value."""
+NARROW = 0.15
+"""That of points that hardly tell how a body is turned about their line. A round value."""
 TURNS = 8
 """Poses about the line. A round value."""
 LEAST = 3
@@ -48,6 +53,41 @@ def propose_line_readings(model: DetectionModel, assignments: Integers) -> Propo
             if seen.in_front[0]:
                 parts.append(_poses_about_line(model, reading, (origin, axis), (seen.place[0], seen.direction[0])))
     return join_proposals(parts)
+
+
+def turn_about_lines(model: DetectionModel, modes: Modes) -> Proposals:
+    """Turned about the line on which all points with matches are, what modes lead to by what is seen beside the line.
+
+    A fit stays at the turn where it begins, or goes to the predicted one, and does not ask what another would show.
+    """
+    known: dict[bytes, Settled] = {}
+    n = len(model.points) // max(len(model.images), 1)
+    for row, R, position, covariance in zip(*modes[:3], modes.covariance, strict=True):
+        if not is_turn_loose(covariance):
+            continue
+        (used,) = (row >= 0).reshape(-1, n).any(axis=0).nonzero()
+        line = _find_line(model.points[:n], used) if LEAST <= len(used) < n else None
+        if line is None or not np.isfinite(covariance).all():
+            continue
+        place, direction = position + R @ (line[0] - model.centre), R @ line[1]
+        turned = _poses_about_line(model, row, line, (place, direction))
+        for rotation, there in zip(turned.rotation, turned.position, strict=True):
+            along = np.concatenate([direction, np.cross(direction, there - place)])
+            wide = covariance + (np.pi / TURNS) ** 2 / 3.0 * np.outer(along, along)  # up to half the way to the next
+            settle_assignment(model, (rotation[None], there[None]), wide, known=known)
+    found = collect_proposals(list(known.values()))
+    return empty_proposals(model.shape[0]) if found is None else found
+
+
+def is_turn_loose(covariance: Floats) -> bool:
+    """Whether it is hardly known how a body is turned, by the covariance (6, 6) of its pose."""
+    return bool(covariance[0, 0] + covariance[1, 1] + covariance[2, 2] > STRAIGHT**2)
+
+
+@cache_by_values(256)
+def _find_line(points: Floats, used: Integers) -> tuple[Floats, Floats] | None:
+    """Mean and direction of some of the points (n, 3), if these are on a line."""
+    return _fit_line(points[used]) if _is_collinear(points[used], NARROW) else None
 
 
 def _is_on_line(model: DetectionModel, assignments: Integers) -> Bools:
@@ -111,10 +151,10 @@ def _fit_line(points: Floats) -> tuple[Floats, Floats]:
     return origin, np.linalg.svd(points - origin, full_matrices=False)[2][0]
 
 
-def _is_collinear(points: Floats) -> bool:
+def _is_collinear(points: Floats, width: float = FLAT) -> bool:
     """Whether points (k, 3) hardly extend across the direction in which they extend most."""
     lengths = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(lengths[1] <= FLAT * lengths[0])
+    return bool(lengths[1] <= width * lengths[0])
 
 
 @cache_by_values(64)

@@ -18,12 +18,18 @@ RESOLUTION = 150
 """Resolution of the PNG, in dots per inch."""
 
 
-def make_folder(path: Path) -> None:
-    """Make the folder of a run's results unless it is there; an `InputError` where that is impossible."""
+def make_folder(path: Path, own: str = "*") -> None:
+    """Make the folder of a run's results unless it is there; an `InputError` where that is impossible.
+
+    So is one that holds something, and nothing that matches the pattern ``own``.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
+        is_foreign = any(path.iterdir()) and not any(path.glob(own))
     except OSError as error:
         raise InputError(f"{path}: cannot be made ({error.strerror}); name another output folder") from None
+    if is_foreign:
+        raise InputError(f"{path}: the folder is not empty, and no results are in it; name another output folder")
 
 
 def count_text(count: int, noun: str) -> str:

@@ -100,7 +100,7 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        make_folder(path.parent)
+        make_folder(path.parent, "*.sqlite")
         # Transactions are begun and ended here by hand, not by the module.
         with self._explain_errors():
             self._connection = sqlite3.connect(path, timeout=WAITS, isolation_level=None)

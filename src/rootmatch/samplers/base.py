@@ -101,8 +101,6 @@ class SampledTensor(NamedTuple):
     """The same of a body that is in view for certain and shows enough, as far as it was searched for."""
     repeated: bool = False
     """Whether a pose with other matches than the best one is beyond chance, by more than the odds of a copy."""
-    consensus: Integers | None = None
-    """(n,) assignment with the most matches that are expected to be right, over all hypotheses; None where unknown."""
 
     @property
     def share(self) -> float:

@@ -55,8 +55,8 @@ class FollowedPose:
         return self.log_weight + self.shown
 
     def alone_with(self, told: float) -> float:
-        """``alone`` after a frame that tells log-odds by itself."""
-        return self.alone + (told - self.alone) / (1 + self.shows)
+        """``alone`` after a frame that tells log-odds by itself, if none did before those."""
+        return told if self.alone == -math.inf else self.alone + (told - self.alone) / (1 + self.shows)
 
     def told_with(self, now: Callable[[], float]) -> float:
         """``told`` after a frame that tells log-odds by itself, which is asked only if that may matter.

@@ -28,9 +28,7 @@ def motion_in_space(R: Floats, t: Floats) -> tuple[Floats, Floats]:
 
 
 def pose_in_space(pose: Pose, radius: float) -> Pose:
-    """A pose in a plane as one in space, of a body of this radius; one in space stays as it is."""
-    if len(pose.t) == 3:
-        return pose
+    """A pose in a plane as one in space, of a body of this radius."""
     assert pose.covariance is not None
     into = _into_space(len(pose.covariance) > 3)
     fixed = np.zeros(len(into))

@@ -78,8 +78,6 @@ class MotionOptions(Options):
 ALIKE = 1.0 + 2.0 * math.cos(0.2)
 """Trace of the rotation between two poses above which they are one. A round value."""
 DEFAULT_MOTION = MotionOptions()
-IN_SPACE, IN_PLANE = np.ones(6), np.array([0.0, 0.0, 1.0, 1.0, 1.0, 0.0])
-"""Axes of turns and shifts along which a body moves."""
 MOST_SURPRISE = 10.0
 """Square of a step over the expected one above which it counts as no larger. A round value."""
 
@@ -122,7 +120,7 @@ class MotionFilter:
         self.scale, self.flat = pose.scale, len(pose.t) == 2
         self.middle, self.extent, radius = _extents(source)
         self.centre, self.radius = self.middle, self.scale * radius
-        pose = pose_in_space(pose, self.radius)
+        pose = pose_in_space(pose, self.radius) if self.flat else pose
         if len(np.asarray(pose.covariance)) == 6 and self._is_among(-pose.R.T @ pose.t - self.middle):
             self.centre = -pose.R.T @ pose.t
         self.options, self.time, self.factor = options, time, 1.0
@@ -131,8 +129,8 @@ class MotionFilter:
         size = self.rows = len(covariance)
         self.P = np.zeros((size + 12, size + 12))
         self.P[:size, :size] = covariance
-        lengths = [options.angular_velocity, options.velocity * self.radius, *self._accelerations]
-        self.P[size:, size:] = np.diag((np.repeat(lengths, 3) * np.tile(self._free_axes, 2)) ** 2)
+        speeds = self._along_axes(options.angular_velocity, options.velocity * self.radius)
+        self.P[size:, size:] = np.diag([*speeds, *self._along_axes(*self._accelerations)]) ** 2
         self.shared: SharedErrors | None = None
         """Of the rows of ``P``; None if the errors of all poses are independent."""
         if isinstance(pose, SharedPose):
@@ -170,7 +168,7 @@ class MotionFilter:
     def is_near(self, pose: Pose, time: float) -> bool:
         """Whether a pose at a time is where the body is expected: no two bodies are so near each other."""
         R, t, _, _ = self._at(time)
-        pose = pose_in_space(pose, self.radius)
+        pose = pose_in_space(pose, self.radius) if self.flat else pose
         off = pose.t + pose.scale * pose.R @ self.middle - self._middle(R, t)
         return bool((R * pose.R).sum() > ALIKE) and float(np.linalg.norm(off)) <= self.radius
 
@@ -181,7 +179,7 @@ class MotionFilter:
         whether it is where the body is expected.
         """
         R, t, _, _ = self._at(time)
-        pose = pose_in_space(pose, self.radius)
+        pose = pose_in_space(pose, self.radius) if self.flat else pose
         t, middle = self._middle(R, t), pose.t + pose.scale * pose.R @ self.middle
         if centres is None:
             return float(np.linalg.norm(middle - t)) <= self.radius
@@ -208,7 +206,7 @@ class MotionFilter:
             and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
         """
         R, t, motion, P = before = self._at(time)
-        pose = pose_in_space(pose, self.radius)
+        pose = pose_in_space(pose, self.radius) if self.flat else pose
         size, scale, shared = self.rows, self.scale, self._shared_errors_at(time)
         self.R, self.t, covariance = self._centred_state(pose)
         self.scale = pose.scale
@@ -300,16 +298,14 @@ class MotionFilter:
         """Standard deviations of the angular acceleration and of that of the centre, on each axis."""
         return self.options.angular_acceleration, self.options.acceleration * self.radius
 
-    @property
-    def _free_axes(self) -> Floats:
-        """Of three turns and three shifts (6,), 1 for those that the body is free to make, else 0."""
-        return IN_PLANE if self.flat else IN_SPACE
+    def _along_axes(self, turn: float, shift: float) -> tuple[float, ...]:
+        """What the body has of each turn and each shift, three of either; in a plane none of those out of it."""
+        return (0.0, 0.0, turn, shift, shift, 0.0) if self.flat else (turn, turn, turn, shift, shift, shift)
 
     def _advance_by(self, dt: float) -> State:
         angular, linear = self._accelerations
         of_scale = (self.options.scale_drift * self.scale) ** 2 * dt
-        each = (self.factor * np.repeat([angular, linear], 3) * self._free_axes) ** 2
-        variances = np.append(each, of_scale)
+        variances = np.array([*self._along_axes((self.factor * angular) ** 2, (self.factor * linear) ** 2), of_scale])
         out = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty(self.P.shape)
         state = self.R, self.t, self.motion, self.P, variances
         move_ahead(*transition(dt, self.options.persistence), state, out)

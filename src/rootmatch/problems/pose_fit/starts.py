@@ -154,12 +154,14 @@ def solve_triples(points: Floats, rays: Floats) -> tuple[Floats, Floats]:
     Where there are fewer than four the translation is NaN (Fischler & Bolles 1981; the quartic is the paper's). As
     `rootmatch.problems.p3p.roots` for a few triples of ordinary size, in NumPy, which needs no compiling.
     """
+    from rootmatch.problems.p3p.quartic import quartic_in_ratio  # takes Numba, which a bad file should not wait for
+
     side = [((points[:, (k + 1) % 3] - points[:, k]) ** 2).sum(axis=1) for k in range(3)]
     versine = [0.5 * ((rays[:, (k + 1) % 3] - rays[:, k]) ** 2).sum(axis=1) for k in range(3)]
     with np.errstate(all="ignore"):
-        u, v = (side[1] - side[2]) / side[0], side[2] / side[0]
+        u = (side[1] - side[2]) / side[0]
         p, q, r = (1.0 - value for value in versine)
-        roots = _roots(_quartic(u, v, p, q, r))
+        roots = _roots(np.stack(quartic_in_ratio(*side, *versine), axis=-1))
         nearly, x = np.abs(roots.imag) < NEARLY_REAL, roots.real
         x2 = 1.0 + x * x - 2.0 * p[:, None] * x
         y = (u[:, None] * x2 + 1.0 - x * x) / (2.0 * (r[:, None] - q[:, None] * x))
@@ -171,24 +173,6 @@ def solve_triples(points: Floats, rays: Floats) -> tuple[Floats, Floats]:
         translation = positions.mean(axis=2) - (rotation @ points.mean(axis=1)[:, None, :, None])[..., 0]
     good &= np.isfinite(rotation).all(axis=(-1, -2))
     return np.where(good[..., None, None], rotation, np.eye(3)), np.where(good[..., None], translation, np.nan)
-
-
-def _quartic(u: Floats, v: Floats, p: Floats, q: Floats, r: Floats) -> Floats:
-    """N² − 4 r N D + 4 D² M, (B, 5), highest degree first."""
-    n = np.stack([u - 1.0, -2.0 * u * p, 1.0 + u], axis=-1)
-    d = np.stack([-q, r], axis=-1)
-    m = np.stack([-v, 2.0 * v * p, 1.0 - v], axis=-1)
-    out = _multiply_polynomials(n, n) + 4.0 * _multiply_polynomials(_multiply_polynomials(d, d), m)
-    out[:, 1:] -= 4.0 * r[:, None] * _multiply_polynomials(n, d)
-    return out
-
-
-def _multiply_polynomials(first: Floats, second: Floats) -> Floats:
-    """Products of polynomials, one a row."""
-    out = np.zeros((len(first), first.shape[1] + second.shape[1] - 1))
-    for power in range(first.shape[1]):
-        out[:, power : power + second.shape[1]] += first[:, power, None] * second
-    return out
 
 
 def _roots(coefficients: Floats) -> NDArray[np.complex128]:

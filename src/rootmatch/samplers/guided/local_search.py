@@ -16,7 +16,6 @@ import numpy as np
 from rootmatch.arrays import Integers
 from rootmatch.deadline import Deadline, Pace
 from rootmatch.jit.threads import worthwhile_threads
-from rootmatch.problems.kernels import kernel_record
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
@@ -111,7 +110,7 @@ class LocalSearch(Search):
         n, most = self.neighbours.shape[1], LOCAL * (self.n_target - 1)
         sizes = [(min(p, n), q) for p, q in zip(POINTS, IMAGES, strict=True) if q <= most]
         self.levels = [Level(p, q, self.n_target * q * (q - 1), FIRST_WAVE) for p, q in sizes]
-        self.in_parts = self.n > WHOLE and bool(kernel_record(self.tables).source_fields)
+        self.in_parts = self.n > WHOLE
         """Whether hypotheses of local triples are verified near their triple first."""
         self.nearby = False
         """Whether those are verified now."""

@@ -159,7 +159,6 @@ def sample_two_views(task: SamplingTask, options: GuidedOptions) -> SampledTenso
         missed=search.missed if single else 0.0,
         repeated=single and search.repeated,
         assignments=search.assignments() if single else None,
-        consensus=search.consensus() if single else None,
     )  # fmt: skip
 
 

@@ -60,11 +60,6 @@ ASSIGNMENTS = 12
 """Assignments that are handed on, to be fitted by a pose each."""
 CLUSTERS, CANDIDATES = 4, 3
 """The likeliest of them whose hyper-edges are evaluated, and the detections of a source point that take part."""
-TRUST = 0.25
-"""Factor on differences in evidence where hypotheses vote on correspondences. On the development seeds (b = 5, σ = 1,
-20 + 20) 0.1, 0.25 and 0.5 have .94, .94 and .93 right."""
-LEAST_SHARE = 0.15
-"""Expected share of a correspondence below which it is left out of what they agree on."""
 VISIBLE = 0.8
 """Probability that a source point is detected."""
 REJECT, DRIFT = -4.0, 0.3
@@ -271,27 +266,6 @@ class PoseSearch:
         distinct = {one.assignment.tobytes(): one.assignment for one in self.hypotheses}
         kept = list(distinct.values())[:ASSIGNMENTS]
         return np.array(kept, np.int64).reshape(-1, self.n)
-
-    def consensus(self) -> Integers | None:
-        """The assignment (n,) with the most matches that are expected to be right, over all hypotheses.
-
-        Their evidence says too much, as the error of a pose shifts all points together: its differences count for
-        `TRUST` of themselves.
-        """
-        if not self.hypotheses:
-            return None
-        first = self.hypotheses[0]
-        expected = np.zeros(first.ratios.shape)
-        total = 0.0
-        for one in self.hypotheses:
-            checkpoint()
-            weight = math.exp(TRUST * (one.evidence - first.evidence))
-            rows, columns = one.ratios.sum(axis=1, keepdims=True), one.ratios.sum(axis=0, keepdims=True)
-            expected += weight * one.ratios / (1.0 + rows + columns - one.ratios)
-            total += weight
-        expected /= total
-        # a point is left out where it more probably has no image than this one, by far
-        return maximise_total(expected, LEAST_SHARE)
 
     def clusters(self) -> HypothesisClusters:
         """The strongest hypotheses that differ, each with the detections that its points may have."""
