@@ -73,7 +73,8 @@ class Problem(ABC):
     small_baseline: float = 0.0
     """ρ of a prior exp(−∣R₂ₙ,₂ₙ∣ / ρ) on each hyper-edge, for views from nearly one place; 0 for none."""
     paper_rho: ClassVar[float] = 1e-6
-    """ρ of the paper's preset, as a scan chose it on noisy scenes (docs/reproduction/preset-rho-scan.csv). The scale of ∣R₂ₙ,₂ₙ∣ differs by problem: medians of false hyper-edges are 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p)."""
+    """ρ of the paper's preset, as a scan chose it on noisy scenes (docs/reproduction/preset-rho-scan.csv).
+    The scale of ∣R₂ₙ,₂ₙ∣ differs by problem: medians of false hyper-edges are 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p)."""
     paper_rho_of_exact_data: ClassVar[float] = 1e-12
     """ρ of the paper's preset for exact data, whose residuals are rounding errors (the same scan)."""
 
