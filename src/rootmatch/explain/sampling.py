@@ -138,9 +138,9 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     if options.scheduler is not None:
         return _choose_for_workers(sampler, options.backend), False
     automatic = sampler == "auto"
-    of_sets = _is_decided_by_poses(task) and sampling.clouds is not None
+    clouds, of_sets = sampling.clouds, sampling.clouds is not None and _is_decided_by_poses(task)
     # the model of views or of large point sets judges what a search proposes, however few the hyper-edges are
-    proposes = _is_decided_by_views(task) or (of_sets and not is_small(sampling.clouds))
+    proposes = _is_decided_by_views(task) or (of_sets and clouds is not None and not is_small(clouds))
     if automatic and task.budget is not None:
         searched = pays(sampling) or is_quick(sampling) or proposes
         return (make_guided(budget=task.budget) if searched else "exhaustive"), False
