@@ -246,9 +246,11 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
             f"ambiguous: the pose is certain, but for {unsure} of the {of} it is not certain which detection "
             f"they have, if any; see {where}, or {to_tell}"
         )
-    if finding.posterior is not None and finding.posterior.copies > 1:
+    told = finding.posterior or finding.labellings
+    if told is not None and told.copies > 1:
+        shown = "image" if task.problem.takes_prior else "measurement"
         return (
-            f"ambiguous: of {finding.posterior.copies} bodies that are the same no image tells which is where; "
+            f"ambiguous: of {told.copies} bodies that are the same no {shown} tells which is where; "
             "see `alternatives`, or give a `prior` of each, or points that tell them apart"
         )
     if _is_elsewhere(finding):

@@ -37,6 +37,8 @@ class PointSetPosterior:
         Logarithm of the evidence of all hypotheses, clutter alone among them, against that of all targets as clutter.
     twins : (n', n') bool array, optional
         Which targets may be measurements of one place: see `is_same_motion`.
+    copies : int
+        How many of several bodies that were given are the same, with this one.
     """
 
     assignments: Integers
@@ -44,11 +46,16 @@ class PointSetPosterior:
     sums: Sequence[LabellingSums] = ()
     log_total: float = 0.0
     twins: Bools | None = None
+    copies: int = 1
 
     @property
     def present(self) -> float:
-        """Probability that the object is among the targets."""
-        return min(float(self.probabilities.sum()), 1.0 - WRONG_MODEL)
+        """Probability that the object is among the targets, or that one of its copies is where it may be."""
+        own = float(self.probabilities.sum())
+        if self.copies > 1 and len(self.probabilities):
+            there = np.isin(self.assignments, self.assignments[0][self.assignments[0] >= 0]).any(axis=1)
+            own = max(own, self.copies * float(self.probabilities[there].sum()))
+        return min(own, 1.0 - WRONG_MODEL)
 
     @property
     def motion(self) -> float:
@@ -82,7 +89,7 @@ class PointSetPosterior:
         rest = max(1.0 - float(self.probabilities.sum()), 0.0) * math.exp(-top) + math.exp(log_other - top)
         whole = float(weights.sum()) + rest
         told = sort_hypotheses(self.assignments, weights / whole, self.sums, self.twins)
-        return copy_with(told, log_total=self.log_total + top + math.log(whole))
+        return copy_with(told, log_total=self.log_total + top + math.log(whole), copies=self.copies)
 
     @property
     def probability(self) -> float:
