@@ -178,7 +178,7 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
         to_give = _enumerate_inputs([*_missing_inputs(task), "more points or detections"])
         return (
             "no trustworthy match: no pose explains more of the points than chance would; "
-            f"check {problem.to_check} and the noise, or {to_give}{seen}"
+            f"check the noise, {problem.to_check}, or {to_give}{seen}"
         )
     if task.affinity.residual.kind not in NOISE_KINDS:  # σ has no part in these
         return general_advice(Status.UNTRUSTED, problem, to_change="try another `rho`")
