@@ -140,3 +140,42 @@ def test_what_is_identical() -> None:
     assert find_identical_bodies(labels, points, facing) == [["a", "b"]]
     facing[6] *= -1.0
     assert find_identical_bodies(labels, points, facing) == []
+
+
+@pytest.mark.parametrize("height", [0.0, 25.0])
+@pytest.mark.parametrize("stray", [0, 2])
+def test_one_of_two_identical_tools_in_space_may_be_either(height: float, stray: int) -> None:
+    """Neither could be chance, and nothing is left-handed."""
+    tool = np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 90.0, 0.0], [60.0, 130.0, height]])
+    rng = np.random.default_rng(stray)
+    seen = tool @ Rotation.from_rotvec([0.3, 0.2, 1.0]).as_matrix().T + (10.0, 20.0, 1200.0)
+    seen = np.vstack([seen, rng.uniform((-200.0, -200.0, 1000.0), (200.0, 200.0, 1400.0), (stray, 3))])
+    both = np.vstack([tool, tool])
+    labels = ["a"] * 4 + ["b"] * 4
+    match = rm.match(both, seen + rng.normal(0.0, 0.2, seen.shape), rm.Rigid(), noise=(0.0, 0.2), bodies=labels)
+    assert match.bodies is not None
+    assert {one.status for one in match.bodies.values()} == {rm.Status.AMBIGUOUS}
+    for one in match.bodies.values():
+        assert "of 2 bodies that are the same no measurement tells which is where" in one.advice
+        places = [one.assignment, *(other for other, _ in one.alternatives)]
+        assert any(np.array_equal(place, np.arange(4)) for place in places)
+
+
+@pytest.mark.parametrize("height", [0.0, 25.0])
+def test_a_tool_that_left_is_not_told_to_be_left_handed_for_its_twin(height: float) -> None:
+    tool = np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, 90.0, 0.0], [60.0, 130.0, height]])
+    told = rm.TrackingOptions(interval=0.01)
+    tracker = rm.Tracker(
+        np.vstack([tool] * 2), rm.Rigid(), noise=(0.0, 0.2), bodies=["a"] * 4 + ["b"] * 4, tracking=told
+    )
+    for frame in range(100):
+        rng, turn = np.random.default_rng(frame), 0.01 * frame
+        seen = [tool @ Rotation.from_rotvec([0.3, 0.2, 1.0 + turn]).as_matrix().T + (150.0, 20.0, 1200.0)]
+        if frame < 50:
+            seen.append(tool @ Rotation.from_rotvec([0.1, 0.5, turn - 1.0]).as_matrix().T + (-150.0, 20.0, 1300.0))
+        elif frame % 3 == 0:
+            seen.append(rng.uniform((-200.0, -200.0, 1000.0), (200.0, 200.0, 1400.0), (1, 3)))
+        measured = np.vstack(seen)
+        match = tracker.update(measured + rng.normal(0.0, 0.2, measured.shape), time=frame / 100.0)
+        assert match.bodies is not None
+        assert not any("left-handed" in one.advice for one in match.bodies.values())

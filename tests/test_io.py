@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ from rootmatch.io import (
     write_table,
 )
 from rootmatch.io.camera_files import parse_direction
+from rootmatch.io.point_files import point_dimension
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 # What a reader may count on: printable, with no space at either end.
@@ -348,3 +350,18 @@ def test_outputs_are_refused_before_any_work(tmp_path: Path) -> None:
 
 def test_numbers_keep_their_sign_and_size() -> None:
     assert math.copysign(1.0, parse_direction("-0.0,1,0", "--axis")[0]) == -1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("X [mm],Y [mm],Z [mm]\n1,2,3\n", "must name x,y,z"),
+        ("1,2,3\n4,5,6\n", "header row x,y,z"),
+        ("label,x,y,z\nF0,1,2,3\n", "rename 'label' to id, or to body"),
+    ],
+)
+def test_headers_of_points_in_space_are_told_what_they_lack(tmp_path: Path, text: str, told: str) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=re.escape(told)):
+        read_points(path, point_dimension(path))

@@ -195,6 +195,27 @@ def test_a_hundred_against_a_hundred(problem: rm.Similarity, dimension: int) -> 
         assert len(pose.R) == dimension
 
 
+@pytest.mark.parametrize("problem", PROBLEMS[:4])
+def test_few_candidates_are_searched_as_many_are(problem: rm.Similarity) -> None:
+    """However few hyper-edges are left, the model needs what a search proposes; of one body and of several."""
+    plan, reported, truth = fiducials(problem, 0, 40, 16, 28, 0.001)
+    right = np.zeros((40, 44), np.bool_)
+    right[np.arange(40), truth] = truth >= 0
+    for wrong in (0.0, 0.04):
+        candidates = right | (np.random.default_rng(1).random(right.shape) < wrong)
+        told = {"noise": (0.0, 0.001), "candidates": candidates}
+        match, guided = (rm.match(plan, reported, problem, **told, sampler=by) for by in (None, "guided"))  # type: ignore[arg-type]
+        assert match.status is guided.status is rm.Status.MATCHED
+        assert (match.assignment == guided.assignment).all()
+        assert (match.assignment == truth).all()
+    stray = np.random.default_rng(2).uniform(-1.0, 1.0, (40, plan.shape[1]))
+    both, allowed = np.vstack([plan, stray]), np.vstack([right, right])
+    found = rm.match(both, reported, problem, noise=(0.0, 0.001), candidates=allowed, bodies=["a"] * 40 + ["b"] * 40)
+    assert found.bodies is not None
+    assert found.bodies["a"].status is rm.Status.MATCHED
+    assert not found.bodies["b"]
+
+
 @pytest.mark.parametrize(("problem", "stray"), [(rm.Rigid(3), 0), (rm.Rigid(3), 20), (rm.Similarity(3), 5)])
 def test_a_part_about_one_place_is_found(problem: rm.Similarity, stray: int) -> None:
     """The fifteen nearest to a place of 150 points, as a camera in space shows a part of a large object."""

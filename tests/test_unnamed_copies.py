@@ -222,3 +222,44 @@ def test_what_competition_makes_the_first_mode_has_the_sum_over_its_changes() ->
     np.testing.assert_allclose(again.local[0], whole.local[0], atol=1e-6)
     (told, _) = weigh_candidates([Candidate(candidates[0].task, candidates[0].model, bare), candidates[1]])
     np.testing.assert_allclose(told.modes.local[0], whole.local[0], atol=1e-6)
+
+
+def reported_twice(seed: int, twice: float) -> tuple[Floats, Floats, list[set[int]]]:
+    """Eight fiducials, of which some are touched twice, and which targets are reports of each."""
+    rng = np.random.default_rng(seed)
+    fiducials = cloud(rng, 8) * 800.0
+    places = fiducials @ Rotation.random(random_state=seed).as_matrix().T + (0.0, 50.0, 900.0)
+    point = np.repeat(np.arange(8), 1 + (rng.random(8) < twice))
+    point = point[rng.permutation(len(point))]
+    return (
+        fiducials,
+        places[point] + rng.normal(0.0, 0.2, (len(point), 3)),
+        [{*np.flatnonzero(point == k)} for k in range(8)],
+    )
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_points_that_are_reported_twice_are_no_copy_of_the_body(several: bool) -> None:
+    """Which report is a point's is in doubt, and the pose is not; beside it by more than noise stands a copy."""
+    trusted = 0
+    for seed in range(1000, 1010):
+        fiducials, measured, of = reported_twice(seed, 0.4)
+        other = cloud(np.random.default_rng(seed + 1), 5) * 800.0
+        source = np.vstack([fiducials, other]) if several else fiducials
+        labels = ["head"] * 8 + ["other"] * 5 if several else None
+        found = rm.match(source, measured, rm.Rigid(), noise=(0.0, 0.2), bodies=labels)
+        match = found if found.bodies is None else found.bodies["head"]
+        assert match.status is not rm.Status.UNTRUSTED
+        assert "in several places" not in match.advice
+        assert all(target < 0 or target in own for target, own in zip(match.assignment[:8], of, strict=True))
+        trusted += bool(match)
+        beside = np.vstack([measured, measured[[min(own) for own in of]] + (0.0, 0.0, 4.0)])
+        assert rm.match(fiducials, beside, rm.Rigid(), noise=(0.0, 0.2)).status is rm.Status.AMBIGUOUS
+    assert trusted >= 6
+
+
+def test_a_pose_is_certain_though_every_point_is_reported_twice() -> None:
+    fiducials, measured, _ = reported_twice(1000, 1.0)
+    match = rm.match(fiducials, measured, rm.Rigid(), noise=(0.0, 0.2))
+    assert match.status is rm.Status.AMBIGUOUS
+    assert "the pose is certain" in match.advice

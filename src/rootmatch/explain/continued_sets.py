@@ -45,7 +45,7 @@ def allow_continued_sets(
     labels, first = np.full(len(told.assignments), -1), list[Integers]()
     while (labels < 0).any() and len(first) < MODES:
         best = int((labels < 0).argmax())
-        own = (labels < 0) & is_same_motion(told.assignments, told.assignments[best])
+        own = (labels < 0) & is_same_motion(told.assignments, told.assignments[best], told.twins)
         own[best] = True
         labels[own] = len(first)
         first.append(told.assignments[best])

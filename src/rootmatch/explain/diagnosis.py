@@ -17,6 +17,7 @@ from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.mistake import Change, Mistake
+from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import NOISIER, usual_mistakes
 
 FEWEST_FREEDOM = 6
@@ -119,8 +120,8 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
     ``judge`` makes the match of a finding; passed in because this package is a layer below.
     """
     given = _trial(Mistake("", "", lambda task: task), match)
-    every = replace(match.task, kept_searches=[])
-    mistakes = list(usual_mistakes(every))
+    every = replace(_task_of_the_rest(match), kept_searches=[])
+    mistakes = list(usual_mistakes(every)) if every.shape[1] >= every.problem.order else []
     deadline, trials, skipped = Deadline(max_seconds), list[Trial](), 0
     for k, mistake in enumerate(mistakes):
         if mistake.if_nothing_fits and Diagnosis(given, tuple(trials)).fits:
@@ -148,6 +149,16 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
     weighed = _weigh_trials(given, trials)
     ranked = sorted(weighed, key=lambda one: -math.inf if one.log_odds is None else one.log_odds, reverse=True)
     return Diagnosis(given, tuple(ranked), len(mistakes) - len(trials) - skipped)
+
+
+def _task_of_the_rest(match: Any) -> MatchingTask:
+    """The task of a match; of one of several bodies between point sets, without targets of others that are matched."""
+    task: MatchingTask = match.task
+    if match.whole is None or task.problem.point_clouds(task.points) is None:
+        return task
+    others = [one for one in match.whole.parts.values() if one is not match.finding and one.status is Status.MATCHED]
+    free = np.setdiff1d(np.arange(task.shape[1]), np.concatenate([[-1], *(one.assignment for one in others)]))
+    return task.subset(None, free)
 
 
 def _trial(mistake: Mistake, match: Any) -> Trial:

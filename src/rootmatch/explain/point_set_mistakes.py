@@ -16,6 +16,8 @@ from rootmatch.problems.similarity import Rigid, Similarity
 
 COARSEST = 0.1
 """Noise of a set of points, over its size, from which it may be in another unit. A round value."""
+FLAT = 1e-9
+"""Height of a set, over its size, that is a rounding error."""
 NEAR = 0.05
 """Relative deviation from their ratio within which units are named: less than half of the least gap between two."""
 HANDED = "one of the sets is left-handed"
@@ -29,17 +31,27 @@ UNIT = "the sets have different units"
 def list_point_set_mistakes(problem: Similarity, given: PointSets) -> Iterator[Mistake]:
     """Mistakes about the points of `Rigid` or `Similarity`."""
     mirrored = np.array([-1.0, 1.0, 1.0])[: given.source.shape[1]] * given.source
-    yield Mistake(HANDED, REVERSED, make_change(points=replace(given, source=mirrored)))
+    handed = not _is_flat(given)
+    if handed:
+        yield Mistake(HANDED, REVERSED, make_change(points=replace(given, source=mirrored)))
     if not isinstance(problem, Rigid):
         return
     free, remedy = Similarity(problem.dimension), "use one unit, or Similarity(), which finds the scale"
-    for handed in (False, True):
-        source = mirrored if handed else given.source
-        name, how = (f"{HANDED}, and {UNIT}", f"{REVERSED}; {remedy}") if handed else (UNIT, remedy)
+    for is_mirrored in (False, True)[: 1 + handed]:
+        source = mirrored if is_mirrored else given.source
+        name, how = (f"{HANDED}, and {UNIT}", f"{REVERSED}; {remedy}") if is_mirrored else (UNIT, remedy)
         for k, (points, is_own) in enumerate(_unit_noises(replace(given, source=source))):
             told = how if is_own else f"{how}; give the noise of each set in its own unit"
             change = make_change(problem=free, points=points)
-            yield Mistake(name, told, change, if_nothing_fits=handed or k > 0, complete=_with_scale)
+            yield Mistake(name, told, change, if_nothing_fits=is_mirrored or k > 0, complete=_with_scale)
+
+
+def _is_flat(points: PointSets) -> bool:
+    """Whether the source lies in a plane of its space, but for its noise: such a set is its own mirror image."""
+    source = points.source
+    heights = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
+    off = float(heights[-1]) / math.sqrt(len(source))
+    return off <= max(float(np.max(points.source_noise)), FLAT * float(heights[0]))
 
 
 def _with_scale(mistake: Mistake, match: Any) -> Mistake:

@@ -26,6 +26,7 @@ from rootmatch.samplers.completion import Completion
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.samplers.guided.sampler import Guided, is_quick, pays, searches_focal_lengths
 from rootmatch.samplers.limits import LIMITS
+from rootmatch.samplers.point_sets.congruent import is_small
 from rootmatch.samplers.random import random_tensor
 
 PAPER_SAMPLES = 100_000
@@ -135,19 +136,21 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     if options.scheduler is not None:
         return _choose_for_workers(sampler, options.backend), False
     automatic = sampler == "auto"
+    clouds, of_sets = sampling.clouds, sampling.clouds is not None and _is_decided_by_poses(task)
+    # the model of views or of large point sets judges what a search proposes, however few the hyper-edges are
+    proposes = _is_decided_by_views(task) or (of_sets and clouds is not None and not is_small(clouds))
     if automatic and task.budget is not None:
-        searched = pays(sampling) or is_quick(sampling) or _is_decided_by_views(task)
+        searched = pays(sampling) or is_quick(sampling) or proposes
         return (make_guided(budget=task.budget) if searched else "exhaustive"), False
     affordable = LIMITS.affordable
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)
     fallback = automatic and options.motions == 1 and sampling.sweep_cost <= affordable
     # to the model of two point sets other hyper-edges tell nothing
-    of_sets = sampling.clouds is not None and _is_decided_by_poses(task)
     fallback = fallback and not searches_focal_lengths(sampling) and not of_sets
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
-    if (fallback and _is_searched_first(task)) or (automatic and _is_decided_by_views(task)):
+    if (fallback and _is_searched_first(task)) or (automatic and proposes):
         sampler = "guided"
     elif automatic and pays(sampling):
         on_device = options.backend in selection.ON_CARD and sampling.sweep_cost <= LIMITS.cheap_on_device

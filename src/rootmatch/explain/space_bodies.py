@@ -17,6 +17,7 @@ from rootmatch.arrays import Bools, Integers
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.explain.bodies import LATE, SURE, SearchedBody, Solve, search_rounds
 from rootmatch.explain.body_findings import join_findings
+from rootmatch.explain.body_labels import is_same_body
 from rootmatch.explain.continued_bodies import LIKELY
 from rootmatch.explain.continued_sets import allow_continued_sets
 from rootmatch.explain.finding import Finding, empty_tensor, make_empty_finding, make_unjudged
@@ -52,6 +53,8 @@ class _Body(SearchedBody):
     """Targets among which it may still be found."""
     named: list[Integers] = field(default_factory=list)
     """What its searches proposed."""
+    copies: int = 1
+    """Number of bodies that are the same as it, with itself."""
     enough: bool = False
     """Whether all its points are where it was predicted."""
 
@@ -111,6 +114,8 @@ def match_bodies_in_space(task: MatchingTask, solve: Solve) -> Finding:
             _weigh(bodies)
 
     with suppress(OutOfTime):
+        for body in bodies:
+            body.copies = sum(is_same_body(body.model.clouds.source, one.model.clouds.source) for one in bodies)
         _predict(task, bodies)
         with task.deadline.part(SEARCHED).enforce():
             search_rounds(task, bodies, _Body.is_worth_searching, search)
@@ -157,7 +162,7 @@ def _weigh(bodies: list[_Body]) -> None:
     with final_deadline().enforce():
         told = joint_posterior([body.model for body in bodies], [body.weighed for body in bodies])
     for body, one in zip(bodies, told, strict=True):
-        body.told = one
+        body.told = copy_with(one, copies=body.copies)
     _share(bodies)
 
 

@@ -178,7 +178,7 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
         to_give = _enumerate_inputs([*_missing_inputs(task), "more points or detections"])
         return (
             "no trustworthy match: no pose explains more of the points than chance would; "
-            f"check {problem.to_check} and the noise, or {to_give}{seen}"
+            f"check the noise, {problem.to_check}, or {to_give}{seen}"
         )
     if task.affinity.residual.kind not in NOISE_KINDS:  # σ has no part in these
         return general_advice(Status.UNTRUSTED, problem, to_change="try another `rho`")
@@ -246,9 +246,11 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
             f"ambiguous: the pose is certain, but for {unsure} of the {of} it is not certain which detection "
             f"they have, if any; see {where}, or {to_tell}"
         )
-    if finding.posterior is not None and finding.posterior.copies > 1:
+    told = finding.posterior or finding.labellings
+    if told is not None and told.copies > 1:
+        shown = "image" if task.problem.takes_prior else "measurement"
         return (
-            f"ambiguous: of {finding.posterior.copies} bodies that are the same no image tells which is where; "
+            f"ambiguous: of {told.copies} bodies that are the same no {shown} tells which is where; "
             "see `alternatives`, or give a `prior` of each, or points that tell them apart"
         )
     if _is_elsewhere(finding):

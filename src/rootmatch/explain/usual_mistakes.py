@@ -128,15 +128,15 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
             yield Mistake("the noise is in degrees", remedy, pointed(target_noise=unit * points.target_noise))
         of_both = problem.noisy_source
         for mistake, factor in NOISIER.items():
-            remedy = f"give noise={_format_scaled(given.noise, factor)}{factor:g} times as large"
+            remedy = f"give noise={_format_scaled(given.noise, factor)}"
             yield Mistake(mistake, remedy, make_change(points=scale_noise(points, factor if of_both else 1.0, factor)))
 
 
 def _format_scaled(noise: Any, factor: float) -> str:
-    """A number or two, so many times as large, before how many times that is."""
+    """A number or two, so many times as large; how many times that is, of more."""
     if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
-        return f"({', '.join(f'{factor * one:.3g}' for one in noise)}), "
-    return f"{factor * noise:.3g}, " if isinstance(noise, int | float) else " "
+        return f"({', '.join(f'{factor * one:.3g}' for one in noise)})"
+    return f"{factor * noise:.3g}" if isinstance(noise, int | float) else f" {factor:g} times as large"
 
 
 def _axis_mistakes(

@@ -20,7 +20,8 @@ from rootmatch.io.outputs import write_atomically
 
 OTHER_NAMES = {
     "t": ("time",), "stamp": ("time",), "seconds": ("time",), "index": ("frame",), "image": ("frame",),
-    "u": ("x",), "v": ("y",), "col": ("x",), "row": ("y",), "cam": ("camera",), "std": ("sigma",), "label": ("body",),
+    "u": ("x",), "v": ("y",), "col": ("x",), "row": ("y",), "cam": ("camera",), "std": ("sigma",),
+    "label": ("id", "body"),
 }  # fmt: skip
 """Columns as other programs name them."""
 
@@ -168,7 +169,9 @@ def _suggest_columns(unknown: Sequence[str], known: Sequence[str]) -> str:
     for name in unknown:
         likely = [one for one in OTHER_NAMES.get(name, get_close_matches(name, known, 1)) if one in known]
         if likely:
-            return f"; rename {quote_value(name)} to {likely[0]}{', in seconds' if likely == ['time'] else ''}?"
+            more = ", in seconds" if likely == ["time"] else ""
+            more = f", or to {likely[1]} if several rows share it" if likely == ["id", "body"] else more
+            return f"; rename {quote_value(name)} to {likely[0]}{more}?"
     return ""
 
 

@@ -56,9 +56,11 @@ class PointSet:
 
 
 def point_dimension(path: Path) -> int:
-    """3 if the header of a file of points has a column ``z``, else 2."""
+    """3 if the header of a file of points has a column ``z``, one that may be meant so, or three numbers; else 2."""
     header = next((line for line in read_text(path).splitlines() if line.strip(" ,\t")), "")
-    return 3 if "z" in parse_header(header.split(",")) else 2
+    names = parse_header(header.split(","))
+    is_meant = any(name[:1] in ("z", "Z") for name in names)
+    return 3 if is_meant or (len(names) == 3 and not any(map(str.isidentifier, names))) else 2
 
 
 def read_points(

@@ -78,15 +78,19 @@ class LabellingSums:
     @cached_property
     def unmatched(self) -> Floats:
         """Probability (S, n) in each sample that a point has no target."""
-        own = np.zeros((len(self.weights), len(self.pair)))
-        rows, columns = np.nonzero(self.pair < self.marginals.shape[1] - 1)
-        np.add.at(own.T, rows, self.marginals[:, self.pair[rows, columns]].T)
-        return 1.0 - own
+        return 1.0 - self.of_targets(np.arange(len(self.pair)), self.pair < self.marginals.shape[1] - 1)
 
     def of_points(self, assignment: Integers) -> Floats:
         """Probability (S, n) in each sample that a point has its target of an assignment (n,), or none."""
         own = self.marginals[:, self.pair[np.arange(len(assignment)), assignment]]
         return np.where(assignment >= 0, own, self.unmatched)
+
+    def of_targets(self, points: Integers, targets: Bools) -> Floats:
+        """Probability (S, m) in each sample that each of some points (m,) has any of some targets (m, n')."""
+        own = np.zeros((len(self.weights), len(points)))
+        rows, columns = np.nonzero(targets)
+        np.add.at(own.T, rows, self.marginals[:, self.pair[points[rows], columns]].T)
+        return own
 
     def shares(self, assignments: Integers) -> Floats:
         """Probability (K,) of each of some labellings (K, n) among all about the motion."""
@@ -98,9 +102,15 @@ class LabellingSums:
         return np.asarray(np.where(has[:, last] > 0.0, 0.0, np.exp(np.minimum(each, 0.0)) @ self.weights))
 
 
-def is_same_motion(assignments: Integers, first: Integers) -> Bools:
-    """Which assignments (K, n) have so many matches of a first one that they are about its motion."""
-    common = ((assignments == first) & (first >= 0)).sum(axis=1)
+def is_same_motion(assignments: Integers, first: Integers, twins: Bools | None = None) -> Bools:
+    """Which assignments (K, n) have so many matches of a first one that they are about its motion.
+
+    ``twins`` (n', n'): which targets may be measurements of one place, so that either tells the same motion.
+    """
+    same = assignments == first
+    if twins is not None and not (same | (assignments < 0) | (first < 0)).all():
+        same |= twins[assignments, first] & (assignments >= 0)
+    common = (same & (first >= 0)).sum(axis=1)
     return np.asarray(common >= SHARED * max(int((first >= 0).sum()), 1))
 
 

@@ -17,7 +17,7 @@ from rootmatch.model.joint import joint_marginals, remaining_parts
 from rootmatch.model.modes import used_mask
 from rootmatch.model.motion_prior import stack_priors
 from rootmatch.model.point_set_model import Judged, PointSetModel
-from rootmatch.model.point_set_posterior import PointSetPosterior, sort_hypotheses
+from rootmatch.model.point_set_posterior import PointSetPosterior, are_in_one_place, sort_hypotheses
 from rootmatch.model.priors import COPY, COUNTS
 from rootmatch.model.weighed_labellings import NEGLIGIBLE, Weighed
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST, concatenate_clouds
@@ -43,13 +43,24 @@ def joint_posterior(models: Sequence[PointSetModel], every: Sequence[Weighed]) -
     best = [
         _add_partial_labellings(model, one, k, uses) for k, (model, one) in enumerate(zip(models, best, strict=True))
     ]
-    each = [
-        *(_body_hypotheses(model, one, count) for model, one in zip(models, best, strict=True)),
-        *(one for one in copies if len(one[1])),
-    ]
-    each_of = joint_marginals([used for used, _ in each], [mass for _, mass in each], models[0].log_odds_of_left)
+    of_bodies = [_body_hypotheses(model, one, count) for model, one in zip(models, best, strict=True)]
+    asked = [k for k, copy in enumerate(copies) if len(copy[1])]
+    # what stands in the place of its body is no copy of it: the two share a column more, as if it was a target
+    shared = [_columns_of_one_place(models[k], best[k], copies[k], count) for k in asked]
+    every_use = [used for used, _ in of_bodies] + [copies[k][0] for k in asked]
+    places = [np.zeros((len(used), sum(own.shape[1] for own, _ in shared)), np.bool_) for used in every_use]
+    at = 0
+    for k, row, (own, copy) in zip(asked, range(len(models), len(every_use)), shared, strict=True):
+        columns = slice(at, at + own.shape[1])
+        places[k][: len(own), columns], places[row][:, columns] = own, copy
+        at = columns.stop
+    each_of = joint_marginals(
+        [np.concatenate(pair, axis=1) for pair in zip(every_use, places, strict=True)],
+        [mass for _, mass in of_bodies] + [copies[k][1] for k in asked],
+        lambda taken: models[0].log_odds_of_left(taken[:, :count]),
+    )
     return [
-        sort_hypotheses(one.assignments, share[: len(one.assignments)], one.sums)
+        sort_hypotheses(one.assignments, share[: len(one.assignments)], one.sums, models[0].twins)
         for one, share in zip(best, each_of, strict=False)  # those of copies follow
     ]
 
@@ -95,14 +106,27 @@ def _body_hypotheses(model: PointSetModel, found: Weighed, count: int) -> tuple[
     return np.concatenate([used, image]), np.append(found.log_mass, found.log_mirrored) + odds
 
 
-def _copy_hypotheses(found: Weighed, count: int) -> tuple[Bools, Floats]:
-    """Targets (K, n') and log-odds (K,) of copies that nobody named, where two may be in the scene."""
+def _columns_of_one_place(
+    model: PointSetModel, found: Weighed, copies: tuple[Bools, Floats, Integers], count: int
+) -> tuple[Bools, Bools]:
+    """A column for each copy that is where labellings of its body are: of those (K, C), and of the copies (M, C)."""
+    used, _, labels = copies
+    k, apart = len(found.assignments), ~(used_mask(found.assignments, count) @ used.T)
+    asked = np.zeros((k + len(labels),) * 2, np.bool_)
+    asked[:k, k:] = apart
+    same = are_in_one_place(model, np.concatenate([found.assignments, labels]), asked)[:k, k:]
+    some = same.any(axis=0)
+    return same[:, some], np.eye(len(labels), dtype=np.bool_)[:, some]
+
+
+def _copy_hypotheses(found: Weighed, count: int) -> tuple[Bools, Floats, Integers]:
+    """Targets (K, n'), log-odds (K,) and labels (K, n) of copies that nobody named, where two may be in the scene."""
     used = used_mask(found.assignments, count)
     mass = found.log_odds + math.log(COPY)
     counts = (mass > -COUNTS) & ~(used.astype(np.float32) @ used.T.astype(np.float32) > 0.5).all(axis=1)
     own = np.flatnonzero(counts)[np.argsort(-mass[counts], kind="stable")]
     own = own[_drop_dominated(used[own], mass[own], np.asarray(used.any(axis=0)))]
-    return used[own], mass[own]
+    return used[own], mass[own], found.assignments[own]
 
 
 def _drop_dominated(used: Bools, mass: Floats, contested: Bools) -> Integers:

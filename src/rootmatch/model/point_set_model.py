@@ -53,8 +53,9 @@ from rootmatch.model.targets_box import (
     view_probability,
     view_probability_among,
 )
-from rootmatch.problems.points import PointClouds
+from rootmatch.problems.points import PointClouds, pairwise_squared_distances
 from rootmatch.problems.pose_fit.point_set_fit import RANGE_OF_LOG, PointSetFit, fit_point_sets
+from rootmatch.samplers.point_sets.congruent import GATE
 
 
 class Judged(NamedTuple):
@@ -133,6 +134,13 @@ class PointSetModel:
     def clutter(self) -> Clutter:
         """Where clutter lies."""
         return self._clutter_space[1]
+
+    @cached_property
+    def twins(self) -> Bools:
+        """Which targets (n', n') may be measurements of one place."""
+        target, variance = self.clouds.target, self.clouds.target_variance
+        squared = pairwise_squared_distances(target[None], target)[0]
+        return np.asarray(squared <= GATE**2 * (variance[:, None] + variance))
 
     @cached_property
     def _clutter_space(self) -> tuple[Floats, Clutter, Floats, Floats]:

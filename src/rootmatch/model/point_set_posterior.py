@@ -15,9 +15,10 @@ from rootmatch.model.labelling_sums import SHARED, LabellingSums, is_same_motion
 from rootmatch.model.modes import used_mask
 from rootmatch.model.point_set_alike import Likeness, weigh_likeness
 from rootmatch.model.point_set_model import Judged, PointSetModel
-from rootmatch.model.priors import COPY, WRONG_MODEL
+from rootmatch.model.priors import COPY, COUNTS, WRONG_MODEL
 from rootmatch.model.weighed_labellings import Weighed, weigh_labellings
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
+from rootmatch.samplers.point_sets.congruent import NEAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +35,27 @@ class PointSetPosterior:
         of the motion.
     log_total : float
         Logarithm of the evidence of all hypotheses, clutter alone among them, against that of all targets as clutter.
+    twins : (n', n') bool array, optional
+        Which targets may be measurements of one place: see `is_same_motion`.
+    copies : int
+        How many of several bodies that were given are the same, with this one.
     """
 
     assignments: Integers
     probabilities: Floats
     sums: Sequence[LabellingSums] = ()
     log_total: float = 0.0
+    twins: Bools | None = None
+    copies: int = 1
 
     @property
     def present(self) -> float:
-        """Probability that the object is among the targets."""
-        return min(float(self.probabilities.sum()), 1.0 - WRONG_MODEL)
+        """Probability that the object is among the targets, or that one of its copies is where it may be."""
+        own = float(self.probabilities.sum())
+        if self.copies > 1 and len(self.probabilities):
+            there = np.isin(self.assignments, self.assignments[0][self.assignments[0] >= 0]).any(axis=1)
+            own = max(own, self.copies * float(self.probabilities[there].sum()))
+        return min(own, 1.0 - WRONG_MODEL)
 
     @property
     def motion(self) -> float:
@@ -77,8 +88,8 @@ class PointSetPosterior:
         weights = self.probabilities * np.exp(log_factors - top)
         rest = max(1.0 - float(self.probabilities.sum()), 0.0) * math.exp(-top) + math.exp(log_other - top)
         whole = float(weights.sum()) + rest
-        told = sort_hypotheses(self.assignments, weights / whole, self.sums)
-        return copy_with(told, log_total=self.log_total + top + math.log(whole))
+        told = sort_hypotheses(self.assignments, weights / whole, self.sums, self.twins)
+        return copy_with(told, log_total=self.log_total + top + math.log(whole), copies=self.copies)
 
     @property
     def probability(self) -> float:
@@ -111,33 +122,41 @@ class PointSetPosterior:
     def drop_doubtful(self, least_probability: float) -> tuple[Integers, float] | None:
         """The first hypothesis without its least certain matches, and the probability that the rest is right.
 
-        As many are kept as have the wanted probability together; None if that is fewer than half, or tells no motion.
+        As many are kept as have the wanted probability together. None if fewer than half have their places with it, as
+        have points of which it is uncertain which of two reports they have; or if the kept ones tell no motion.
         """
         first = self.assignments[0]
         matched = np.flatnonzero(first >= 0)
         order = matched[np.argsort(-self.confidence[0][matched], kind="stable")]
-        odds = self._odds
-        same = np.isfinite(odds)
-        here = float(self.probabilities[same].sum())
-        touched = (self.assignments[same] != first)[:, order]
-        begin = np.where(touched.any(axis=1), touched.argmax(axis=1), len(order))
-        if self._own_sums is None:
-            # local changes are taken as independent of each other
-            lost = np.zeros(len(order) + 1)
-            np.add.at(lost, begin, np.log1p(odds[same]))
-            right = np.exp(-np.cumsum(lost[: len(order)]))
-        else:
-            # and so are the points, given the motion and the rates, but for what was weighed
-            sums, _, more = self._own_sums
-            every = sums.weights @ np.cumprod(sums.of_points(first)[:, order], axis=1)
-            right = np.minimum.accumulate(every + more @ (begin[:, None] > np.arange(len(order))))
-        together = np.minimum(here * right, 1.0 - WRONG_MODEL)
-        count = int(np.count_nonzero(together >= least_probability))
-        if count < FEWEST or count <= SHARED * len(order):
+        count = 1 + int(self.assignments.max()) if self.twins is None else len(self.twins)
+        together = self._probabilities_together(order, np.arange(count) == first[order, None])
+        count = placed = int(np.count_nonzero(together >= least_probability))
+        if self.twins is not None and count < len(order):
+            in_place = self._probabilities_together(order, self.twins[first[order]])
+            placed = int(np.count_nonzero(in_place >= least_probability))
+        if count < FEWEST or placed <= SHARED * len(order):
             return None
         sure = np.full_like(first, -1)
         sure[order[:count]] = first[order[:count]]
         return sure, float(together[count - 1])
+
+    def _probabilities_together(self, order: Integers, targets: Bools) -> Floats:
+        """Probability (m,) that each of some points (m,) and all before it have any of some targets (m, n')."""
+        same = np.isfinite(self._odds)
+        here, labels = float(self.probabilities[same].sum()), self.assignments[same][:, order]
+        other = (labels < 0) | ~targets[np.arange(len(order)), labels]
+        begin = np.where(other.any(axis=1), other.argmax(axis=1), len(order))
+        if self._own_sums is None:
+            # local changes are taken as independent of each other
+            lost = np.zeros(len(order) + 1)
+            np.add.at(lost, begin, np.log1p(self._odds[same]))
+            right = np.exp(-np.cumsum(lost[: len(order)]))
+        else:
+            # and so are the points, given the motion and the rates, but for what was weighed
+            sums, _, more = self._own_sums
+            every = sums.weights @ np.cumprod(sums.of_targets(order, targets), axis=1)
+            right = np.minimum.accumulate(every + more @ (begin[:, None] > np.arange(len(order))))
+        return np.minimum(here * right, 1.0 - WRONG_MODEL)
 
     @cached_property
     def _own_sums(self) -> tuple[LabellingSums, float, Floats] | None:
@@ -146,7 +165,7 @@ class PointSetPosterior:
         Hypotheses were weighed by fits of their own. With what they add in the place of their shares of the sums, those
         are exact where hypotheses are all that counts.
         """
-        own_sums = [one for one in self.sums if is_same_motion(one.about[None], self.assignments[0])[0]]
+        own_sums = [one for one in self.sums if is_same_motion(one.about[None], self.assignments[0], self.twins)[0]]
         if not own_sums:
             return None
         sums = own_sums[0]
@@ -158,7 +177,7 @@ class PointSetPosterior:
     @cached_property
     def _odds(self) -> Floats:
         """Odds (K,) of each hypothesis against the first; 0 for itself, infinite for those of another motion."""
-        same = is_same_motion(self.assignments, self.assignments[0])
+        same = is_same_motion(self.assignments, self.assignments[0], self.twins)
         odds = np.where(same, self.probabilities / max(float(self.probabilities[0]), 1e-300), np.inf)
         odds[0] = 0.0
         return odds
@@ -178,7 +197,8 @@ def weigh_point_set_posterior(
     weights = np.exp(mass - top)
     others = absent, found.log_mirrored, alike.log_odds + absent + model.log_unnamed
     whole = float(weights.sum()) + sum(math.exp(min(one - top, 700.0)) for one in others)
-    return copy_with(sort_hypotheses(found.assignments, weights / whole, found.sums), log_total=top + math.log(whole))
+    told = sort_hypotheses(found.assignments, weights / whole, found.sums, model.twins)
+    return copy_with(told, log_total=top + math.log(whole))
 
 
 def mix_posteriors(parts: Sequence[PointSetPosterior]) -> PointSetPosterior:
@@ -189,14 +209,33 @@ def mix_posteriors(parts: Sequence[PointSetPosterior]) -> PointSetPosterior:
     weights = np.concatenate([share * one.probabilities for share, one in zip(shares, parts, strict=True)])
     distinct, label = np.unique(every, axis=0, return_inverse=True)
     sums = [one for k in np.argsort(-shares, kind="stable") for one in parts[k].sums]
-    told = sort_hypotheses(distinct, np.bincount(label.ravel(), weights, len(distinct)).astype(np.float64), sums)
+    weights = np.bincount(label.ravel(), weights, len(distinct)).astype(np.float64)
+    told = sort_hypotheses(distinct, weights, sums, parts[0].twins)
     return copy_with(told, log_total=float(np.logaddexp.reduce(totals)))
 
 
-def sort_hypotheses(assignments: Integers, probabilities: Floats, sums: Sequence[LabellingSums]) -> PointSetPosterior:
+def sort_hypotheses(
+    assignments: Integers, probabilities: Floats, sums: Sequence[LabellingSums], twins: Bools | None
+) -> PointSetPosterior:
     """The posterior of labellings (K, n) with their probabilities (K,)."""
     order = np.argsort(-probabilities, kind="stable")
-    return PointSetPosterior(assignments[order], probabilities[order], sums)
+    return PointSetPosterior(assignments[order], probabilities[order], sums, twins=twins)
+
+
+def are_in_one_place(model: PointSetModel, assignments: Integers, asked: Bools) -> Bools:
+    """Which of the labellings (K, n) move the source to one place within what is known of their motions.
+
+    Where points are reported twice, either report explains them, and is no copy elsewhere. ``asked`` (K, K): of which
+    two it is asked; of others it is said that they do not.
+    """
+    found = asked.copy()
+    some = np.flatnonzero(asked.any(axis=0) | asked.any(axis=1))
+    if len(some):
+        moved, variance = model.fit(assignments[some]).places
+        for k, one in enumerate(some):
+            squared = ((moved - moved[k]) ** 2).sum(axis=2)
+            found[one, some] &= (squared <= NEAR**2 * (variance + variance[k])).all(axis=1)
+    return found
 
 
 def _log_rival_factors(model: PointSetModel, found: Weighed, alike: Likeness) -> Floats:
@@ -207,6 +246,7 @@ def _log_rival_factors(model: PointSetModel, found: Weighed, alike: Likeness) ->
     """
     used = used_mask(found.assignments, len(model.clouds.target))
     of_copy = np.where(~(used @ used.T), found.log_odds + math.log(COPY), -np.inf)
+    of_copy[are_in_one_place(model, found.assignments, of_copy > -COUNTS)] = -np.inf
     copies = np.logaddexp(0.0, np.logaddexp.reduce(of_copy, axis=1))
     more = alike.log_factors(found.assignments)
     own = more > 0.0

@@ -177,7 +177,7 @@ def weigh_labellings(
         sums = _sum_likely_motions(model, assignments, found.log_odds)
         left = np.ones(len(assignments), np.bool_)  # what is about two motions counts for the better one
         for one in sums:
-            own = is_same_motion(assignments, one.about)
+            own = is_same_motion(assignments, one.about, model.twins)
             if one.count >= ENOUGH:
                 mass[left & own] -= math.log(max(float(one.shares(assignments[own]).sum()), 1e-300))
             left &= ~own
@@ -193,7 +193,7 @@ def _sum_likely_motions(model: PointSetModel, assignments: Integers, log_odds: F
         if log_odds[best] < log_odds.max() + math.log(LEADING):
             break
         checkpoint()
-        own = left & is_same_motion(assignments, assignments[best])
+        own = left & is_same_motion(assignments, assignments[best], model.twins)
         order = np.flatnonzero(own)[np.argsort(-log_odds[own], kind="stable")]
         sums.append(sum_labellings(model, assignments[order], np.exp(log_odds[order] - log_odds[best])))
         left &= ~own

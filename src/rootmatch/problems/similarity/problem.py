@@ -69,7 +69,7 @@ class Similarity(Problem):
     minimal: ClassVar[int] = 2
     degree: ClassVar[int] = 1
     constraints: ClassVar[int] = 2
-    to_check: ClassVar[str] = "the units of points and noise"
+    to_check: ClassVar[str] = "the units of both sets"
     least_for_pose: ClassVar[int] = 3
     noisy_source: ClassVar[bool] = True
     takes_motion_prior: ClassVar[bool] = True
