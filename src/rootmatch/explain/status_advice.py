@@ -12,7 +12,7 @@ from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.inexact_points import alike_error
-from rootmatch.explain.predicted_poses import agrees_with_prior, is_against_prior
+from rootmatch.explain.predicted_poses import agrees_with_prior, contradicts_vertical, is_against_prior
 from rootmatch.explain.silent_cameras import camera_advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
@@ -187,6 +187,8 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
 
 def _contradiction_texts(finding: Finding) -> tuple[str, str]:
     """What a finding contradicts, and what to check of that: a prediction of a tracker's own is not what was given."""
+    if contradicts_vertical(finding):
+        return "the measured vertical", "check both verticals, and `vertical_noise`"
     if finding.task.rivals.places and not finding.contradicted:
         return "the prediction from the frames before", "check their times, and how fast it may move by `MotionOptions`"
     return "the prior", "check the prior and its σ"
