@@ -108,10 +108,10 @@ def test_a_vertical_that_is_contradicted_is_told_and_left_out(seed: int) -> None
     assert match.pose.rms_sigma < 1.8
 
 
-def upside_down_match(seed: int) -> rm.Match:
-    """Thirty lamps of a hall by bearings over the whole sphere, with a vertical that is the wrong way up."""
+def upside_down_match(seed: int, count: int = 30) -> rm.Match:
+    """Lamps of a hall by bearings over the whole sphere, with a vertical that is the wrong way up."""
     rng = np.random.default_rng([seed, 62])
-    lamps = rng.uniform((-20.0, -20.0, 1.0), (20.0, 20.0, 3.0), (30, 3))
+    lamps = rng.uniform((-20.0, -20.0, 1.0), (20.0, 20.0, 3.0), (count, 3))
     R = Rotation.from_euler("ZX", [rng.uniform(0.0, 360.0), rng.normal(0.0, 5.0)], degrees=True).as_matrix()
     rays = lamps @ R.T + (0.3, -0.2, -1.5)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -128,6 +128,15 @@ def test_the_pose_that_is_told_is_the_one_that_was_weighed(seed: int) -> None:
     match = upside_down_match(seed)
     assert match
     assert match.prior_holds is False
+    assert match.pose is not None
+    assert match.pose.rms_sigma is not None
+    assert match.pose.rms_sigma < 1.5
+
+
+def test_the_pose_of_what_is_not_trusted_is_the_one_that_was_weighed() -> None:
+    match = upside_down_match(27, count=18)
+    assert match.status is rm.Status.UNTRUSTED
+    assert match.prior_holds is None
     assert match.pose is not None
     assert match.pose.rms_sigma is not None
     assert match.pose.rms_sigma < 1.5
