@@ -345,6 +345,18 @@ class TestOtherProblems:
             assert refused["assignment"] == truth
         assert hidden >= 1
 
+    def test_a_model_without_known_normals_is_as_one_without_normals(self, scene: Path, tmp_path: Path) -> None:
+        told = json.loads(run(*of(scene, "--json")).stdout)["assignment"]
+        header, *lines = (scene / "model.csv").read_text().splitlines()
+        for unknown in (",0,0,0", ",,,"):
+            model = tmp_path / "model.csv"
+            model.write_text("\n".join([f"{header},nx,ny,nz", *(f"{line}{unknown}" for line in lines)]))
+            arguments = of(scene, "--json")
+            arguments[1] = model
+            result = run(*arguments)
+            assert result.exit_code == 0
+            assert json.loads(result.stdout)["assignment"] == told
+
 
 GOOD_MODEL = "x,y,z\n0,0,0\n1,0,0\n0,1,0\n0,0,1\n1,1,0.5\n"
 GOOD_IMAGE = "x,y\n300,200\n340,210\n310,260\n350,250\n320,230\n"

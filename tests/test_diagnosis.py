@@ -328,7 +328,9 @@ def test_nothing_is_named_where_nothing_is_to_be_found() -> None:
     match = rm.match(rng.uniform(-0.3, 0.3, (8, 3)), rng.uniform(0, 900, (9, 2)), rm.P3P(CAMERA), noise=0.3)
     found = match.diagnose(SECONDS)
     assert found.fits == ()
-    assert str(found).startswith(f"diagnosis: none of {len(found.trials)} usual mistakes explains the points")
+    assert str(found).startswith(f"diagnosis: none of {len(found.trials)} usual mistakes alone explains the points")
+    assert found.nearest is None
+    assert "nearest" not in str(found)
     assert all(one.probability is None or one.probability < 0.5 for one in found.trials)
 
 
@@ -430,3 +432,37 @@ def test_units_of_several_bodies_are_told_by_those_that_are_found(absent: int) -
     assert re.search(r"the target is (9\.9|10)\S* times the source \(centimetres and millimetres\?\)", first.mistake)
     assert (first.bodies, first.matched) == ((3 - absent, 3), 6 * (3 - absent))
     assert f"{3 - absent} of 3 bodies matched" in str(first)
+
+
+def part_before_a_rig(flat: bool, off: float = 0.0) -> tuple[np.ndarray, np.ndarray, rm.P3P]:
+    """Points of a part as they are modelled, each off by so much, their detections, and two cameras that it faces."""
+    rng, views = np.random.default_rng([1, 63]), [(CAMERA, np.eye(3), np.array([x, 0.0, 0.0])) for x in (0.4, -0.4)]
+    points, rows = rng.uniform(-0.3, 0.3, (12, 3)), list[Any]()
+    points[:, 2] *= not flat
+    seen = points @ Rotation.from_euler("xyz", (170.0, 20.0, 40.0), degrees=True).as_matrix().T + (0.1, -0.1, 2.0)
+    for k, (camera, _, t) in enumerate(views):
+        pixels = camera.project(seen + t) + rng.normal(0.0, 0.3, (12, 2))
+        rows += [(*pixel, k) for pixel in [*pixels.tolist(), *rng.uniform(100.0, 900.0, (2, 2)).tolist()]]
+    return points + rng.normal(0.0, 1.0, points.shape) * off, np.array(rows), rm.P3P(rm.Rig(views))
+
+
+def test_a_second_mistake_does_not_hide_the_first() -> None:
+    """A model in another unit than its rig, and off by more than was stated: neither correction alone is trusted."""
+    model, rows, problem = part_before_a_rig(flat=False, off=0.0025)
+    match = rm.match(model / 1000.0, rows, problem, noise=0.3)
+    assert "by its residuals the noise is" in match.advice
+    assert "check that points and rig are in one unit, or see `diagnose`" in match.advice
+    found = match.diagnose(SECONDS)
+    assert found.fits == ()
+    assert found.nearest is not None
+    assert found.nearest.mistake == "the model is in metres, the rig in millimetres"
+    assert "; the nearest is the model is in metres" in str(found)
+
+
+def test_of_equally_probable_mistakes_the_commonest_is_named_first() -> None:
+    """A flat part with its normals inwards looks as one of the other hand, whose normals are as they should be."""
+    model, rows, problem = part_before_a_rig(flat=True)
+    inwards = np.tile((0.0, 0.0, -1.0), (12, 1))  # it is seen from above
+    fits = rm.match(model, rows, problem, noise=0.3, normals=inwards).diagnose(SECONDS).fits
+    assert [one.mistake for one in fits[:2]] == ["the normals point inwards", "the model is left-handed"]
+    assert fits[0].log_odds == pytest.approx(fits[1].log_odds, abs=0.1)

@@ -141,7 +141,8 @@ def test_tolerated_writings(tmp_path: Path, content: bytes) -> None:
         (3, "x,y,z,sx,sz\n1,2,3,0,0\n", None, "column sy is missing although sx is given; give sx,sy,sz or none"),
         (3, "x,y,z,sigma,sx,sy,sz\n1,2,3,0,0,0,0\n", None, "columns sigma and sx; one of them says"),
         (3, "x,y,z,sx,sy,sz\n1,2,3,0,0,-1\n", 2, "sz is '-1'; give a number of 0 or more"),
-        (3, "x,y,z,nx,ny,nz\n1,2,3,0,0,0\n", 2, "normal of length 0"),
+        (3, "x,y,z,nx,ny,nz\n1,2,3,,0,1\n", 2, "nx is empty; give it, or leave all of nx,ny,nz empty"),
+        (3, "x,y,z,nx,ny,nz\n1,2,3,0,,\n", 2, "ny is empty; give it, or leave all of nx,ny,nz empty"),
         (2, "x,y\n1,2\n", None, "1 given and at least 2 needed"),
     ],
 )
@@ -154,6 +155,18 @@ def test_bad_points_are_named(tmp_path: Path, dimension: int, content: str, row:
     assert text.startswith(f"{path}, row {row}: " if row else f"{path}: ")
     assert words in text
     assert "\n" not in text
+
+
+def test_a_normal_may_be_unknown(tmp_path: Path) -> None:
+    """By three zeros, as in Python, or three empty cells; what is written is read back."""
+    (tmp_path / "model.csv").write_text("x,y,z,nx,ny,nz\n1,2,3,0,0,0\n3,4,5,,,\n5,6,7,0,1,0\n")
+    points = read_points(tmp_path / "model.csv", 3)
+    assert points.normals is not None
+    assert points.normals.tolist() == [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    write_points(tmp_path / "again.csv", points)
+    again = read_points(tmp_path / "again.csv", 3)
+    assert again.normals is not None
+    assert again.normals.tolist() == points.normals.tolist()
 
 
 def test_a_detection_may_be_repeated(tmp_path: Path) -> None:

@@ -76,6 +76,10 @@ def test_why_frames_are_not_matched_is_said_once(folder: Path, tmp_path: Path) -
         "2 of the 3 that are not matched: no trustworthy match: 3 detections given, at least 4 needed" in result.stderr
     )
     assert result.stderr.count("no trustworthy match") == 1
+    one = write(tmp_path / "one.csv", "frame,x,y", [row for row in noise if row[0] == 1])
+    assert (
+        "the one that is not matched: no trustworthy match" in run("track", folder / "model.csv", one, *OPTIONS).stderr
+    )
     lines = run("track", folder / "model.csv", frames, *OPTIONS, "--json").stdout.splitlines()
     assert "at least 4 needed" in json.loads(lines[2])["advice"]
     assert json.loads(lines[2])["prior_holds"] is None

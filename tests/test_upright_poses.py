@@ -72,3 +72,71 @@ def test_the_nearest_upright_rotation() -> None:
 
         nearest = min(minimize_scalar(angle, bounds=(k, k + 1.1), method="bounded").fun for k in range(-4, 4))
         assert Rotation.from_matrix(found @ rotation.T).magnitude() <= nearest + 1e-9
+
+
+def tilted_match(degrees: float, seed: int, noise: float = np.radians(1.0)) -> tuple[rm.Match, rm.Pose]:
+    """A match with a vertical that is off by an angle, and the true pose."""
+    rng = np.random.default_rng([seed, 61])
+    body = rng.uniform(-0.9, 0.9, (10, 3)) * (1.0, 1.0, 0.4)
+    pose = rm.Pose(Rotation.random(random_state=seed).as_matrix(), np.array([0.0, 0.0, 4.0]))
+    camera = rm.Camera(800.0, 800.0, 640.0, 480.0, size=(1280, 960))
+    seen = camera.project(pose.transform(body)) + rng.normal(0.0, 0.3, (10, 2))
+    target = np.vstack([seen, rng.uniform((0, 0), (1280, 960), (4, 2))])
+    down = pose.R @ (0.0, 0.0, -1.0)
+    across = np.cross(down, rng.normal(size=3))
+    down = Rotation.from_rotvec(np.radians(degrees) * across / np.linalg.norm(across)).apply(down)
+    problem = rm.UP2P(camera, tuple(down.tolist()), (0.0, 0.0, -1.0), noise)
+    return rm.match(body, target, problem, noise=0.3), pose
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_vertical_that_is_contradicted_is_told_and_left_out(seed: int) -> None:
+    for degrees in (0.0, 2.0):
+        match, _ = tilted_match(degrees, seed)
+        assert match
+        assert match.prior_holds is None
+        assert "vertical" not in match.advice
+    match, truth = tilted_match(15.0, seed)
+    assert match
+    assert match.prior_holds is False
+    assert "this pose contradicts the measured vertical" in match.advice
+    assert match.pose is not None
+    assert match.pose.covariance is not None
+    off = np.concatenate([Rotation.from_matrix(truth.R @ match.pose.R.T).as_rotvec(), truth.t - match.pose.t])
+    assert off @ np.linalg.solve(match.pose.covariance, off) < 22.5  # 99.9 % of χ² of six
+    assert match.pose.rms_sigma is not None
+    assert match.pose.rms_sigma < 1.8
+
+
+def upside_down_match(seed: int, count: int = 30) -> rm.Match:
+    """Lamps of a hall by bearings over the whole sphere, with a vertical that is the wrong way up."""
+    rng = np.random.default_rng([seed, 62])
+    lamps = rng.uniform((-20.0, -20.0, 1.0), (20.0, 20.0, 3.0), (count, 3))
+    R = Rotation.from_euler("ZX", [rng.uniform(0.0, 360.0), rng.normal(0.0, 5.0)], degrees=True).as_matrix()
+    rays = lamps @ R.T + (0.3, -0.2, -1.5)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    strays = rng.normal(size=(5, 3))
+    target = np.vstack([rays + rng.normal(0.0, 1e-3, rays.shape), strays])
+    target /= np.linalg.norm(target, axis=1, keepdims=True)
+    up = tuple((R @ (0.0, 0.0, 1.0)).tolist())
+    return rm.match(lamps, target, rm.UP2P(rm.Bearings(), up, (0.0, 0.0, -1.0), np.radians(1.0)), noise=1e-3)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 54, 68])
+def test_the_pose_that_is_told_is_the_one_that_was_weighed(seed: int) -> None:
+    """From a pose that is upside down no upright one is near, and a fit from any of them may end elsewhere."""
+    match = upside_down_match(seed)
+    assert match
+    assert match.prior_holds is False
+    assert match.pose is not None
+    assert match.pose.rms_sigma is not None
+    assert match.pose.rms_sigma < 1.5
+
+
+def test_the_pose_of_what_is_not_trusted_is_the_one_that_was_weighed() -> None:
+    match = upside_down_match(27, count=18)
+    assert match.status is rm.Status.UNTRUSTED
+    assert match.prior_holds is None
+    assert match.pose is not None
+    assert match.pose.rms_sigma is not None
+    assert match.pose.rms_sigma < 1.5

@@ -71,7 +71,9 @@ class TrackSummary:
             )
         if self._reasons:
             kind, count = self._reasons.most_common(1)[0]
-            of = f"{count} of the {self._reasons.total()} that are not matched"
+            total = self._reasons.total()
+            of = f"{count} of the {total} that are not matched" if count < total else f"all {count} not matched"
+            of = "the one that is not matched" if total == 1 else of
             yield f"{of}: {rephrase_advice(self._examples[kind])}"
         yield from self._slow_frames()
         yield f"{count_statuses(self.statuses)}{f', {self.skipped} left out' if self.skipped else ''}"

@@ -106,10 +106,20 @@ class Diagnosis:
         trusted = [one for one in self.trials if one.is_trusted and one.borne_out]
         return tuple(one for one in trusted if one.log_odds is None or one.log_odds > max(before, 0.0))
 
+    @property
+    def nearest(self) -> Trial | None:
+        """The most probable mistake if none explains the points, and that one not alone: another may be beside it."""
+        before = 0.0 if self.given.log_odds is None else max(self.given.log_odds, 0.0)
+        best = next((one for one in self.trials if one.borne_out and one.log_odds is not None), None)
+        by_far = best is not None and best.log_odds is not None and best.log_odds > before + LEAD
+        return best if by_far and not self.fits else None
+
     def __str__(self) -> str:
         late = f"; no time for {self.left_out} more" if self.left_out else ""
         if not self.fits:
-            return f"diagnosis: none of {len(self.trials)} usual mistakes explains the points{late} ({self.given})"
+            near = "" if self.nearest is None else f"; the nearest is {self.nearest}; {self.nearest.remedy}"
+            none = f"diagnosis: none of {len(self.trials)} usual mistakes alone explains the points"
+            return f"{none}{late} ({self.given}){near}"
         lines = [f"diagnosis: {one}; {one.remedy}" for one in self.fits]
         return "\n".join([*lines, f"diagnosis: {self.given}{late}"])
 
@@ -147,7 +157,8 @@ def try_mistakes(match: Any, judge: Callable[[Finding], Any], max_seconds: float
         except InputError:  # such as pixels where the changed lens shows nothing
             trials.append(Trial(mistake.name, mistake.remedy, Status.UNTRUSTED, 0, None))
     weighed = _weigh_trials(given, trials)
-    ranked = sorted(weighed, key=lambda one: -math.inf if one.log_odds is None else one.log_odds, reverse=True)
+    # as they are printed: those that differ by less stay in their order, the commonest first
+    ranked = sorted(weighed, key=lambda one: math.inf if one.log_odds is None else -round(one.log_odds, 1))
     return Diagnosis(given, tuple(ranked), len(mistakes) - len(trials) - skipped)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.arrays import Floats, Integers
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.explain.finding import Finding
@@ -15,10 +16,10 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.blob_labels import resolve_blobs
 from rootmatch.model.errors_in_common import errors_in_common
-from rootmatch.model.evidence import squared_deviations
+from rootmatch.model.evidence import squared_deviations, weigh_assignments
 from rootmatch.model.exchanged import own_prior
 from rootmatch.model.known_density import Known
-from rootmatch.model.pose_density import Doubted, Gaussian
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.camera_fit import camera_poses
@@ -83,9 +84,10 @@ def agrees_with_prior(found: Finding) -> bool | None:
     """Whether a finding agrees with what a caller knows of the pose; None if it is not trusted, or without a prior.
 
     A predicted pose so vague that it tells less than knowing nothing does not hold, but is no contradiction either.
+    The vertical of `UP2P` is part of what is known, and is told if it is contradicted.
     """
     prior, pose = found.task.prior_pose, found.pose
-    if found.contradicted:
+    if found.contradicted or contradicts_vertical(found):
         return False
     if found.prior_holds is not False or prior is None or pose is None:
         return found.prior_holds
@@ -125,6 +127,20 @@ def contradicts(known: PosePrior, pose: Pose) -> bool:
     return apart > CONTRADICTED
 
 
+def contradicts_vertical(found: Finding) -> bool:
+    """Whether what is trusted shows a vertical that the problem's own all but excludes.
+
+    Its pose is of both, and nearer to that than what the detections alone show, to first order.
+    """
+    upright, pose, model = problem_vertical(found.task.problem), found.pose, found.model
+    if upright is None or pose is None or model is None:
+        return False
+    (R,), (place,) = at = model.centred(pose.R[None], pose.t[None])
+    alone = weigh_assignments(model, found.assignment[None], model.linearise_about(*at), Broad(model.radius))
+    turn, shift = np.split(alone.step[0], 2)
+    return contradicts(upright, model.pose_of_origin(one_rotation_matrix(turn) @ R, place + shift, alone.covariance[0]))
+
+
 def check_contradiction(found: Finding, told: Pose | PosePrior | None) -> Finding:
     """A finding about a prediction that what is ``told`` of its pose in part was combined with, compared with that.
 
@@ -139,10 +155,24 @@ def check_contradiction(found: Finding, told: Pose | PosePrior | None) -> Findin
 def finding_poses(found: Finding) -> list[Pose | None]:
     """The most likely pose of each motion of a finding: polished from that of its model if there is one."""
     matched = np.count_nonzero(found.assignment >= 0)
+    found = copy_with(found, pose=found.pose or _weighed_pose(found))
     if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
         pose = polish_pose(found)
         return [None if pose is None else inflate_estimated_noise(found.task, pose)]
     return fit_match_poses(found.task, [found.assignment], found.motion_labels)[0]
+
+
+def _weighed_pose(found: Finding) -> Pose | None:
+    """The pose with which an assignment was weighed that is not trusted; None if it was not weighed with any.
+
+    A fit anew of what fits badly, as with a vertical that is upside down, may end anywhere.
+    """
+    if found.posterior is None or found.model is None or found.mode >= len(found.posterior.modes.log_mass):
+        return None
+    modes, k, own = found.posterior.modes, found.mode, found.assignment >= 0
+    if (modes.assignments[k][own] != found.assignment[own]).any():
+        return None
+    return found.model.pose_of_origin(modes.rotation[k], modes.position[k], modes.covariance[k])
 
 
 def fused_pose(found: Finding) -> Pose | None:
@@ -156,7 +186,7 @@ def polish_pose(found: Finding) -> Pose | None:
     """The most likely pose of a finding's assignment near the pose of its model, with its residuals.
 
     A prediction that holds is part of the fit, and counts less if it is far from that pose. Partial knowledge that
-    holds is a normal distribution about that pose.
+    holds is a normal distribution about that pose. A vertical that is contradicted has no part in it.
     """
     task, assignment, pose, prior_holds = found.task, found.assignment, found.pose, bool(found.prior_holds)
     assert pose is not None
@@ -169,16 +199,17 @@ def polish_pose(found: Finding) -> Pose | None:
     if isinstance(problem, UP2PF):
         return problem.poses(points, assignment[None], pose)[0]
     prior, centre = None, points.source.mean(axis=0)
+    level = isinstance(problem, UP2P) and not contradicts_vertical(found)
     if prior_holds and known is not None:
         prior = Known(known, centre).about(pose)
     elif prior_holds:
         prior = _gaussian_near(task, predicted_mixture(task)[0][0], pose, centre)
-    elif task.rig is not None and (upright := problem_vertical(problem)) is not None:
+    elif task.rig is not None and level and (upright := problem_vertical(problem)) is not None:
         prior = Known(upright, centre).about(pose)
     if task.rig is not None:
         fit = rig_pose(task.sightings[0], points, assignment, prior, start=pose)
     else:
-        vertical = problem.upright if isinstance(problem, UP2P) and prior is None else None  # it may be exact
+        vertical = problem.upright if level and prior is None else None  # type: ignore[attr-defined]
         camera = problem.camera  # type: ignore[attr-defined]
         fit = camera_poses(points, camera, assignment[None], upright=vertical, prior=prior, start=pose)[0]
     return None if fit is None else _restate_chi2(found, share_errors(found, fit, prior))

@@ -12,7 +12,7 @@ from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.inexact_points import alike_error
-from rootmatch.explain.predicted_poses import agrees_with_prior, is_against_prior
+from rootmatch.explain.predicted_poses import agrees_with_prior, contradicts_vertical, is_against_prior
 from rootmatch.explain.silent_cameras import camera_advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
@@ -147,7 +147,7 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
             told += ", or source_noise= if the model is inexact" if exact else ""
             return (
                 f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given, "
-                f"or else the pose is wrong; give {told}, and check {problem.to_check}{causes}"
+                f"or else the pose is wrong; give {told}, and check {problem.to_check}{_unit_text(finding) or causes}"
             )
         return (
             "no trustworthy match: no pose fits, and even with "
@@ -187,9 +187,18 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
 
 def _contradiction_texts(finding: Finding) -> tuple[str, str]:
     """What a finding contradicts, and what to check of that: a prediction of a tracker's own is not what was given."""
+    if contradicts_vertical(finding):
+        return "the measured vertical", "check both verticals, and `vertical_noise`"
     if finding.task.rivals.places and not finding.contradicted:
         return "the prediction from the frames before", "check their times, and how fast it may move by `MotionOptions`"
     return "the prior", "check the prior and its σ"
+
+
+def _unit_text(finding: Finding) -> str:
+    """What to check where one camera of several shows the object: in a unit too small, all are as in one place."""
+    task = finding.task
+    one_camera = len({*task.camera_of[finding.assignment[finding.assignment >= 0]]}) == 1 and task.rig is not None
+    return "; check that points and rig are in one unit, or see `diagnose`" if one_camera else ""
 
 
 def _is_there(finding: Finding) -> bool:
@@ -254,12 +263,9 @@ def _ambiguous_text(finding: Finding, unsure: int, stopped_early: bool) -> str:
             "see `alternatives`, or give a `prior` of each, or points that tell them apart"
         )
     if _is_elsewhere(finding):
-        # in a unit that is too small, cameras are as good as in one place, and each shows the object elsewhere
-        one_camera = len({*task.camera_of[finding.assignment[finding.assignment >= 0]]}) == 1 and task.rig is not None
-        unit = "; check that points and rig are in one unit, or see `diagnose`" if one_camera else ""
         return (
             "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
-            f"see `alternatives`{prior or (', or ' + to_tell)}{unit}{camera_advice(finding)}"
+            f"see `alternatives`{prior or (', or ' + to_tell)}{_unit_text(finding)}{camera_advice(finding)}"
         )
     if _is_assignment_certain(finding):
         return (

@@ -101,16 +101,14 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
     def filmed(change: Callable[[Camera], Camera]) -> Change:
         return posed(**{name: _change_camera(camera, change) for name, camera in cameras.items()})
 
+    of_normals = _normal_mistakes(points, pointed)
+    if isinstance(cameras.get("camera"), Rig):  # whose images are hardly mirrored, as it was calibrated with them
+        yield from of_normals
     if isinstance(problem, Similarity):  # Rigid too
         yield from list_point_set_mistakes(problem, points)
     else:
         yield from _axis_mistakes(given, cameras, pointed, posed)
-    if points.normals is not None:
-        if points.view_cosine is not None and (np.arccos(points.view_cosine) < math.pi / 2.0).any():
-            remedy = "leave it out, or give a larger one"
-            yield Mistake("the view angle is too small", remedy, pointed(view_cosine=None))
-        yield Mistake("the normals point inwards", "negate nx, ny and nz", pointed(normals=-points.normals))
-        yield Mistake("the normals are wrong", "leave them out", pointed(normals=None, view_cosine=None))
+    yield from of_normals
     if hasattr(problem, "vertical_world"):
         upside = tuple(-np.asarray(problem.vertical_world, float))
         remedy = "negate vertical_world or vertical_camera: both point down, or both up (an accelerometer measures up)"
@@ -137,6 +135,15 @@ def _format_scaled(noise: Any, factor: float) -> str:
     if isinstance(noise, tuple | list) and all(isinstance(one, int | float) for one in noise):
         return f"({', '.join(f'{factor * one:.3g}' for one in noise)})"
     return f"{factor * noise:.3g}" if isinstance(noise, int | float) else f" {factor:g} times as large"
+
+
+def _normal_mistakes(points: PointSets, pointed: Callable[..., Change]) -> Iterator[Mistake]:
+    if points.normals is None:
+        return
+    if points.view_cosine is not None and (np.arccos(points.view_cosine) < math.pi / 2.0).any():
+        yield Mistake("the view angle is too small", "leave it out, or give a larger one", pointed(view_cosine=None))
+    yield Mistake("the normals point inwards", "negate nx, ny and nz", pointed(normals=-points.normals))
+    yield Mistake("the normals are wrong", "leave them out", pointed(normals=None, view_cosine=None))
 
 
 def _axis_mistakes(
@@ -172,11 +179,8 @@ def _axis_mistakes(
             factor = ratio_of_units(wrong, right)
             name = f"the model is in {wrong}, the rig in {right}"
             remedy = "use one unit for the points and the rig's translations"
-            yield Mistake(
-                name,
-                remedy,
-                make_change(points=replace(scale_noise(points, factor, 1.0), source=factor * points.source)),
-            )
+            scaled = replace(scale_noise(points, factor, 1.0), source=factor * points.source)
+            yield Mistake(name, remedy, make_change(points=scaled))
         yield from displaced_cameras(task)
         return
     centres = [_centre(cameras.get("camera2") or camera, task), _centre(camera, task)]

@@ -40,7 +40,7 @@ class PointSet:
     ids: tuple[str, ...] | None = None
     """Names of the points, where the file has a column ``id``."""
     normals: Floats | None = None
-    """(m, 3) outward normals, where the file has columns ``nx,ny,nz``."""
+    """(m, 3) outward normals, zero where unknown, if the file has columns ``nx,ny,nz``."""
     bodies: tuple[str, ...] | None = None
     """Labels of the rigid bodies, where the file has a column ``body``."""
     sigma: Floats | None = None
@@ -97,12 +97,7 @@ def read_points(
         owners = bodies or ("",) * len(rows)
         each = zip(rows, points.tolist(), owners, strict=True)
         refuse_repeats(path, [(row, (owner, *point)) for (row, _), point, owner in each], "point")
-    normals = None
-    if with_normals:
-        normals = np.array([[parse_number(path, row, name, cells[name]) for name in NORMALS] for row, cells in rows])
-        for (row, _), length in zip(rows, np.linalg.norm(normals, axis=1).tolist(), strict=True):
-            if length < 1e-12:
-                raise InputError(f"{path}, row {row}: a normal of length 0; give the surface's outward direction")
+    normals = np.array([_parse_normal(path, row, cells) for row, cells in rows]) if with_normals else None
     ids = _read_labels(path, rows, "id", "name") if "id" in columns else None
     if ids is not None:
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
@@ -110,6 +105,16 @@ def read_points(
     if len(points) < least:
         raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
     return PointSet(points, ids, normals, bodies, sigma=sigma, known=told.end())
+
+
+def _parse_normal(path: Path, row: int, cells: dict[str, str]) -> list[float]:
+    """The normal in a row: three zeros, or three empty cells, where it is not known."""
+    empty = [name for name in NORMALS if not cells[name]]
+    if len(empty) == len(NORMALS):
+        return [0.0, 0.0, 0.0]
+    if empty:
+        raise InputError(f"{path}, row {row}: {empty[0]} is empty; give it, or leave all of nx,ny,nz empty")
+    return [parse_number(path, row, name, cells[name]) for name in NORMALS]
 
 
 def _read_labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, verb: str) -> tuple[str, ...]:

@@ -61,7 +61,8 @@ class Tracker:
     source : (n, 3) array, in any frame and unit; (n, 2) in a plane.
     problem : Problem
         `P3P`, also of a `Rig`, `UP2P`, or, for targets measured in space or in a plane, `Rigid` or `Similarity`. The
-        scale of the latter, one for each body, is taken to be constant but for `MotionOptions.scale_drift`.
+        scale of the latter, one for each body, is taken to be constant but for `MotionOptions.scale_drift`. `UP2P` has
+        the same vertical in every frame: if the camera tilts, give that of each to `update` of a `P3P`, as `PosePrior`.
     noise : float, (n',) or (n', 2, 2) array
         Standard deviation of a pixel coordinate, in pixels, or covariances, of a rig also by camera; `update` can
         override it. For `Rigid` and `Similarity` as in `rootmatch.match`.
