@@ -154,10 +154,11 @@ class Candidate:
         known, best = set[bytes](), -math.inf  # of which twins were proposed
         while len(modes.log_mass) and modes.log_mass[0] > best + NO_CHANGE:
             best = float(modes.log_mass[0])
-            poses = [one.tobytes() for one in modes.rotation[:most]]
+            first = modes.places(self.model.shape[1], most)
+            poses = [one.tobytes() for one in first.rotation]
             new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
             known.update(poses)
-            twins = self.twins(modes.take(new)) if searched else propose_predicted_twins(self.task, self.model, modes)
+            twins = self.twins(first.take(new)) if searched else propose_predicted_twins(self.task, self.model, modes)
             modes = find_modes(self.model, twins, modes, twins=True) if len(twins.assignments) else modes
         return modes
 
@@ -319,7 +320,7 @@ def propose_predicted_twins(task: MatchingTask, model: DetectionModel, modes: Mo
 
     A prediction that is off by many degrees may not find what a better one has found, and would lose by that alone.
     """
-    first, prior, parts = best_proposals(modes), model.prior, [empty_proposals(task.rows)]
+    first, prior, parts = best_proposals(modes.first(TWINS)), model.prior, [empty_proposals(task.rows)]
     if isinstance(prior, Doubted) and len(prior.predictions) > 1:
         for image in symmetry_images(task, (False,)):
             twins = look_alikes(first, model.points, model.points, image[None])
@@ -331,7 +332,7 @@ def propose_predicted_twins(task: MatchingTask, model: DetectionModel, modes: Mo
 
 def best_proposals(modes: Modes) -> Proposals:
     """The poses of which twins are proposed."""
-    return Proposals(modes.assignments[:TWINS], modes.rotation[:TWINS], modes.position[:TWINS])
+    return Proposals(modes.assignments, modes.rotation, modes.position)
 
 
 def symmetry_images(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
