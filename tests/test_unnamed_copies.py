@@ -263,3 +263,25 @@ def test_a_pose_is_certain_though_every_point_is_reported_twice() -> None:
     match = rm.match(fiducials, measured, rm.Rigid(), noise=(0.0, 0.2))
     assert match.status is rm.Status.AMBIGUOUS
     assert "the pose is certain" in match.advice
+
+
+@pytest.mark.parametrize("seed", [4, 9, 15])
+def test_two_flanges_before_a_stereo_pair_are_ambiguous_and_both_are_listed(seed: int) -> None:
+    """Each is nearly symmetric: turns of the one that fits better are more than a search keeps."""
+    rng, turn = np.random.default_rng(seed), np.arange(12) * np.pi / 6.0
+    points = np.column_stack([0.12 * np.cos(turn), 0.12 * np.sin(turn), np.zeros(12)])
+    points = np.concatenate([points, [(0.09, 0.033, 0.0), (-0.044, 0.085, 0.0)]])
+    inwards = [Rotation.from_rotvec([0.0, yaw, 0.0]).as_matrix() for yaw in (-0.12, 0.12)]
+    camera = rm.Camera(2200.0, 2200.0, 1024.0, 768.0)
+    views = [(R, -R @ (x, 0.0, 0.0)) for R, x in zip(inwards, (-0.15, 0.15), strict=True)]
+    turns = Rotation.from_rotvec([np.pi, 0.0, 0.0]) * Rotation.from_rotvec(rng.normal(0.0, (0.25, 0.25, 3.0), (2, 3)))
+    places = [points @ R.T + t for R, t in zip(turns.as_matrix(), ((-0.17, 0.0, 1.0), (0.17, 0.0, 1.0)), strict=True)]
+    every, images = np.concatenate(places) + rng.normal(0.0, 1e-4, (28, 3)), []
+    for R, t in views:
+        image = camera.project(every @ R.T + t) + rng.normal(0.0, 0.12, (28, 2))
+        images.append(np.concatenate([image, rng.uniform((400, 300), (1650, 1250), (3, 2))]))
+    rig = rm.Rig([(camera, *view) for view in views])
+    match = rm.match(points, images, rm.P3P(rig), noise=0.12, source_noise=1e-4)
+    assert match.status is rm.Status.AMBIGUOUS
+    firsts = [one[one >= 0].min() for one in (match.assignment, *(other for other, _ in match.alternatives))]
+    assert {one % 31 >= 14 for one in firsts} == {False, True}

@@ -114,7 +114,7 @@ class Candidate:
         model, points, first = self.model, self.task.points, best_proposals(modes)
         parts = [reverse_depths(model, first), propose_line_readings(model, first.assignments)]
         if self.task.rig is not None:
-            parts.append(turn_about_lines(model, modes.take(slice(TWINS))))
+            parts.append(turn_about_lines(model, modes))
         parts += [look_alikes(first, model.points, model.points, image[None]) for image in symmetry_images(self.task)]
         further = compose_symmetries(points.source, points.normals)
         images = self.task.sighting_rows(further.image)
@@ -156,10 +156,11 @@ class Candidate:
         known, best = set[bytes](), -math.inf  # of which twins were proposed
         while len(modes.log_mass) and modes.log_mass[0] > best + NO_CHANGE:
             best = float(modes.log_mass[0])
-            poses = [one.tobytes() for one in modes.rotation[:most]]
+            first = modes.places(self.model.shape[1], most)
+            poses = [one.tobytes() for one in first.rotation]
             new = np.array([k for k, one in enumerate(poses) if one not in known], np.int64)
             known.update(poses)
-            twins = self.twins(modes.take(new)) if searched else propose_predicted_twins(self.task, self.model, modes)
+            twins = self.twins(first.take(new)) if searched else propose_predicted_twins(self.task, self.model, modes)
             modes = find_modes(self.model, twins, modes, twins=True) if len(twins.assignments) else modes
         return modes
 
@@ -321,8 +322,8 @@ def propose_predicted_twins(task: MatchingTask, model: DetectionModel, modes: Mo
     A prediction that is off by many degrees may not find what a better one has found, and would lose by that alone. Nor
     does it find how a body is turned about a line on which all matches are.
     """
-    first, prior = best_proposals(modes), model.prior
-    parts = [turn_about_lines(model, modes.take(slice(TWINS)))]
+    best, prior = modes.first(TWINS), model.prior
+    first, parts = best_proposals(best), [turn_about_lines(model, best)]
     if isinstance(prior, Doubted) and len(prior.predictions) > 1:
         for image in symmetry_images(task, (False,)):
             twins = look_alikes(first, model.points, model.points, image[None])
@@ -334,7 +335,7 @@ def propose_predicted_twins(task: MatchingTask, model: DetectionModel, modes: Mo
 
 def best_proposals(modes: Modes) -> Proposals:
     """The poses of which twins are proposed."""
-    return Proposals(modes.assignments[:TWINS], modes.rotation[:TWINS], modes.position[:TWINS])
+    return Proposals(modes.assignments, modes.rotation, modes.position)
 
 
 def symmetry_images(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:

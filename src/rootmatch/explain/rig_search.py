@@ -22,8 +22,9 @@ from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.deferred_tensor import concatenate_tensors, renumber_tensor
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import Evidence, weigh_poses
+from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.gathering import gather_assignments
+from rootmatch.model.modes import best_of_places, used_mask
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import propose_about, score_predictions
 from rootmatch.model.proposals import Proposals, join_proposals, refit_proposals, solve_minimal_sets
@@ -102,16 +103,15 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
                 hypotheses.append(one)
         unmet[k] = min(unmet[k], LEAST - 1)  # a pose that shows more here was met
         if in_all and number + 1 < len(parts):
-            verified, log_odds = _merge(
-                (verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits, narrowing=False), limits[1]
-            )
+            new = _verify_hypotheses(model, hypotheses[met:], limits, narrowing=False)
+            verified, log_odds = _select_best(model, *_merge((verified, log_odds), new), limits[1])
             if _missed_probability(verified, missed_by) <= TRUST.missed:
                 enough = _sufficient_assignments(task, model, verified, evaluated, int(unmet.sum()))
             if enough is not None:
                 break
     all_triples = False
     if enough is not None:  # what its modes match, as what was verified was not narrowed
-        verified = np.concatenate([enough, verified])[: limits[1]]
+        verified = np.concatenate([enough, verified[: max(limits[1] - len(enough), 0)]])
     else:
         verified, log_odds = _verify_hypotheses(model, hypotheses, limits, narrowing=in_all)
         if in_all:
@@ -184,12 +184,10 @@ def _sufficient_assignments(
     return told.modes.assignments if needless else None
 
 
-def _merge(
-    first: tuple[Integers, Floats], second: tuple[Integers, Floats], most: int | None = None
-) -> tuple[Integers, Floats]:
+def _merge(first: tuple[Integers, Floats], second: tuple[Integers, Floats]) -> tuple[Integers, Floats]:
     """Two lots of assignments (K, n) with their log-odds (K,) as one, the most probable first."""
     assignments, log_odds = (np.concatenate(each) for each in zip(first, second, strict=True))
-    order = np.argsort(-log_odds, kind="stable")[:most]
+    order = np.argsort(-log_odds, kind="stable")
     return assignments[order], log_odds[order]
 
 
@@ -208,19 +206,19 @@ def _verify_hypotheses(
     sets = solve_minimal_sets(model, np.array(hypotheses), model.shape[0]).alone
     led = gather_assignments(model, sets, least=LEAST, most=most)
     every, found, _ = refit_proposals(model, led)
-    parts = [_select_best(every, found, kept)]
+    parts = [_select_best(model, every.assignments, found.log_odds, kept)]
     number = {pose.tobytes(): k for k, pose in enumerate(sets.rotation)}
     own = sets.take(np.array([number[pose.tobytes()] for pose in led.rotation], np.int64))
     if narrowing and (more := _narrow(model, own, kept)) is not None:
         every, found, _ = refit_proposals(model, more)
-        parts.append(_select_best(every, found, kept))
+        parts.append(_select_best(model, every.assignments, found.log_odds, kept))
     return parts[0] if len(parts) == 1 else _merge(parts[0], parts[1])
 
 
-def _select_best(every: Proposals, found: Evidence, most: int) -> tuple[Integers, Floats]:
-    """The assignments (K, n) of the highest evidence, and that (K,)."""
-    first = np.argsort(-found.log_odds, kind="stable")[:most]
-    return every.assignments[first], found.log_odds[first]
+def _select_best(model: DetectionModel, assignments: Integers, log_odds: Floats, most: int) -> tuple[Integers, Floats]:
+    """The assignments (K, n) of the highest log-odds, see `best_of_places`, and these (K,)."""
+    first = best_of_places(used_mask(assignments, model.shape[1]), log_odds, most)
+    return assignments[first], log_odds[first]
 
 
 def _narrow(model: DetectionModel, sets: Proposals, most: int) -> Proposals | None:

@@ -109,16 +109,26 @@ def find_modes(
         behind = bool(kept) and log_odds < min(kept[0].log_mass - far, enough)
         if kept and ((behind and log_odds < of_copy) or active_deadline().passed()):
             break
-        if behind and not are_targets_disjoint(assignments[[k]], kept[0].assignment)[0]:
-            continue
+        rivals = kept
+        if behind:  # of the best, but maybe not of the best one of a copy
+            there = np.array([other.assignment for other in kept])
+            rivals = [kept[i] for i in np.flatnonzero(~are_targets_disjoint(there, assignments[k]))]
+            if rivals and (rivals[0] is kept[0] or log_odds < rivals[0].log_mass - far):
+                continue
         mode = _Mode.of(assignments[k], found, poses, k)
-        grows = max(min(kept[0].log_mass - near, enough), least) if kept else least
-        kept = _add_proposal(kept, mode, model, (at, k), least=grows)
+        grows = max(min(rivals[0].log_mass - near, enough), least) if rivals else least
+        kept = _add_proposal(kept, mode, model, (at, k), least=grows, rivals=rivals)
     return known if known is not None and kept is before else _stack_modes(kept, model.shape[0])
 
 
 def _add_proposal(
-    kept: list[_Mode], mode: _Mode, model: DetectionModel, place: tuple[Linearised, int], *, least: float
+    kept: list[_Mode],
+    mode: _Mode,
+    model: DetectionModel,
+    place: tuple[Linearised, int],
+    *,
+    least: float,
+    rivals: list[_Mode],
 ) -> list[_Mode]:
     """Modes with another one, grown if it may count, unless it is one of them.
 
@@ -126,7 +136,7 @@ def _add_proposal(
     """
     if _is_known(mode, kept):
         return kept
-    better = sum(other.log_mass > mode.log_odds for other in kept)
+    better = sum(other.log_mass > mode.log_odds for other in rivals)
     if better < GROWN and mode.log_odds > least:
         at, k = place
         return _add_mode(kept, _grow(model, mode, at.one(k)))

@@ -67,13 +67,11 @@ class Modes(NamedTuple):
         """The most probable modes; these themselves if there are no more."""
         return self if len(self.log_odds) <= most else self.take(slice(most))
 
-    def places(self, count: int, least: int) -> Modes:
+    def places(self, count: int, most: int) -> Modes:
         """So many modes, the first ones, and the best one in each other place; ``count`` of detections."""
-        if len(self.log_odds) <= least:
+        if len(self.log_odds) <= most:
             return self
-        of_better = np.asarray(np.tril(is_same_place(self.uses(count)), -1).any(axis=1))
-        of_better[:least] = False
-        return self.take(np.flatnonzero(~of_better))
+        return self.take(best_of_places(self.uses(count), self.log_mass, most))
 
     def and_(self, others: Modes) -> Modes:
         """These modes, followed by others."""
@@ -87,11 +85,30 @@ def used_mask(assignments: Integers, count: int) -> Bools:
     return out[:, :count]
 
 
-def is_same_place(uses: Bools) -> Bools:
-    """Which modes (M, M) are of the same thing, by their detections (M, n'): most of those of the smaller one."""
-    shared = uses.astype(float) @ uses.T
-    count = shared.diagonal()
-    return np.asarray(shared > 0.5 * np.minimum(count, count[:, None]))
+def is_same_place(uses: Bools, others: Bools | None = None) -> Bools:
+    """Which modes (M, L) are of the same thing, by their detections (M, n'): most of those of the smaller one.
+
+    ``others``: those (L, n') of other modes; the same by default.
+    """
+    others = uses if others is None else others
+    shared = uses.astype(float) @ others.T
+    return np.asarray(shared > 0.5 * np.minimum(uses.sum(axis=1)[:, None], others.sum(axis=1)))
+
+
+def best_of_places(uses: Bools, log_odds: Floats, most: int) -> Integers:
+    """Numbers of the ``most`` best of some modes (M,), and of the best in each other place that is beyond clutter.
+
+    A body that is nearly symmetric has more modes in one place than any limit, and a copy of it may be in another.
+    """
+    order = np.argsort(-log_odds, kind="stable")
+    best, left = order[:most], order[most:]
+    left = left[log_odds[left] > 0.0]
+    left = left[~is_same_place(uses[left], uses[best]).any(axis=1)]
+    others = list[int]()
+    while left.size:
+        others.append(int(left[0]))
+        left = left[1:][~is_same_place(uses[left[1:]], uses[left[:1]])[:, 0]]
+    return np.append(best, np.array(others, np.int64))
 
 
 @lru_cache(maxsize=64)
