@@ -187,6 +187,21 @@ def _starts(model: _TwoViewModel) -> State:
     return rotation[best], translation[np.arange(len(k))[:, None], best]
 
 
+def baseline_directions(planar: bool) -> Floats:
+    """Directions (D, 3) of a baseline or its opposite, about 50° apart: axes and diagonals."""
+    every = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 0], [1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]], np.float64)
+    if planar:
+        every = np.array([[1, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, -1]], np.float64)
+    return np.asarray(every / np.linalg.norm(every, axis=1, keepdims=True))
+
+
+def rotation_alone(first: Floats, second: Floats, used: Bools) -> Floats:
+    """Angle (K,) about y that turns bearings (n, 3) best onto those of their matches (K, n, 3)."""
+    x, z = first[:, 0], first[:, 2]
+    sine, cosine = z * second[..., 0] - x * second[..., 2], x * second[..., 0] + z * second[..., 2]
+    return np.arctan2(np.where(used, sine, 0.0).sum(axis=1), np.where(used, cosine, 0.0).sum(axis=1))
+
+
 def _tilts(rotation: Floats) -> Floats:
     """Rotation (B, 2) of the common direction about x and z, in radians.
 
