@@ -18,7 +18,7 @@ from rootmatch.problems.pose_fit.two_view_pose import ANGLES, OPEN, baseline_dir
 
 VALLEYS = 4
 """The best of them, from which epipolar planes are fitted. A round value."""
-STARTS = 2
+STARTS = 4
 """The best of those fits, which go on to inverse distances. A round value."""
 STEPS = 3
 """Steps of a fit in each of its rounds; samples need no better centres. A round value."""
