@@ -13,6 +13,7 @@ import numpy as np
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.problems.pose_fit.baselines import add_far_baselines, baseline_directions, rotation_alone
 from rootmatch.problems.pose_fit.descent import (
     DELTA,
     KEPT,
@@ -184,22 +185,14 @@ def _starts(model: _TwoViewModel) -> State:
     total = np.where(used[:, None], np.log1p(deviation**2 / DOUBTED), 0.0).sum(axis=-1)
     valley = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
     best = np.argsort(np.where(valley, total, np.inf), axis=1, kind="stable")[:, :STARTS]
-    return rotation[best], translation[np.arange(len(k))[:, None], best]
-
-
-def baseline_directions(planar: bool) -> Floats:
-    """Directions (D, 3) of a baseline or its opposite, about 50° apart: axes and diagonals."""
-    every = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 0], [1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]], np.float64)
-    if planar:
-        every = np.array([[1, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, -1]], np.float64)
-    return np.asarray(every / np.linalg.norm(every, axis=1, keepdims=True))
-
-
-def rotation_alone(first: Floats, second: Floats, used: Bools) -> Floats:
-    """Angle (K,) about y that turns bearings (n, 3) best onto those of their matches (K, n, 3)."""
-    x, z = first[:, 0], first[:, 2]
-    sine, cosine = z * second[..., 0] - x * second[..., 2], x * second[..., 0] + z * second[..., 2]
-    return np.arctan2(np.where(used, sine, 0.0).sum(axis=1), np.where(used, cosine, 0.0).sum(axis=1))
+    # where the parallax is less than the steps of the grid, baselines at these say nothing
+    ways = baseline_directions(model.planar)
+    alone = rotation_alone(views.first, views.second[k], used)
+    turned = np.repeat(rotation_about_y(np.cos(alone), np.sin(alone))[:, None], len(ways), axis=1)
+    return (
+        np.concatenate([rotation[best], turned], axis=1),
+        np.concatenate([translation[np.arange(len(k))[:, None], best], np.tile(ways, (len(k), 1, 1))], axis=1),
+    )
 
 
 def _tilts(rotation: Floats) -> Floats:
@@ -231,6 +224,7 @@ def _pose(
     lowest = chi2 + 2.0 * float((alone.hidden(state) + alone.widths(state))[0])
 
     covariance = second_moments(excess, _bound_covariance(state_covariance(alone, state)[0]))
+    covariance = add_far_baselines(alone, state, lowest, covariance)
     turn, moves = alone.directions(state[1])
     to_camera = rotations[1].T
     change = np.concatenate([to_camera @ turn.T, to_camera @ moves[0].T])
