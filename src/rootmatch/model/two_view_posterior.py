@@ -293,8 +293,7 @@ def _fit_and_relabel(model: TwoViewModel, assignments: Integers) -> Fitted:
     every = fits = fit_relative_poses(model, assignments)
     for _ in range(RELABELLED):
         likely = np.unique(likeliest_labellings(model, fits), axis=0)
-        likely = likely[(likely >= 0).sum(axis=1) >= model.size - 1]
-        if not len(likely):
+        if not len(likely := likely[(likely >= 0).sum(axis=1) >= model.size - 1]):
             break
         fits = fit_relative_poses(model, likely)
         every = every.joined(fits)
