@@ -38,7 +38,7 @@ def rotation_alone(first: Floats, second: Floats, used: Bools) -> Floats:
     """Angle (K,) about y that turns bearings (n, 3) best onto those of their matches (K, n, 3)."""
     x, z = first[:, 0], first[:, 2]
     sine, cosine = z * second[..., 0] - x * second[..., 2], x * second[..., 0] + z * second[..., 2]
-    return np.arctan2(np.where(used, sine, 0.0).sum(axis=1), np.where(used, cosine, 0.0).sum(axis=1))
+    return np.asarray(np.arctan2(np.where(used, sine, 0.0).sum(axis=1), np.where(used, cosine, 0.0).sum(axis=1)))
 
 
 def add_far_baselines(model: Any, state: State, lowest: float, covariance: Floats) -> Floats:
