@@ -14,11 +14,12 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.two_view_model import SCALES, SPREADS, Relative, Seen, TwoViewModel
 from rootmatch.problems.pose_fit.base import regularise_normal
+from rootmatch.problems.pose_fit.baselines import baseline_directions, rotation_alone
 from rootmatch.problems.pose_fit.two_view_pose import ANGLES, OPEN
 
 VALLEYS = 4
 """The best of them, from which epipolar planes are fitted. A round value."""
-STARTS = 2
+STARTS = 4
 """The best of those fits, which go on to inverse distances. A round value."""
 STEPS = 3
 """Steps of a fit in each of its rounds; samples need no better centres. A round value."""
@@ -26,6 +27,8 @@ ROUNDS = 2
 """Rounds with epipolar planes alone, and as many with inverse distances. A round value."""
 DOUBTED = 3.0
 """Deviation from which a match counts less, in σ or in medians of all where those are larger. A round value."""
+IMPOSSIBLE = 6.0
+"""Deviation, in σ, of a match that lies behind a camera. As of the descent."""
 FIRST_SCALE = 0.1
 """Baseline over distance before any is known. A round value."""
 ALIKE = 0.7
@@ -69,7 +72,9 @@ def fit_relative_poses(model: TwoViewModel, assignments: Integers) -> Fitted:
     poses, rows = _find_starts(model, assignments)
     poses, seen = _descend_robustly(model, poses, assignments[rows], near=False)
     used = assignments[rows] >= 0
-    total = np.where(used, np.log1p((seen.e / DOUBTED) ** 2), 0.0).sum(axis=1).reshape(len(assignments), -1)
+    # if the camera hardly moved, half a turn about a baseline fits epipolar planes as well, with all points behind it
+    e = np.where(seen.ahead > 0.0, seen.e, np.maximum(np.abs(seen.e), IMPOSSIBLE))
+    total = np.where(used, np.log1p((e / DOUBTED) ** 2), 0.0).sum(axis=1).reshape(len(assignments), -1)
     count = total.shape[1]
     best = (np.argsort(total, axis=1, kind="stable")[:, :STARTS] + count * np.arange(len(assignments))[:, None]).ravel()
     side = np.where(used, _robust_weights(seen.e, used) * seen.parallax / seen.sine, 0.0).sum(axis=1)
@@ -151,15 +156,22 @@ def _estimate_scale(poses: Relative, seen: Seen, used: Bools) -> Relative:
 
 
 def _find_starts(model: TwoViewModel, assignments: Integers) -> tuple[Relative, Integers]:
-    """Poses of least deviation on a grid of rotations, `VALLEYS` of each assignment, and its number."""
+    """Poses of least deviation on a grid of rotations, `VALLEYS` of each assignment, and its number.
+
+    And the rotation that fits best alone with `DIRECTIONS`: where the parallax is less than the steps of the grid,
+    baselines at these say nothing.
+    """
     from rootmatch.model.two_view_descent import scan_rotations  # compiled code, which not every import needs
 
     count = len(assignments)
     total, t = np.empty((count, ANGLES)), np.empty((count, ANGLES, 3))
     scan_rotations(model.views, model.planar, np.ascontiguousarray(assignments), DOUBTED, total, t)
     valley = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
-    best = np.argsort(np.where(valley, total, np.inf), axis=1, kind="stable")[:, :VALLEYS].ravel()
-    rows = np.repeat(np.arange(count), VALLEYS)
+    best = np.argsort(np.where(valley, total, np.inf), axis=1, kind="stable")[:, :VALLEYS]
+    ways = baseline_directions(model.planar)
+    alone = rotation_alone(model.first, model.second[np.maximum(assignments, 0)], assignments >= 0)
+    turn = np.concatenate([2.0 * np.pi / ANGLES * best, np.repeat(alone[:, None], len(ways), axis=1)], axis=1).ravel()
+    every = np.concatenate([np.take_along_axis(t, best[..., None], axis=1), np.tile(ways, (count, 1, 1))], axis=1)
+    rows = np.repeat(np.arange(count), VALLEYS + len(ways))
     scale, spread = np.full(len(rows), math.log(FIRST_SCALE)), np.full(len(rows), SPREADS[1] - 0.1)
-    turn = np.asarray(2.0 * np.pi / ANGLES * best, dtype=np.float64)
-    return Relative(turn, t[rows, best], np.zeros((len(rows), 2)), scale, spread), rows
+    return Relative(turn, every.reshape(-1, 3), np.zeros((len(rows), 2)), scale, spread), rows

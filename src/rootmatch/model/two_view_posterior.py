@@ -44,8 +44,10 @@ FIRST = 128
 """First samples, which tell where to draw. A round value."""
 MOST_RATIOS = 4_000_000
 """Pairs of points times first samples: 32 MB."""
-NAMED = 5
-"""First of the distinct assignments that were named which are fitted. A round value."""
+NAMED = 12
+"""First of the assignments that were named which are fitted: as many as a search names."""
+RELABELLED = 2
+"""Times that the likeliest labellings at fits are fitted in turn. A round value; what it gains is in the notebook."""
 SAMPLES = 768
 """Samples that count. A round value; what the mean leaves open is measured in docs/two-view-model.md."""
 LEAST = math.log(1e-3)
@@ -217,7 +219,7 @@ def sample_two_view_posterior(
         return TwoViewPosterior(model, -math.inf, [])
     checkpoint(SECONDS_PER_PAIR * model.shape[0] * model.shape[1])
     rows, columns = possible = possible_pairs(model)
-    centres = choose_centres(model, fit_relative_poses(model, drop_similar(assignments)[:NAMED]))
+    centres = choose_centres(model, _fit_and_relabel(model, assignments[:NAMED]))
     checkpoint()
     drawn = draw_samples(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
     odds, base = _sample_log_odds(model, drawn, rows, columns)
@@ -281,6 +283,21 @@ def likeliest_labellings(model: TwoViewModel, fits: Fitted) -> Integers:
     at = Samples(fits.poses, np.ones(len(rate)), rate, clutter, np.arange(len(rate)))
     odds = at.log_odds(model, (rows, columns))
     return np.array([_likeliest_assignment(one, rows, columns, model) for one in odds])
+
+
+def _fit_and_relabel(model: TwoViewModel, assignments: Integers) -> Fitted:
+    """Fits of assignments (K, n), and of those that are the likeliest at them.
+
+    A search that takes an uncertain common direction for noise names pairs far off the pose that the others tell.
+    """
+    every = fits = fit_relative_poses(model, assignments)
+    for _ in range(RELABELLED):
+        likely = np.unique(likeliest_labellings(model, fits), axis=0)
+        if not len(likely := likely[(likely >= 0).sum(axis=1) >= model.size - 1]):
+            break
+        fits = fit_relative_poses(model, likely)
+        every = every.joined(fits)
+    return every
 
 
 def possible_pairs(model: TwoViewModel) -> tuple[Integers, Integers]:

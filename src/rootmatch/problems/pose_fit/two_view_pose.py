@@ -13,6 +13,7 @@ import numpy as np
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.problems.pose_fit.baselines import add_far_baselines, baseline_directions, rotation_alone
 from rootmatch.problems.pose_fit.descent import (
     DELTA,
     KEPT,
@@ -184,7 +185,14 @@ def _starts(model: _TwoViewModel) -> State:
     total = np.where(used[:, None], np.log1p(deviation**2 / DOUBTED), 0.0).sum(axis=-1)
     valley = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
     best = np.argsort(np.where(valley, total, np.inf), axis=1, kind="stable")[:, :STARTS]
-    return rotation[best], translation[np.arange(len(k))[:, None], best]
+    # where the parallax is less than the steps of the grid, baselines at these say nothing
+    ways = baseline_directions(model.planar)
+    alone = rotation_alone(views.first, views.second[k], used)
+    turned = np.repeat(rotation_about_y(np.cos(alone), np.sin(alone))[:, None], len(ways), axis=1)
+    return (
+        np.concatenate([rotation[best], turned], axis=1),
+        np.concatenate([translation[np.arange(len(k))[:, None], best], np.tile(ways, (len(k), 1, 1))], axis=1),
+    )
 
 
 def _tilts(rotation: Floats) -> Floats:
@@ -216,6 +224,7 @@ def _pose(
     lowest = chi2 + 2.0 * float((alone.hidden(state) + alone.widths(state))[0])
 
     covariance = second_moments(excess, _bound_covariance(state_covariance(alone, state)[0]))
+    covariance = add_far_baselines(alone, state, lowest, covariance)
     turn, moves = alone.directions(state[1])
     to_camera = rotations[1].T
     change = np.concatenate([to_camera @ turn.T, to_camera @ moves[0].T])

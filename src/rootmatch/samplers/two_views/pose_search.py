@@ -149,11 +149,7 @@ class PoseSearch:
 
     def _has_enough(self) -> bool:
         """Whether the sets agree on a pose, and no other one that is beyond chance too can well have been missed."""
-        if not self._do_sets_agree():
-            return False
-        if self.hypotheses[0].evidence <= self._chance_evidence():
-            return True
-        return self._unmet_probability() <= (RIVALLED if self.repeated else MISSED)
+        return self._do_sets_agree() and self._unmet_probability() <= (RIVALLED if self.repeated else MISSED)
 
     def _chance_evidence(self) -> float:
         """Evidence that one of the poses tested reaches by chance."""
