@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -122,5 +123,5 @@ def test_twins_are_proposed_of_the_best_pose_that_a_search_found(monkeypatch: py
         return empty_proposals(4)
 
     monkeypatch.setattr(candidate, "twins", twins)
-    candidate(None, None, modes).add_twins()  # type: ignore[arg-type]
+    candidate(None, SimpleNamespace(shape=(4, 4)), modes).add_twins()  # type: ignore[arg-type]
     np.testing.assert_array_equal(asked, [mass[:1]])

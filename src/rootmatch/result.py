@@ -183,8 +183,7 @@ class Match:
     def prior_holds(self) -> bool | None:
         """Whether the prediction ``prior=`` held.
 
-        False if another pose was found that contradicts it, or the vertical of `UP2P`; None if neither is trusted, or
-        without a prior.
+        False if another pose was found that contradicts it, or `UP2P`'s vertical; None if neither is trusted or given.
         """
         return agrees_with_prior(self.finding)
 

@@ -99,7 +99,7 @@ SourceNoise = Annotated[
 VerticalCamera = Annotated[
     str | None,
     points(
-        "up2p, up2pf: the direction 'down' in the camera frame (x right, y down, z forward).",
+        "up2p and alike: the direction 'down' in the camera frame (x right, y down, z forward).",
         metavar="X,Y,Z",
         default="that of the camera file",
     ),
@@ -107,7 +107,7 @@ VerticalCamera = Annotated[
 VerticalWorld = Annotated[
     str | None,
     points(
-        "up2p, up2pf: the direction 'down' in the model's frame.", metavar="X,Y,Z", default="that of the camera file"
+        "up2p and alike: the direction 'down' in the model's frame.", metavar="X,Y,Z", default="that of the camera file"
     ),
 ]
 VerticalNoise = Annotated[

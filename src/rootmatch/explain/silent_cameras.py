@@ -34,17 +34,20 @@ def find_silent_cameras(finding: Finding) -> list[int]:
     """Cameras with detections, hardly any of a body that was found, where the model all but excludes that few.
 
     By their numbers; a camera without any detection may have had no image. What an image of unknown size shows reaches
-    as far as its detections.
+    as far as its detections. Of several places that may be the body's, in the one that explains most.
     """
     told, model, rig = finding.posterior, finding.model, finding.task.rig
     if rig is None or finding.status is Status.UNTRUSTED or told is None or model is None:
         return []
-    modes, own = told.modes, slice(finding.mode, finding.mode + 1)
+    modes, which = told.modes, finding.mode
+    if finding.status is not Status.MATCHED:
+        which = int(modes.log_mass.argmax())
+    own = slice(which, which + 1)
     at = model.linearise_about(modes.rotation[own], modes.position[own])
     visible = model.visibility(at, np.zeros(1))[0]
     if model.allowed is not None:
         visible = np.where(model.allowed.any(axis=1), visible, 0.0)
-    seen = (modes.assignments[finding.mode] >= 0).reshape(len(model.images), -1)
+    seen = (modes.assignments[which] >= 0).reshape(len(model.images), -1)
     visible = visible.reshape(seen.shape)
     if rig.sizes is None:
         for k, pixels in enumerate(np.split(at.pixels[0], len(seen))):

@@ -217,8 +217,8 @@ def _conflicting_modes(model: DetectionModel, modes: Modes, uses: Bools) -> Bool
 def _add_partial_modes(model: DetectionModel, modes: Modes, k: int, uses: Sequence[Bools]) -> Modes:
     """The best modes of body k, and what remains of them if others take shared detections.
 
-    Others are other bodies, and what is followed in another place. ``uses``: the detections (M, n') of the best modes
-    of each body.
+    Others are other bodies, what is followed in another place, and the best mode, of which another may be a copy.
+    ``uses``: the detections (M, n') of the best modes of each body.
     """
     modes = modes.first(KEPT)
     if len(uses) == 1 == len(uses[k]):
@@ -227,6 +227,8 @@ def _add_partial_modes(model: DetectionModel, modes: Modes, k: int, uses: Sequen
     own = len(uses[k])
     shared = others @ uses[k].T
     shared[:own] = _conflicting_modes(model, modes, uses[k])
+    for best in modes.log_mass[:own].argsort()[-1:].tolist():
+        shared[best] |= (uses[k][best] @ uses[k].T) & ~is_same_place(uses[k][[best]], uses[k])[0]
     if not shared.any():
         return modes
     which, assignments = remaining_parts(modes.assignments, others, shared, model.prior.least)

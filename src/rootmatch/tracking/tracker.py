@@ -53,16 +53,15 @@ class Tracker:
 
     The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts a pose
     with its covariance, the prior of the next match: a frame takes a few milliseconds. A body that is not found is
-    still predicted for a while; then it counts as lost and is searched for, over frames: each looks for one body, in
-    one camera of a rig. `rootmatch.warmup` compiles kernels beforehand. Threads that share a tracker take turns.
+    still predicted for a while; then it is lost and searched for: each frame looks for one body, in one camera of a
+    rig. `rootmatch.warmup` compiles kernels beforehand. Threads that share a tracker take turns.
 
     Parameters
     ----------
     source : (n, 3) array, in any frame and unit; (n, 2) in a plane.
     problem : Problem
-        `P3P`, also of a `Rig`, `UP2P`, or, for targets measured in space or in a plane, `Rigid` or `Similarity`. The
-        scale of the latter, one for each body, is taken to be constant but for `MotionOptions.scale_drift`. `UP2P` has
-        the same vertical in every frame: if the camera tilts, give that of each to `update` of a `P3P`, as `PosePrior`.
+        `P3P`, also of a `Rig`, `UP2P` (if the camera tilts, `P3P` and a `PosePrior` in each frame), `Rigid` or
+        `Similarity`, whose scale, one for each body, is constant but for `MotionOptions.scale_drift`.
     noise : float, (n',) or (n', 2, 2) array
         Standard deviation of a pixel coordinate, in pixels, or covariances, of a rig also by camera; `update` can
         override it. For `Rigid` and `Similarity` as in `rootmatch.match`.
