@@ -29,6 +29,8 @@ DOUBTED = 3.0
 """Deviation from which a match counts less, in σ or in medians of all where those are larger. A round value."""
 IMPOSSIBLE = 6.0
 """Deviation, in σ, of a match that lies behind a camera. As of the descent."""
+RIDGE = 1e-9
+"""Added to variances, relative to them: an inverse that rounding leaves without a root gets one. A round value."""
 FIRST_SCALE = 0.1
 """Baseline over distance before any is known. A round value."""
 ALIKE = 0.7
@@ -89,6 +91,7 @@ def fit_relative_poses(model: TwoViewModel, assignments: Integers) -> Fitted:
     covariance[:, :-1, :-1] = np.linalg.inv(regularise_normal(normal) + np.eye(size - 1) / OPEN**2)
     sigma = np.minimum(1.0 / np.sqrt(np.maximum(2.0 * (matched - 1.0), 1.0)), 0.5 * (SPREADS[1] - SPREADS[0]))
     covariance[:, -1, -1] = sigma**2
+    covariance[:, np.arange(size), np.arange(size)] *= 1.0 + RIDGE
     return Fitted(assignments, poses, covariance, (np.minimum(np.abs(seen.e), DOUBTED) ** 2 * used).sum(axis=1))
 
 
