@@ -107,8 +107,10 @@ def twin_points(first: Floats, second: Floats) -> Integers | None:
 
 def is_same_body(first: Floats, second: Floats) -> bool:
     """Whether the points of one body (n, k) are those of another one in another pose, and no mirror image."""
-    if first is second or (order := twin_points(first, second)) is None:
-        return first is second
+    if first is second:
+        return True
+    if (order := twin_points(first, second)) is None:
+        return False
     second = second[order]
     left, sizes, right = np.linalg.svd((first - first.mean(axis=0)).T @ (second - second.mean(axis=0)))
     return bool(np.linalg.det(left @ right) > 0.0 or sizes[-1] <= SAME_SHAPE * sizes[0])

@@ -111,7 +111,7 @@ class Candidate:
 
     def twins(self, modes: Modes) -> Proposals:
         """Poses in which the body looks as in its best modes, whether the search met them or not."""
-        model, points, first = self.model, self.task.points, best_proposals(modes)
+        model, points, first = self.model, self.task.points, Proposals(*modes[:3])
         parts = [reverse_depths(model, first), propose_line_readings(model, first.assignments)]
         if self.task.rig is not None:
             parts.append(turn_about_lines(model, modes))
@@ -166,8 +166,7 @@ class Candidate:
 
     def add_modes(self, modes: Modes) -> Candidate:
         """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
-        proposals = Proposals(modes.assignments, modes.rotation, modes.position)
-        return copy_with(self, modes=find_modes(self.model, proposals, self.modes, of_several=True))
+        return copy_with(self, modes=find_modes(self.model, Proposals(*modes[:3]), self.modes, of_several=True))
 
     def alone(self) -> Posterior:
         """The body's posterior if the image shows no other known body."""
@@ -323,7 +322,7 @@ def propose_predicted_twins(task: MatchingTask, model: DetectionModel, modes: Mo
     does it find how a body is turned about a line on which all matches are.
     """
     best, prior = modes.first(TWINS), model.prior
-    first, parts = best_proposals(best), [turn_about_lines(model, best)]
+    first, parts = Proposals(*best[:3]), [turn_about_lines(model, best)]
     if isinstance(prior, Doubted) and len(prior.predictions) > 1:
         for image in symmetry_images(task, (False,)):
             twins = look_alikes(first, model.points, model.points, image[None])
@@ -331,11 +330,6 @@ def propose_predicted_twins(task: MatchingTask, model: DetectionModel, modes: Mo
             twins = twins.take(~known)
             parts.append(twins.take(prior.prediction_indices(twins.rotation, twins.position) >= 0))
     return join_proposals(parts)
-
-
-def best_proposals(modes: Modes) -> Proposals:
-    """The poses of which twins are proposed."""
-    return Proposals(modes.assignments, modes.rotation, modes.position)
 
 
 def symmetry_images(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.explain.image_hypotheses import Candidate, best_proposals, select_determined, symmetry_images
+from rootmatch.explain.image_hypotheses import Candidate, select_determined, symmetry_images
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.depth_reversal import reverse_depths
@@ -77,7 +77,7 @@ class ZoomCandidate(Candidate):
 
     def twins(self, modes: Modes) -> Proposals:
         """See `Candidate.twins`: at the focal lengths of the poses that they are twins of."""
-        upright, best = self.model.upright, best_proposals(modes)
+        upright, best = self.model.upright, Proposals(*modes[:3])
         log_zoom, level = decode_zoom(upright, best.rotation)
         images, parts = symmetry_images(self.task), [empty_proposals(self.task.rows)]
         for k in range(len(level)):

@@ -227,7 +227,8 @@ def _add_partial_modes(model: DetectionModel, modes: Modes, k: int, uses: Sequen
     own = len(uses[k])
     shared = others @ uses[k].T
     shared[:own] = _conflicting_modes(model, modes, uses[k])
-    for best in modes.log_mass[:own].argsort()[-1:].tolist():
+    if own:
+        best = int(modes.log_mass[:own].argsort()[-1])
         shared[best] |= (uses[k][best] @ uses[k].T) & ~is_same_place(uses[k][[best]], uses[k])[0]
     if not shared.any():
         return modes

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
+from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.copy_or_alike import ANOTHER
 from rootmatch.model.detection_model import USUAL_RATE, DetectionModel
 from rootmatch.model.evidence import settle_poses
@@ -31,7 +32,6 @@ else, but for one that was in place in the frames before, and four decide. Round
 TOGETHER = 2048
 """Tracks that grow together. A round value; it bounds memory."""
 NOTHING = np.empty(0, np.int64)
-LOG_2PI = math.log(2.0 * math.pi)
 
 
 class Elsewhere(NamedTuple):

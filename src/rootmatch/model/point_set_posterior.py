@@ -128,8 +128,8 @@ class PointSetPosterior:
         first = self.assignments[0]
         matched = np.flatnonzero(first >= 0)
         order = matched[np.argsort(-self.confidence[0][matched], kind="stable")]
-        count = 1 + int(self.assignments.max()) if self.twins is None else len(self.twins)
-        together = self._probabilities_together(order, np.arange(count) == first[order, None])
+        targets = 1 + int(self.assignments.max()) if self.twins is None else len(self.twins)
+        together = self._probabilities_together(order, np.arange(targets) == first[order, None])
         count = placed = int(np.count_nonzero(together >= least_probability))
         if self.twins is not None and count < len(order):
             in_place = self._probabilities_together(order, self.twins[first[order]])

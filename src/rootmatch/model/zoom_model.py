@@ -18,6 +18,7 @@ import numpy as np
 from rootmatch.algebra.rotation import cross, cross_matrix, rotation_about_y
 from rootmatch.arrays import Floats
 from rootmatch.cameras.pinhole import Camera
+from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.pose_density import TURNS, Broad, PoseDensity, Terms
@@ -26,8 +27,6 @@ from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.reference_point import body_radius
 from rootmatch.problems.up2pf.focal_lengths import MOST_LOG, ZOOM, usual_focal
-
-LOG_2PI = math.log(2.0 * math.pi)
 
 
 @dataclass(frozen=True, eq=False)
