@@ -22,7 +22,7 @@ from rootmatch.explain.assessment import assess
 from rootmatch.explain.contested_matches import Claims, SharedOut, allot_claims, image_claims, space_claims
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, make_empty_finding
-from rootmatch.explain.image_decision import image_finding, is_modelled
+from rootmatch.explain.image_decision import KEPT, image_finding, is_modelled
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.known_pose import QUICK
 from rootmatch.explain.missing_motions import (
@@ -38,6 +38,7 @@ from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import make_candidate
 from rootmatch.hypergraph.enumeration import sweep_cost
+from rootmatch.model.posterior import drop_doubtful_matches
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.solvers.packing.solver import weight_inside_groups
 
@@ -138,11 +139,24 @@ def _judge_and_search(
     except OutOfTime:
         return found.with_facts(confirmed=False)
     evaluated = sum(one.told.evaluated for one in searched if one.told is not None)
-    found = _join_motions(replace(found, evaluated=found.evaluated + evaluated), assignment, labels, parts, rest)
-    if shared is None or found.confidence is None or not shared.together < 1.0:
-        return found
-    certainty = np.where(found.assignment >= 0, shared.certainty, 1.0)
-    return found.lower_probability((found.probability or 0.0) * shared.together, certainty * found.confidence)
+    found = replace(found, evaluated=found.evaluated + evaluated)
+    whole = _join_motions(found, assignment, labels, parts, rest)
+    if shared is None or whole.confidence is None or not shared.together < 1.0:
+        return whole
+    confidence = shared.certainty * whole.confidence
+    told = whole.lower_probability((whole.probability or 0.0) * shared.together, confidence)
+    if told.status or not whole.status:
+        return told
+    sure = drop_doubtful_matches(
+        assignment, shared.certainty, 1.0, whole.facts.min_probability, pose=whole.probability or 0.0
+    )
+    kept = sure.assignment >= 0
+    left, before = (np.bincount(labels[some], minlength=1) for some in (kept, assignment >= 0))
+    if (left < np.where(before > 0, np.maximum(KEPT * before, alone.minimal + 1), 0)).any():
+        return told
+    dropped = (assignment >= 0) & ~kept
+    whole = _join_motions(found, sure.assignment, np.where(kept, labels, -1), parts, rest)
+    return whole.lower_probability(sure.probability, np.where(dropped, shared.unclaimed, confidence))
 
 
 def _allot_matches(alone: MatchingTask, assignment: Integers, labels: Integers, *, proposed: bool) -> SharedOut | None:
@@ -156,7 +170,7 @@ def _allot_matches(alone: MatchingTask, assignment: Integers, labels: Integers, 
             claims[label] = space_claims(model, own)
     if len(claims) < 2:
         return None
-    shared = allot_claims(claims, alone.shape[1])
+    shared = allot_claims(claims, *alone.shape)
     assignment[:], labels[:] = shared.assignment, shared.labels
     return shared
 
