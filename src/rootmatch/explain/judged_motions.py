@@ -3,8 +3,9 @@
 A packing names groups of one motion each by hyper-edges. Where the problem fits poses the model of one motion then
 decides: what does not fit a motion's pose is unmatched, and a motion that is not beyond chance goes. One whose
 residuals are too large for the stated noise stays, untrusted. What a motion leaves may belong to another one, which is
-searched for. The motions are right together with the product of their probabilities, and the status follows from the
-facts of all of them, each of which has to be trusted.
+searched for. The motions are right together with the product of their probabilities and of that of how the points are
+shared out, and the status follows from the facts of all of them, each of which has to be trusted. Matches that another
+motion may have as well are left out where enough remains.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import make_candidate
 from rootmatch.hypergraph.enumeration import sweep_cost
-from rootmatch.model.posterior import drop_doubtful_matches
+from rootmatch.model.posterior import Believed, drop_doubtful_matches
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.solvers.packing.solver import weight_inside_groups
 
@@ -145,18 +146,22 @@ def _judge_and_search(
         return whole
     confidence = shared.certainty * whole.confidence
     told = whole.lower_probability((whole.probability or 0.0) * shared.together, confidence)
-    if told.status or not whole.status:
+    sure = None if told.status or not whole.status else _drop_contested(whole, shared.certainty, alone.minimal)
+    if sure is None:
         return told
-    sure = drop_doubtful_matches(
-        assignment, shared.certainty, 1.0, whole.facts.min_probability, pose=whole.probability or 0.0
-    )
     kept = sure.assignment >= 0
-    left, before = (np.bincount(labels[some], minlength=1) for some in (kept, assignment >= 0))
-    if (left < np.where(before > 0, np.maximum(KEPT * before, alone.minimal + 1), 0)).any():
-        return told
-    dropped = (assignment >= 0) & ~kept
+    confidence = np.where((assignment >= 0) & ~kept, shared.unclaimed, confidence)
     whole = _join_motions(found, sure.assignment, np.where(kept, labels, -1), parts, rest)
-    return whole.lower_probability(sure.probability, np.where(dropped, shared.unclaimed, confidence))
+    return whole.lower_probability(sure.probability, confidence)
+
+
+def _drop_contested(found: Finding, certainty: Floats, minimal: int) -> Believed | None:
+    """What is believed of motions without matches that others may have, (n,); None if that leaves too little of one."""
+    own, least = found.motion_labels, found.facts.min_probability
+    sure = drop_doubtful_matches(found.assignment, certainty, 1.0, least, pose=found.probability or 0.0)
+    before = np.bincount(own[own >= 0])
+    left = np.bincount(own[sure.assignment >= 0], minlength=len(before))
+    return sure if (left >= np.maximum(KEPT * before, minimal + 1)).all() else None
 
 
 def _allot_matches(alone: MatchingTask, assignment: Integers, labels: Integers, *, proposed: bool) -> SharedOut | None:
