@@ -14,28 +14,33 @@ import numpy as np
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.hypergraph.assignment import maximise_total
-from rootmatch.model.evidence import weigh_poses
-from rootmatch.model.matchings import sum_matchings_by_part
+from rootmatch.model.evidence import settle_poses
+from rootmatch.model.matchings import Matchings, sum_matchings_by_part
 from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.pose_density import LEAST
 from rootmatch.model.prediction import GATE
 from rootmatch.model.proposals import fit_assignments
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
 
+SMALL = 16
+"""Matches of a motion, at most, of which one may draw the pose so far that what has more claim to its point or
+detection is no longer near. A round value."""
+
 
 class Claims(NamedTuple):
-    """What a motion matches, and each point that it could match beside that."""
+    """What a motion matches, and each pair that it could match in the place of these, or beside them."""
 
-    assignment: Integers
-    """(n,)"""
+    points: Integers
+    detections: Integers
     gains: Floats
-    """(n,) log-odds of each match, given all that are its own; 0 where there is none."""
+    """(m,) all three. The gains are log-odds of each pair, given the motion's own matches of other points and
+    detections."""
     own: int
     """Number of its own matches."""
 
     def rows(self, label: int) -> Floats:
         """Point, detection, gain and label (m, 4) of each claim."""
-        i = np.flatnonzero(self.assignment >= 0)
-        return np.column_stack([i, self.assignment[i], self.gains[i], np.full(len(i), label)])
+        return np.column_stack([self.points, self.detections, self.gains, np.full(len(self.points), label)])
 
 
 class SharedOut(NamedTuple):
@@ -45,9 +50,11 @@ class SharedOut(NamedTuple):
     labels: Integers
     """(n,) both, −1 where nothing is claimed."""
     certainty: Floats
-    """(n,) probability that it is of that motion, given that it is of one of them; 1 if no other claims it."""
+    """(n,) what remains of the probability of a match, or of none, as other motions may have the point or detection."""
+    unclaimed: Floats
+    """(n,) probability that no motion has the point."""
     together: float
-    """The same of all of them."""
+    """What remains of that of all matches."""
 
 
 def image_claims(body: Candidate, own: Integers) -> Claims:
@@ -55,49 +62,79 @@ def image_claims(body: Candidate, own: Integers) -> Claims:
     model = body.model
     _, found, at = fit_assignments(model, own[None])
     if not len(found.log_odds):
-        return Claims(own, np.zeros(len(own)), int((own >= 0).sum()))
-    squared = at.squared_distances_from(model.target, model.sigma, found.covariance[0])
-    squared[~at.seen[0]] = np.inf
+        return _without_rivals(own)
+    fewer = _with_each_left_out(own)
+    first = np.zeros(len(fewer), np.int64)
+    found, at = settle_poses(model, fewer, at.rotation[first], at.position[first])
+    poses = zip(range(len(fewer)), found.covariance, strict=True)
+    squared = [at.one(k).squared_distances_from(model.target, model.sigma, spread) for k, spread in poses]
 
-    def log_odds(rows: Integers) -> Floats:
-        poses = np.repeat(at.rotation, len(rows), axis=0), np.repeat(at.position, len(rows), axis=0)
-        return weigh_poses(model, rows, *poses)[0].log_odds
+    def log_odds(rows: Integers, leads: Integers) -> Floats:
+        return settle_poses(model, rows, at.rotation[leads], at.position[leads])[0].log_odds
 
-    return _claims(own, squared, model.allowed, log_odds)
+    return _claims(own, np.where(at.seen[..., None], squared, np.inf), model.allowed, log_odds)
 
 
 def space_claims(model: PointSetModel, own: Integers) -> Claims:
     """The claims of a motion among all targets, by its own matches (n,)."""
     if (own >= 0).sum() <= FEWEST:
-        return Claims(own, np.zeros(len(own)), int((own >= 0).sum()))
-    squared, variance = model.judge_one(own).fit.squares()
-    return _claims(own, (squared / variance)[0], model.allowed, lambda rows: model.judged(rows).log_odds)
+        return _without_rivals(own)
+    squared, variance = model.fit(_with_each_left_out(own)).squares()
+    return _claims(own, squared / variance, model.allowed, lambda rows, _: model.judged(rows).log_odds)
 
 
-def _claims(own: Integers, squared: Floats, allowed: Bools | None, log_odds: Callable[[Integers], Floats]) -> Claims:
-    """Claims by the log-odds of the own matches, without one of them each, and with one more each.
+def _without_rivals(own: Integers) -> Claims:
+    """The claims of a motion to its own matches (n,) alone, that are worth nothing."""
+    points = np.flatnonzero(own >= 0)
+    return Claims(points, own[points], np.zeros(len(points)), len(points))
 
-    ``squared``: (n, n') squared distances from where points are predicted, over their variances.
+
+def _with_each_left_out(own: Integers) -> Integers:
+    """Matches (n,) of a motion, and of a small one these without each of them."""
+    matched = np.flatnonzero(own >= 0)
+    if not LEAST < len(matched) <= SMALL:
+        return own[None]
+    every = np.tile(own, (1 + len(matched), 1))
+    every[1 + np.arange(len(matched)), matched] = -1
+    return every
+
+
+def _claims(
+    own: Integers, squared: Floats, allowed: Bools | None, log_odds: Callable[[Integers, Integers], Floats]
+) -> Claims:
+    """Claims to the own matches and to pairs near the motion, by what each adds to the own matches that it leaves.
+
+    So where two motions exchange a point or a detection, each is weighed without what it gives.
+
+    ``squared``: (K, n, n') squared distances from where points are predicted by `_with_each_left_out`, over their
+    variances. ``log_odds``: of assignments (L, n), each led to by one of those, (L,).
     """
-    squared = squared if allowed is None else np.where(allowed, squared, np.inf)
-    near = np.where(squared.min(axis=1) < GATE**2, squared.argmin(axis=1), -1)
-    assignment = np.where(own >= 0, own, near)
-    claimed = np.flatnonzero(assignment >= 0)
-    rows = np.tile(own, (1 + len(claimed), 1))
-    rows[1 + np.arange(len(claimed)), claimed] = np.where(own >= 0, -1, near)[claimed]
-    every, gains = log_odds(rows), np.zeros(len(own))
-    gains[claimed] = np.where(own[claimed] >= 0, 1.0, -1.0) * (every[0] - every[1:])
-    return Claims(assignment, gains, int((own >= 0).sum()))
+    count, matched = squared.shape[2], np.flatnonzero(own >= 0)
+    of_point, of_detection = np.zeros(len(own), np.int64), np.zeros(count, np.int64)
+    of_point[matched] = of_detection[own[matched]] = 1 + np.arange(len(matched))
+    without = np.maximum(of_point[:, None], of_detection)
+    leads = without if len(squared) > 1 else np.zeros_like(without)
+    near = squared[leads, np.arange(len(own))[:, None], np.arange(count)] < GATE**2
+    near &= (of_point[:, None] == 0) | (of_detection == 0)  # its own model tells which of its points has which
+    near = near if allowed is None else near & allowed
+    near[matched, own[matched]] = True
+    i, j = np.nonzero(near)
+    left = np.tile(own, (1 + len(matched), 1))
+    left[1 + np.arange(len(matched)), matched] = -1
+    rows, lead = left[without[i, j]], leads[i, j]
+    rows[np.arange(len(i)), i] = j
+    worth = log_odds(np.concatenate([left, rows]), np.concatenate([np.arange(len(left)) % len(squared), lead]))
+    return Claims(i, j, worth[len(left) :] - worth[without[i, j]], len(matched))
 
 
-def allot_claims(claims: dict[int, Claims], n_target: int) -> SharedOut:
-    """Each point and detection given to the motions so that their claims have the largest total, by label.
+def allot_claims(claims: dict[int, Claims], n: int, n_target: int) -> SharedOut:
+    """Each of n points and n' detections given to the motions so that their claims have the largest total, by label.
 
     The model of one motion takes what is of the others for points missed and for clutter; so each claim is worth more
     by what it costs to leave a point and a detection where all motions together leave few. How sure the shares are is
-    the sum over all ways to share out, each with the product of the odds of its claims.
+    the sum over all ways to share out, each with the product of the odds of its claims, in the place of those in which
+    each motion has what is its own or nobody's: what is doubtful among these, its own model tells.
     """
-    n = len(next(iter(claims.values())).assignment)
     i, j, gain, label = np.concatenate([one.rows(label) for label, one in claims.items()]).T
     i, j, label = i.astype(np.int64), j.astype(np.int64), label.astype(np.int64)
     total = min(sum(one.own for one in claims.values()), n, n_target)
@@ -109,15 +146,21 @@ def allot_claims(claims: dict[int, Claims], n_target: int) -> SharedOut:
     worth, whose = np.zeros((n, n_target)), np.full((n, n_target), -1)
     worth[i[order], j[order]], whose[i[order], j[order]] = gain[order], label[order]
     assignment = maximise_total(worth, 0.0)
-    matched, labels, certainty = np.flatnonzero(assignment >= 0), np.full(n, -1), np.ones(n)
-    labels[matched] = whose[matched, assignment[matched]]
-    own = (assignment[i] == j) & (labels[i] == label)
-    told = sum_matchings_by_part(gain[None], i, j, 0.0)
-    chance = told.marginals[0]
-    either = np.bincount(told.rows, chance, n)[:, None] + np.bincount(told.columns, chance, n_target)
-    np.subtract.at(either, (told.rows, told.columns), chance)  # of a point or a detection, each claim once
-    for p, q, here, odds in zip(told.rows, told.columns, chance, told.log_odds[0], strict=True):
-        if assignment[p] == q and worth[p, q] == odds:
-            certainty[p] = here / either[p, q]
-    together = math.exp(min(float(np.logaddexp(0.0, gain[own]).sum() - told.log_total[0]), 0.0))
-    return SharedOut(assignment, labels, certainty, together)
+    matched, labels, holder = np.flatnonzero(assignment >= 0), np.full(n, -1), np.full(n_target, -1)
+    labels[matched] = holder[assignment[matched]] = whose[matched, assignment[matched]]
+    apart = ((labels[i] == label) | (labels[i] < 0)) & ((holder[j] == label) | (holder[j] < 0))
+    every, kept = (sum_matchings_by_part(gain[None, some], i[some], j[some], 0.0) for some in (gain > 0.0, apart))
+    (held, unclaimed), (apart_held, _) = (_chances(one, assignment, worth) for one in (every, kept))
+    certainty = np.minimum(held / np.maximum(apart_held, 1e-300), 1.0)
+    together = math.exp(min(float(kept.log_total[0] - every.log_total[0]), 0.0))
+    return SharedOut(assignment, labels, certainty, unclaimed, together)
+
+
+def _chances(told: Matchings, assignment: Integers, worth: Floats) -> tuple[Floats, Floats]:
+    """Probability (n,) that a point has what it is assigned, by a claim of that worth, and that no motion has it."""
+    chance, n = told.marginals[0], len(assignment)
+    own = (assignment[told.rows] == told.columns) & (worth[told.rows, told.columns] == told.log_odds[0])
+    unclaimed = np.maximum(1.0 - np.bincount(told.rows, chance, n), 0.0)
+    held = unclaimed.copy()
+    held[told.rows[own]] = chance[own]
+    return held, unclaimed

@@ -3,8 +3,9 @@
 A packing names groups of one motion each by hyper-edges. Where the problem fits poses the model of one motion then
 decides: what does not fit a motion's pose is unmatched, and a motion that is not beyond chance goes. One whose
 residuals are too large for the stated noise stays, untrusted. What a motion leaves may belong to another one, which is
-searched for. The motions are right together with the product of their probabilities, and the status follows from the
-facts of all of them, each of which has to be trusted.
+searched for. The motions are right together with the product of their probabilities and of that of how the points are
+shared out, and the status follows from the facts of all of them, each of which has to be trusted. Matches that another
+motion may have as well are left out where enough remains.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from rootmatch.explain.assessment import assess
 from rootmatch.explain.contested_matches import Claims, SharedOut, allot_claims, image_claims, space_claims
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, make_empty_finding
-from rootmatch.explain.image_decision import image_finding, is_modelled
+from rootmatch.explain.image_decision import KEPT, image_finding, is_modelled
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.known_pose import QUICK
 from rootmatch.explain.missing_motions import (
@@ -38,6 +39,7 @@ from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.zoom_hypotheses import make_candidate
 from rootmatch.hypergraph.enumeration import sweep_cost
+from rootmatch.model.posterior import Believed, drop_doubtful_matches
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.solvers.packing.solver import weight_inside_groups
 
@@ -138,11 +140,28 @@ def _judge_and_search(
     except OutOfTime:
         return found.with_facts(confirmed=False)
     evaluated = sum(one.told.evaluated for one in searched if one.told is not None)
-    found = _join_motions(replace(found, evaluated=found.evaluated + evaluated), assignment, labels, parts, rest)
-    if shared is None or found.confidence is None or not shared.together < 1.0:
-        return found
-    certainty = np.where(found.assignment >= 0, shared.certainty, 1.0)
-    return found.lower_probability((found.probability or 0.0) * shared.together, certainty * found.confidence)
+    found = replace(found, evaluated=found.evaluated + evaluated)
+    whole = _join_motions(found, assignment, labels, parts, rest)
+    if shared is None or whole.confidence is None or not shared.together < 1.0:
+        return whole
+    confidence = shared.certainty * whole.confidence
+    told = whole.lower_probability((whole.probability or 0.0) * shared.together, confidence)
+    sure = None if told.status or not whole.status else _drop_contested(whole, shared.certainty, alone.minimal)
+    if sure is None:
+        return told
+    kept = sure.assignment >= 0
+    confidence = np.where((assignment >= 0) & ~kept, shared.unclaimed, confidence)
+    whole = _join_motions(found, sure.assignment, np.where(kept, labels, -1), parts, rest)
+    return whole.lower_probability(sure.probability, confidence)
+
+
+def _drop_contested(found: Finding, certainty: Floats, minimal: int) -> Believed | None:
+    """What is believed of motions without matches that others may have, (n,); None if that leaves too little of one."""
+    own, least = found.motion_labels, found.facts.min_probability
+    sure = drop_doubtful_matches(found.assignment, certainty, 1.0, least, pose=found.probability or 0.0)
+    before = np.bincount(own[own >= 0])
+    left = np.bincount(own[sure.assignment >= 0], minlength=len(before))
+    return sure if (left >= np.maximum(KEPT * before, minimal + 1)).all() else None
 
 
 def _allot_matches(alone: MatchingTask, assignment: Integers, labels: Integers, *, proposed: bool) -> SharedOut | None:
@@ -156,7 +175,7 @@ def _allot_matches(alone: MatchingTask, assignment: Integers, labels: Integers, 
             claims[label] = space_claims(model, own)
     if len(claims) < 2:
         return None
-    shared = allot_claims(claims, alone.shape[1])
+    shared = allot_claims(claims, *alone.shape)
     assignment[:], labels[:] = shared.assignment, shared.labels
     return shared
 
