@@ -72,6 +72,8 @@ class SearchPart(NamedTuple):
     """Whether among those detections only that its prediction leaves."""
     share: float = 1.0
     """Share of its budget that it may take."""
+    tried: tuple[int, ...] = ()
+    """Other bodies on whose detections this one was tried before; what they certainly have is left out."""
 
     def of(self, task: MatchingTask) -> MatchingTask:
         """The part of a task."""
@@ -168,7 +170,7 @@ class _Body(SearchedBody):
     def predict(self) -> None:
         """Add what is assigned about the predicted pose, if there is one."""
         if self.task.prior_pose is not None:
-            self.predicted = propose_predicted(self.candidate.model)
+            self.predicted = propose_predicted(self.candidate.model, narrowing=self.task.rivals.narrowing)
         elif self.task.known is not None:
             self.predicted = propose_by_knowledge(
                 self.task, self.candidate.model, find_pairs_by_angle(self.task, self.task.known)
@@ -236,10 +238,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             if (part := choice(predicted)) is None:
                 return predicted if all(body.is_neighbourhood_settled for body in bodies) else _finding(task, bodies)
             body = bodies[part.body]
-            if not part.rest:  # what the prediction explains may be explained better by a pose elsewhere
-                # and what another one holds on to with a few of its points is not its own for certain
-                taken = [one.used for one in bodies if one is not body and is_mostly_shown(one.told)]
-                body.free = np.sum(taken, axis=0, initial=0.0) + np.zeros(task.shape[1]) < SURE
+            body.free = _detections_to_search(part, bodies)
             before, budget, of_part = body.candidate, search_budgets(task)[0], part.of(task)
             search(body, budget, of_part)
             for rival in bodies:
@@ -247,6 +246,21 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
                     rival.free = body.told.modes.uses(task.shape[1])[0]
                     search(rival, budget, _with_remaining_budget(of_part, bodies))
     return _finding(task, bodies)
+
+
+def _detections_to_search(part: SearchPart, bodies: Sequence[_Body]) -> Bools:
+    """The detections (n',) among which a frame searches for a body.
+
+    Unless it is sought among the rest, with its own: a pose elsewhere may explain them better.
+    """
+    body = bodies[part.body]
+    taken = np.zeros(len(body.free))
+    for one in bodies:
+        if one is body:
+            taken += part.rest * one.told.used(len(taken))
+        elif is_mostly_shown(one.told):  # what it holds on to with a few of its points is not its own for certain
+            taken += one.told.used(len(taken)) if one.number in part.tried else one.used
+    return (body.free | (not part.rest)) & (taken < SURE)
 
 
 def _try_in_places_of_others(bodies: list[_Body], tried: set[tuple[int, bytes]]) -> bool:

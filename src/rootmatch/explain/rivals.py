@@ -25,6 +25,8 @@ class Rivals(NamedTuple):
     """(n,) probability that each sighting of a point is lit by the frames before; all are where not given."""
     placed: Bools | None = None
     """(m,) whether each point has been seen in its place before; none has where not given."""
+    narrowing: bool = True
+    """Whether wide predictions are narrowed by single matches, which takes as long as a search."""
 
     def given(self, known: PosePrior) -> Rivals:
         """The same poses with partial knowledge."""

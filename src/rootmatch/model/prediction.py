@@ -104,13 +104,15 @@ def propose_about(model: DetectionModel, prediction: Gaussian) -> Proposals | No
     return collect_proposals(_settle_about(model, prediction)[0])
 
 
-def propose_about_each(model: DetectionModel, predictions: Sequence[Gaussian]) -> list[Proposals]:
+def propose_about_each(
+    model: DetectionModel, predictions: Sequence[Gaussian], *, narrowing: bool = True
+) -> list[Proposals]:
     """What `propose_about` tells of several predictions, the most probable first.
 
-    A wide one is narrowed by single correspondences only if none before it fits: look-alikes of what fits are
-    proposed as twins.
+    With ``narrowing``, a wide one is narrowed by single correspondences, but only if none before it fits: look-alikes
+    of what fits are proposed as twins.
     """
-    out, narrowing = list[Proposals](), True
+    out = list[Proposals]()
     for prediction in predictions:
         found, fits = _settle_about(model, prediction, narrowing=narrowing)
         narrowing = narrowing and not fits

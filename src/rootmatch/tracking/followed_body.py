@@ -40,6 +40,10 @@ LONGEST_INTERVAL = 5.0
 """Seconds between frames from which no time of a frame may be left out: as many frames a second were meant. A round
 value."""
 
+AMONG_ALL = 60
+"""Frames after which one of several bodies that is missing is searched for again on the detections that others of its
+shape certainly have. A round value."""
+
 DOUBTED = 0.5
 """Share of the evaluations of a search for a body that is found where it is expected. A round value."""
 
@@ -129,6 +133,12 @@ class FollowedBody:
         self.looked: list[int | None] = []
         """Images that it has come to."""
         self.detections = self.own = self.searched = self.served = self.failures = self.agreements = 0
+        self.since = self.narrowed = 0
+        """Frames in which it was found after it was lost, and in which a wide prediction of it may have been narrowed.
+        """
+        self.tried, self.begun = -AMONG_ALL, 0
+        """Frames in which the last search for it among all detections began, of those that ended, and the last one.
+        """
         self.left = 0
         """Detections that were left unexplained in the frame of the last search."""
         self.beside = False
@@ -198,6 +208,19 @@ class FollowedBody:
         """
         wait = min(1 << min(self.failures - 1, 30), MISSING) if self.failures else 0
         return frame - self.searched >= wait
+
+    def narrows(self, frame: int) -> bool:
+        """Whether a frame narrows a wide prediction, among those for several bodies.
+
+        That takes as long as a search elsewhere: for a body that was not found in the last frame they take turns.
+        """
+        if not (self.missed and self.waiting and self.narrowed == frame - 1):
+            self.narrowed = frame
+        return self.narrowed == frame
+
+    def is_looked_for(self, frame: int) -> bool:
+        """Whether a frame narrows a wide prediction of it in the place of a search: see `narrows`."""
+        return bool(self.belief) and self.missed > 0 and self.narrowed == frame
 
     def needs_search(self, found: Finding, frame: int, free: int = 0) -> bool:
         """Whether to search for the body in a frame, judged by the finding about its predicted poses.
@@ -294,6 +317,7 @@ class FollowedBody:
         elif searched and in_space:  # the search of an image is bounded: what it did not find may be there
             self.presence = found.facts.present or 0.0, time
         if found.status is Status.MATCHED:
+            self.since = self.since if self.settled else frame
             self.settled, self.matched = True, time
         elif time - self.matched > self.options.coasting:
             self.settled = False
