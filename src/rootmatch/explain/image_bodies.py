@@ -170,7 +170,7 @@ class _Body(SearchedBody):
     def predict(self) -> None:
         """Add what is assigned about the predicted pose, if there is one."""
         if self.task.prior_pose is not None:
-            self.predicted = propose_predicted(self.candidate.model, narrowing=self.task.rivals.narrowing)
+            self.predicted = propose_predicted(self.candidate.model, self.task.rivals.narrowed)
         elif self.task.known is not None:
             self.predicted = propose_by_knowledge(
                 self.task, self.candidate.model, find_pairs_by_angle(self.task, self.task.known)

@@ -258,15 +258,15 @@ def is_search_needless(
     return mass >= math.log(doubt) + elsewhere
 
 
-def propose_predicted(model: DetectionModel, *, narrowing: bool = True) -> Proposals | None:
+def propose_predicted(model: DetectionModel, narrowed: tuple[int, ...] | None = None) -> Proposals | None:
     """Assignments about each predicted pose, with the poses that they lead to; None if there are none.
 
-    ``narrowing``: whether wide predictions are narrowed, see `propose_about_each`.
+    ``narrowed``: see `Rivals`.
     """
     if not isinstance(model.prior, Doubted):
         return None
     predictions = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
-    every = propose_about_each(model, predictions, narrowing=narrowing)
+    every = propose_about_each(model, predictions, narrowed)
     parts = [one.take(slice(max(MOST_PREDICTED // len(every), 2))) for one in every]
     others = [propose_few_matched(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth

@@ -105,16 +105,16 @@ def propose_about(model: DetectionModel, prediction: Gaussian) -> Proposals | No
 
 
 def propose_about_each(
-    model: DetectionModel, predictions: Sequence[Gaussian], *, narrowing: bool = True
+    model: DetectionModel, predictions: Sequence[Gaussian], narrowed: Sequence[int] | None = None
 ) -> list[Proposals]:
     """What `propose_about` tells of several predictions, the most probable first.
 
-    With ``narrowing``, a wide one is narrowed by single correspondences, but only if none before it fits: look-alikes
-    of what fits are proposed as twins.
+    A wide one is narrowed by single correspondences if it is among those to be ``narrowed``, all by default, and none
+    before it fits: look-alikes of what fits are proposed as twins.
     """
-    out = list[Proposals]()
-    for prediction in predictions:
-        found, fits = _settle_about(model, prediction, narrowing=narrowing)
+    out, narrowing = list[Proposals](), True
+    for k, prediction in enumerate(predictions):
+        found, fits = _settle_about(model, prediction, narrowing=narrowing and (narrowed is None or k in narrowed))
         narrowing = narrowing and not fits
         if (proposals := collect_proposals(found)) is not None:
             out.append(proposals)

@@ -133,8 +133,9 @@ class FollowedBody:
         self.looked: list[int | None] = []
         """Images that it has come to."""
         self.detections = self.own = self.searched = self.served = self.failures = self.agreements = 0
-        self.since = self.narrowed = 0
-        """Frames in which it was found after it was lost, and in which a wide prediction of it may have been narrowed.
+        self.since = self.narrowed = self.turns = 0
+        """Frames in which it was found after it was lost, and in which one of its predictions was narrowed though it
+        was missing; and how often one was.
         """
         self.tried, self.begun = -AMONG_ALL, 0
         """Frames in which the last search for it among all detections began, of those that ended, and the last one.
@@ -209,17 +210,21 @@ class FollowedBody:
         wait = min(1 << min(self.failures - 1, 30), MISSING) if self.failures else 0
         return frame - self.searched >= wait
 
-    def narrows(self, frame: int) -> bool:
-        """Whether a frame narrows a wide prediction, among those for several bodies.
+    def narrowed_poses(self, frame: int) -> tuple[int, ...] | None:
+        """The numbers of the poses whose predictions a frame narrows if they are wide; all of them are by default.
 
-        That takes as long as a search elsewhere: for a body that was not found in the last frame they take turns.
+        That takes as long as a search elsewhere. For a body that was not found in the last frame they take turns, and
+        the poses among themselves.
         """
-        if not (self.missed and self.waiting and self.narrowed == frame - 1):
-            self.narrowed = frame
-        return self.narrowed == frame
+        if self.missed == 0:
+            return None
+        if self.waiting and self.narrowed == frame - 1:
+            return ()
+        self.narrowed, self.turns = frame, self.turns + 1
+        return (self.turns % len(self.belief.poses),)
 
     def is_looked_for(self, frame: int) -> bool:
-        """Whether a frame narrows a wide prediction of it in the place of a search: see `narrows`."""
+        """Whether a frame narrows a prediction of it in the place of a search: see `narrowed_poses`."""
         return bool(self.belief) and self.missed > 0 and self.narrowed == frame
 
     def needs_search(self, found: Finding, frame: int, free: int = 0) -> bool:

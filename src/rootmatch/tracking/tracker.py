@@ -261,7 +261,7 @@ max_evaluations
             told = given.get(label)
             if body.belief and not isinstance(told, Pose):
                 pose, others = body.predicted(when)
-                others = others if self.labels is None else others._replace(narrowing=body.narrows(frame))
+                others = others if self.labels is None else others._replace(narrowed=body.narrowed_poses(frame))
                 if told is not None:
                     pose, others = told.with_prediction(pose), others.given(told)
                 poses[label], rivals[label] = pose, others
