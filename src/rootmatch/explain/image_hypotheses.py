@@ -267,7 +267,8 @@ def propose_predicted(model: DetectionModel, narrowed: tuple[int, ...] | None = 
         return None
     predictions = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
     every = propose_about_each(model, predictions, narrowed)
-    parts = [one.take(slice(max(MOST_PREDICTED // len(every), 2))) for one in every]
+    most = max(MOST_PREDICTED // len(every), 2) if every[1:] else MOST_PREDICTED
+    parts = [one.take(slice(most)) for one in every]
     others = [propose_few_matched(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
         others += [reverse_depths(model, one.take(slice(1))) for one in parts]

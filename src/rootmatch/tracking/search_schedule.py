@@ -11,15 +11,18 @@ from rootmatch.arrays import Bools
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_bodies import SearchPart, is_mostly_shown
 from rootmatch.explain.match_options import MatchOptions
+from rootmatch.explain.search_part import SearchPart, is_mostly_shown
 from rootmatch.frozen import copy_with
-from rootmatch.tracking.followed_body import AMONG_ALL, FollowedBody
+from rootmatch.tracking.followed_body import FollowedBody
 
 LONGEST_INTERVAL = 16
 """Interval between frames, relative to `INTERVAL`, beyond which a search takes no longer. A round value."""
 INTERVAL = 1.0 / 60.0
 """Seconds between frames for which the budget of a search is stated."""
+AMONG_ALL = 60
+"""Frames after which one of several bodies that is missing is searched for again on the detections that others of its
+shape certainly have. A round value."""
 LATELY = 10
 """Frames without a body from which it is not looked for with more noise, unless the last residuals leave a doubt: the
 first few would have told, and what is predicted so vaguely takes as long as a search. A round value."""
@@ -82,8 +85,8 @@ def choose_next_part(
         wants = body.needs_joint_search if len(each) > 1 else body.needs_search
         if not body.waiting and wants(part, frame, free):
             body.begun = frame
-            others = held[[*bodies_tried(each, body)]].any(axis=0)
-            images, matched = searchable_images(part, explained.any(axis=0), others), part.status is Status.MATCHED
+            others = held[[*bodies_tried(each, body)]]
+            images, matched = searchable_images(part, explained, others), part.status is Status.MATCHED
             if images and matched and body.confirmed and body.beside:  # all of them have been searched before
                 images = [images[body.agreements % len(images)]]
             body.waiting, body.rest, body.looked = images, body.has_new_detections(part), []
@@ -120,7 +123,7 @@ def bodies_tried(bodies: Sequence[FollowedBody], body: FollowedBody) -> tuple[in
 
     Whether it is in the place of one of them is weighed in every frame, as far as they look alike.
     """
-    if body.begun - body.tried >= AMONG_ALL:
+    if body.tried is None or body.begun - body.tried >= AMONG_ALL:
         return ()
     return tuple(k for k, one in enumerate(bodies) if one is not body and one.settled and one.since <= body.tried)
 
@@ -160,10 +163,11 @@ def remaining_counts(parts: Mapping[Label | None, Finding]) -> dict[Label | None
 def searchable_images(found: Finding, explained: Bools, others: Bools) -> list[int | None]:
     """The images in which a body can be searched for: cameras of a rig that show enough.
 
-    Those with the most detections that are not ``explained`` (n') come first. ``others`` (n'): those left out.
+    Those with the most detections that are not ``explained`` come first. What each of some bodies explains (K, n'), and
+    what each of the ``others`` has that is left out.
     """
     if found.task.rig is None:
         return [None]
-    shown = np.bincount(found.task.camera_of[~others])
-    left = np.bincount(found.task.camera_of[~explained], minlength=len(shown))
+    shown = np.bincount(found.task.camera_of[~others.any(axis=0)])
+    left = np.bincount(found.task.camera_of[~explained.any(axis=0)], minlength=len(shown))
     return [k for k in np.lexsort([-shown, -left]).tolist() if shown[k] >= found.task.minimal]
