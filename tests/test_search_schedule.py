@@ -12,15 +12,24 @@ import hall_scenes
 import rootmatch as rm
 from rootmatch.arrays import Integers
 from rootmatch.cameras.brown import Brown
-from rootmatch.explain import explain
+from rootmatch.explain import explain, image_bodies, image_hypotheses
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.image_hypotheses import NAMED, Candidate
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
+from rootmatch.frozen import copy_with
 from rootmatch.model.proposals import Proposals
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.tracking.followed_body import FollowedBody
-from rootmatch.tracking.search_schedule import LATELY, RepeatedSearch, bodies_found_lately, unmet_chance
+from rootmatch.tracking.narrowed_predictions import NarrowedPredictions
+from rootmatch.tracking.search_schedule import (
+    AMONG_ALL,
+    LATELY,
+    RepeatedSearch,
+    bodies_found_lately,
+    bodies_tried,
+    unmet_chance,
+)
 from rootmatch.tracking.tracker import TRACKING
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -151,6 +160,78 @@ def test_more_noise_is_asked_for_only_of_what_was_found_lately() -> None:
     assert bodies_found_lately(bodies, bodies, 8, doubted=True) == [0, 1, 2]
     assert bodies_found_lately(bodies, [1], 8, doubted=True) == [1]
     assert not bodies_found_lately(bodies, bodies, 7, doubted=True)  # which is searched
+
+
+def test_a_missing_body_is_tried_on_what_the_other_of_its_shape_has_once_and_now_and_then(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng, among = np.random.default_rng(9), list[tuple[int, int]]()
+    points, strays = rng.uniform(-0.2, 0.2, (8, 3)), 6
+    both = np.vstack([points, points * (-1.0, 1.0, 1.0)])
+    tracker = rm.Tracker(both, rm.P3P(CAMERA), noise=0.3, bodies=np.repeat([0, 1], 8))
+    search = image_bodies._Body.search
+
+    def counted(body: image_bodies._Body, task: MatchingTask, solve: image_bodies.Solve, budget: int) -> None:
+        if body.number == 1:
+            among.append((k, int(body.free.sum())))
+        search(body, task, solve, budget)
+
+    monkeypatch.setattr(image_bodies._Body, "search", counted)
+    back = 2 * AMONG_ALL
+    for k in range(back + 12):
+        shown = [seen(points, k, rng, -0.35), rng.uniform((0.0, 0.0), (1280.0, 960.0), (strays, 2))]
+        if k >= back:
+            shown.append(seen(both[8:], k, rng, 0.35))
+        match = tracker.update(np.vstack(shown))
+        assert match.bodies is not None
+        assert match.bodies[0].status is rm.Status.MATCHED
+        assert k < back + 6 or match.bodies[1].status is rm.Status.MATCHED
+    later = [count for k, count in among if 4 < k < back]
+    every = [k for k, count in among if 4 < k < back and count == 8 + strays]
+    assert len(later) > 20
+    assert set(later) == {strays, 8 + strays}
+    assert 1 <= len(every) <= 2
+
+
+def test_bodies_are_left_out_where_a_search_has_tried_them() -> None:
+    first, second = followed(0), followed(20)
+    first.settled, first.since = True, 30
+    second.tried, second.begun = 29, 35
+    assert bodies_tried([first, second], second) == ()  # the first one was found since
+    second.tried = 30
+    assert bodies_tried([first, second], second) == (0,)
+    first.settled = False
+    assert bodies_tried([first, second], second) == ()
+    first.settled, second.begun = True, 30 + AMONG_ALL
+    assert bodies_tried([first, second], second) == ()  # it was long ago
+
+
+def test_a_wide_prediction_is_narrowed_in_turn_with_searches() -> None:
+    narrowed = NarrowedPredictions()
+    assert [narrowed.of_frame(k, 2, searching=False) for k in range(5, 8)] == [(1,), (0,), (1,)]
+    assert [narrowed.of_frame(k, 2, searching=True) for k in range(8, 12)] == [(), (0,), (), (1,)]
+
+
+def test_of_several_predictions_no_more_is_weighed_than_of_one_but_two_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, weighed = np.random.default_rng(3), list[list[int]]()
+    points = rng.uniform(-0.08, 0.08, (10, 3))
+    tracker, join = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3), image_hypotheses.join_proposals
+    tracker.update(seen(points, 0, rng))
+    (body,) = tracker._bodies.values()
+    filter_ = body.belief.best
+    body.belief.poses += [
+        copy_with(body.belief.poses[0], filter=filter_.turned(np.eye(3), np.array([x, 0.0, 0.0]))) for x in (0.01, 0.02)
+    ]
+
+    def joined(parts: Sequence[Proposals]) -> Proposals:
+        weighed.append([len(one.assignments) for one in parts])
+        return join(parts)
+
+    monkeypatch.setattr(image_hypotheses, "join_proposals", joined)
+    crowd = CAMERA.project(rng.uniform((-0.1, -0.1, 0.9), (0.1, 0.1, 1.1), (40, 3)))
+    tracker.update(crowd, time=0.4)
+    first = next(one for one in weighed if len(one) >= 3)
+    assert max(first[:3]) <= image_hypotheses.MOST_PREDICTED // 3
 
 
 def in_hall(rng: np.random.Generator, built: np.ndarray, k: int, shown: float) -> tuple[list[np.ndarray], np.ndarray]:

@@ -17,7 +17,7 @@ from rootmatch.explain.bodies import UNCONFIRMED, match_bodies
 from rootmatch.explain.body_findings import find_no_body
 from rootmatch.explain.dense_image import match_dense
 from rootmatch.explain.finding import Finding, make_empty_finding
-from rootmatch.explain.image_bodies import Choice, match_bodies_in_image
+from rootmatch.explain.image_bodies import match_bodies_in_image
 from rootmatch.explain.image_decision import assess_image as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
 from rootmatch.explain.in_time import TOO_LATE, explain_in_time
@@ -31,6 +31,7 @@ from rootmatch.explain.predicted_pose import match_predicted
 from rootmatch.explain.proposed_pairs import find_pair_motions, is_worth_drawing
 from rootmatch.explain.rig_search import match_rig
 from rootmatch.explain.sampling import keep_affordable, make_sweep, sample
+from rootmatch.explain.search_part import Choice
 from rootmatch.explain.space_bodies import match_bodies_in_space
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.too_few import are_too_few

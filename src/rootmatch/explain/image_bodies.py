@@ -9,10 +9,10 @@ everything that any of the searches proposed, including look-alikes of other bod
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -44,12 +44,12 @@ from rootmatch.explain.in_time import prediction_deadline
 from rootmatch.explain.known_place import find_pairs_by_angle
 from rootmatch.explain.known_pose import propose_by_knowledge
 from rootmatch.explain.likeness import look_alike_by_errors
+from rootmatch.explain.search_part import Choice, SearchPart, is_mostly_shown
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, empty_posterior
-from rootmatch.model.prediction import COMPLETE
 from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.model.proposals import Proposals, join_proposals
 
@@ -62,33 +62,12 @@ LEAST_LEFT = 0.1
 """Share of a frame's budget for a rival of what was found, whatever the search before has left. A round value."""
 
 
-class SearchPart(NamedTuple):
-    """What one frame of a tracker searches, whose searches go on over frames."""
-
-    body: int
-    camera: int | None = None
-    """Of a rig; None for one image. A single body is searched for in all."""
-    rest: bool = False
-    """Whether among those detections only that its prediction leaves."""
-    share: float = 1.0
-    """Share of its budget that it may take."""
-
-    def of(self, task: MatchingTask) -> MatchingTask:
-        """The part of a task."""
-        budget = None if task.budget is None else round(self.share * task.budget)
-        return copy_with(task, search_camera=self.camera, budget=budget)
-
-
 def _with_remaining_budget(task: MatchingTask, bodies: Sequence[SearchedBody]) -> MatchingTask:
     """The task with what the searches of a frame have left of its budget; among few detections hardly any is needed."""
     if task.budget is None:
         return task
     left = task.budget - sum(body.evaluated for body in bodies)
     return copy_with(task, budget=max(left, round(LEAST_LEFT * task.budget)))
-
-
-Choice = Callable[[Finding], SearchPart | None]
-"""Says what to search, None for nothing, given the finding about predicted poses."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -168,7 +147,7 @@ class _Body(SearchedBody):
     def predict(self) -> None:
         """Add what is assigned about the predicted pose, if there is one."""
         if self.task.prior_pose is not None:
-            self.predicted = propose_predicted(self.candidate.model)
+            self.predicted = propose_predicted(self.candidate.model, self.task.rivals.narrowed)
         elif self.task.known is not None:
             self.predicted = propose_by_knowledge(
                 self.task, self.candidate.model, find_pairs_by_angle(self.task, self.task.known)
@@ -236,10 +215,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             if (part := choice(predicted)) is None:
                 return predicted if all(body.is_neighbourhood_settled for body in bodies) else _finding(task, bodies)
             body = bodies[part.body]
-            if not part.rest:  # what the prediction explains may be explained better by a pose elsewhere
-                # and what another one holds on to with a few of its points is not its own for certain
-                taken = [one.used for one in bodies if one is not body and is_mostly_shown(one.told)]
-                body.free = np.sum(taken, axis=0, initial=0.0) + np.zeros(task.shape[1]) < SURE
+            body.free = _detections_to_search(part, bodies)
             before, budget, of_part = body.candidate, search_budgets(task)[0], part.of(task)
             search(body, budget, of_part)
             for rival in bodies:
@@ -247,6 +223,21 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
                     rival.free = body.told.modes.uses(task.shape[1])[0]
                     search(rival, budget, _with_remaining_budget(of_part, bodies))
     return _finding(task, bodies)
+
+
+def _detections_to_search(part: SearchPart, bodies: Sequence[_Body]) -> Bools:
+    """The detections (n',) among which a frame searches for a body.
+
+    Unless it is sought among the rest, with its own: a pose elsewhere may explain them better.
+    """
+    body = bodies[part.body]
+    taken = np.zeros(len(body.free))
+    for one in bodies:
+        if one is body:
+            taken += part.rest * one.told.used(len(taken))
+        elif is_mostly_shown(one.told):  # what it holds on to with a few of its points is not its own for certain
+            taken += one.told.used(len(taken)) if one.number in part.tried else one.used
+    return (body.free | (not part.rest)) & (taken < SURE)
 
 
 def _try_in_places_of_others(bodies: list[_Body], tried: set[tuple[int, bytes]]) -> bool:
@@ -289,14 +280,6 @@ def _finding(task: MatchingTask, bodies: list[_Body], beside: bool = True) -> Fi
         reason = None if len(body.told.probabilities) else unseen
         found[body.number] = one if one.reason == reason else copy_with(one, reason=reason)
     return join_findings(task, [found[body.number] for body in bodies], sum(body.evaluated for body in bodies))
-
-
-def is_mostly_shown(told: Posterior, mode: int = 0) -> bool:
-    """Whether a body has detections for most of the points that are visible in one of its poses."""
-    if len(told.probabilities) <= mode:
-        return False
-    matched = np.count_nonzero(told.modes.assignments[mode] >= 0)
-    return bool(matched >= COMPLETE * float(told.modes.visible[mode].sum()))
 
 
 def _is_taken(body: _Body, bodies: Sequence[_Body]) -> bool:

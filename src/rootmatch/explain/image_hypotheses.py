@@ -62,7 +62,7 @@ NAMED = 16
 """Strongest assignments that a tracker's search named, which are weighed: if nothing is in view, up to 64 take 13 ms.
 The same bodies are right with all of them (benchmarks/flights.py, room and drone, 3 flights from 1100 and 1300)."""
 MOST_PREDICTED = 8
-"""Assignments about a predicted pose that are weighed. A round value."""
+"""Assignments about the predicted poses of a body that are weighed, but two about each. A round value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,12 +258,17 @@ def is_search_needless(
     return mass >= math.log(doubt) + elsewhere
 
 
-def propose_predicted(model: DetectionModel) -> Proposals | None:
-    """Assignments about each predicted pose, with the poses that they lead to; None if there are none."""
+def propose_predicted(model: DetectionModel, narrowed: tuple[int, ...] | None = None) -> Proposals | None:
+    """Assignments about each predicted pose, with the poses that they lead to; None if there are none.
+
+    ``narrowed``: see `Rivals`.
+    """
     if not isinstance(model.prior, Doubted):
         return None
     predictions = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
-    parts = [one.take(slice(MOST_PREDICTED)) for one in propose_about_each(model, predictions)]
+    every = propose_about_each(model, predictions, narrowed)
+    most = max(MOST_PREDICTED // len(every), 2) if every[1:] else MOST_PREDICTED
+    parts = [one.take(slice(most)) for one in every]
     others = [propose_few_matched(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
         others += [reverse_depths(model, one.take(slice(1))) for one in parts]

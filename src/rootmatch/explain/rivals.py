@@ -25,6 +25,9 @@ class Rivals(NamedTuple):
     """(n,) probability that each sighting of a point is lit by the frames before; all are where not given."""
     placed: Bools | None = None
     """(m,) whether each point has been seen in its place before; none has where not given."""
+    narrowed: tuple[int, ...] | None = None
+    """Numbers of the predictions that are narrowed by single matches if they are wide, which takes as long as a search;
+    all where not given."""
 
     def given(self, known: PosePrior) -> Rivals:
         """The same poses with partial knowledge."""

@@ -104,15 +104,17 @@ def propose_about(model: DetectionModel, prediction: Gaussian) -> Proposals | No
     return collect_proposals(_settle_about(model, prediction)[0])
 
 
-def propose_about_each(model: DetectionModel, predictions: Sequence[Gaussian]) -> list[Proposals]:
+def propose_about_each(
+    model: DetectionModel, predictions: Sequence[Gaussian], narrowed: Sequence[int] | None = None
+) -> list[Proposals]:
     """What `propose_about` tells of several predictions, the most probable first.
 
-    A wide one is narrowed by single correspondences only if none before it fits: look-alikes of what fits are
-    proposed as twins.
+    A wide one is narrowed by single correspondences if it is among those to be ``narrowed``, all by default, and none
+    before it fits: look-alikes of what fits are proposed as twins.
     """
     out, narrowing = list[Proposals](), True
-    for prediction in predictions:
-        found, fits = _settle_about(model, prediction, narrowing=narrowing)
+    for k, prediction in enumerate(predictions):
+        found, fits = _settle_about(model, prediction, narrowing=narrowing and (narrowed is None or k in narrowed))
         narrowing = narrowing and not fits
         if (proposals := collect_proposals(found)) is not None:
             out.append(proposals)

@@ -25,6 +25,7 @@ from rootmatch.tracking.doubtful_matches import drop_doubtful
 from rootmatch.tracking.followed_places import RETURN
 from rootmatch.tracking.mistaken_identity import FLOOR
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
+from rootmatch.tracking.narrowed_predictions import NarrowedPredictions
 from rootmatch.tracking.two_states import later_chance
 
 LONGEST = 8
@@ -129,6 +130,11 @@ class FollowedBody:
         self.looked: list[int | None] = []
         """Images that it has come to."""
         self.detections = self.own = self.searched = self.served = self.failures = self.agreements = 0
+        self.narrowed = NarrowedPredictions()
+        self.since = self.begun = 0
+        """Frames in which it was found after it was lost, and in which the last search for it began."""
+        self.tried: int | None = None
+        """Frame in which a search for it among all detections began, the last one that ended; None before one did."""
         self.left = 0
         """Detections that were left unexplained in the frame of the last search."""
         self.beside = False
@@ -143,7 +149,7 @@ class FollowedBody:
         """Know nothing of the body any more."""
         self._lose()
         self.belief.forget()
-        self.dark = DarkPoints()
+        self.dark, self.tried = DarkPoints(), None
 
     def _lose(self, absent: float = 1.0) -> None:
         """Declare the body lost; ``absent``: probability that it is not in view."""
@@ -156,8 +162,8 @@ class FollowedBody:
         self.confirmed = False
         """Whether poses elsewhere have been excluded since it was found: by a search, or by all that it explains."""
 
-    def predicted(self, time: float) -> tuple[Pose, Rivals]:
-        """The most probable pose at a time, and what else it may be.
+    def predicted(self, time: float, frame: int | None = None) -> tuple[Pose, Rivals]:
+        """The most probable pose at a time, and what else it may be; of several bodies, in which ``frame``.
 
         That it does not move as predicted has the probability `DOUBT` in each interval in which it is not seen.
         """
@@ -165,7 +171,10 @@ class FollowedBody:
         moved = DOUBT if unseen <= 1.0 else 1.0 - (1.0 - DOUBT) ** unseen
         doubt = min(max(moved, 1.0 - self.dark.holds), 1.0 - WRONG_MODEL)
         pose, rivals = self.belief.predicted(time, doubt, self.dark.at(time))
-        return pose, rivals._replace(placed=self.dark.placed)
+        narrowed = None
+        if frame is not None and self.missed:
+            narrowed = self.narrowed.of_frame(frame, len(self.belief.poses), searching=bool(self.waiting))
+        return pose, rivals._replace(placed=self.dark.placed, narrowed=narrowed)
 
     def keep_best(self, time: float) -> None:
         """The caller says where the body is: nothing beside it is taken for its points."""
@@ -198,6 +207,10 @@ class FollowedBody:
         """
         wait = min(1 << min(self.failures - 1, 30), MISSING) if self.failures else 0
         return frame - self.searched >= wait
+
+    def is_looked_for(self, frame: int) -> bool:
+        """Whether a frame narrows a prediction of it in the place of a search: see `NarrowedPredictions`."""
+        return bool(self.belief) and self.narrowed.last == frame
 
     def needs_search(self, found: Finding, frame: int, free: int = 0) -> bool:
         """Whether to search for the body in a frame, judged by the finding about its predicted poses.
@@ -294,6 +307,7 @@ class FollowedBody:
         elif searched and in_space:  # the search of an image is bounded: what it did not find may be there
             self.presence = found.facts.present or 0.0, time
         if found.status is Status.MATCHED:
+            self.since = self.since if self.settled else frame
             self.settled, self.matched = True, time
         elif time - self.matched > self.options.coasting:
             self.settled = False

@@ -11,8 +11,8 @@ from rootmatch.arrays import Bools
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_bodies import SearchPart, is_mostly_shown
 from rootmatch.explain.match_options import MatchOptions
+from rootmatch.explain.search_part import SearchPart, is_mostly_shown
 from rootmatch.frozen import copy_with
 from rootmatch.tracking.followed_body import FollowedBody
 
@@ -20,6 +20,9 @@ LONGEST_INTERVAL = 16
 """Interval between frames, relative to `INTERVAL`, beyond which a search takes no longer. A round value."""
 INTERVAL = 1.0 / 60.0
 """Seconds between frames for which the budget of a search is stated."""
+AMONG_ALL = 60
+"""Frames after which one of several bodies that is missing is searched for again on the detections that others of its
+shape certainly have. A round value."""
 LATELY = 10
 """Frames without a body from which it is not looked for with more noise, unless the last residuals leave a doubt: the
 first few would have told, and what is predicted so vaguely takes as long as a search. A round value."""
@@ -71,28 +74,31 @@ def choose_next_part(
     and that after it of another: a pose elsewhere that explains more is seen in several.
     """
     each = list(bodies.values())
-    explained, taken = np.zeros((2, next(iter(parts.values())).task.shape[1]), np.bool_)
-    for part in parts.values():
+    explained, held = np.zeros((2, len(each), next(iter(parts.values())).task.shape[1]), np.bool_)
+    for k, part in enumerate(parts.values()):
         if part.status is Status.MATCHED:
             own = part.assignment[part.assignment >= 0]
-            explained[own] = True
-            taken[own] = part.posterior is None or is_mostly_shown(part.posterior, part.mode)
-    free = int(np.count_nonzero(~taken))
+            explained[k, own] = True
+            held[k, own] = part.posterior is None or is_mostly_shown(part.posterior, part.mode)
+    free = int(np.count_nonzero(~held.any(axis=0)))
     for body, part in zip(each, parts.values(), strict=True):
         wants = body.needs_joint_search if len(each) > 1 else body.needs_search
         if not body.waiting and wants(part, frame, free):
-            images, matched = searchable_images(part, explained), part.status is Status.MATCHED
+            body.begun = frame
+            others = held[[*bodies_tried(each, body)]]
+            images, matched = searchable_images(part, explained, others), part.status is Status.MATCHED
             if images and matched and body.confirmed and body.beside:  # all of them have been searched before
                 images = [images[body.agreements % len(images)]]
             body.waiting, body.rest, body.looked = images, body.has_new_detections(part), []
-    waiting = [number for number, body in enumerate(each) if body.waiting]
+    waiting = [number for number, body in enumerate(each) if body.waiting and not body.is_looked_for(frame)]
     if not waiting:
         return None
     number = min(waiting, key=lambda k: each[k].served)
     body = each[number]
     body.served, image = frame, body.waiting.pop(0)
     body.looked.append(image)
-    return SearchPart(number, image, body.rest, body.search_share(list(parts.values())[number]))
+    share = body.search_share(list(parts.values())[number])
+    return SearchPart(number, image, body.rest, share, bodies_tried(each, body))
 
 
 def ended_searches(
@@ -107,7 +113,19 @@ def ended_searches(
                 body.waiting = []
             if not body.waiting:
                 out.add(label)
+                if not bodies_tried(list(bodies.values()), body):
+                    body.tried = body.begun
     return out
+
+
+def bodies_tried(bodies: Sequence[FollowedBody], body: FollowedBody) -> tuple[int, ...]:
+    """The numbers of those on whose detections a body was tried in vain since they are followed: `SearchPart.tried`.
+
+    Whether it is in the place of one of them is weighed in every frame, as far as they look alike.
+    """
+    if body.tried is None or body.begun - body.tried >= AMONG_ALL:
+        return ()
+    return tuple(k for k, one in enumerate(bodies) if one is not body and one.settled and one.since <= body.tried)
 
 
 def unmet_chance(found: Finding, looked: Sequence[int | None]) -> float:
@@ -142,13 +160,14 @@ def remaining_counts(parts: Mapping[Label | None, Finding]) -> dict[Label | None
     return left
 
 
-def searchable_images(found: Finding, explained: Bools) -> list[int | None]:
+def searchable_images(found: Finding, explained: Bools, others: Bools) -> list[int | None]:
     """The images in which a body can be searched for: cameras of a rig that show enough.
 
-    Those with the most detections that are not ``explained`` (n') come first.
+    Those with the most detections that are not ``explained`` come first. What each of some bodies explains (K, n'), and
+    what each of the ``others`` has that is left out.
     """
     if found.task.rig is None:
         return [None]
-    shown = np.bincount(found.task.camera_of)
-    left = np.bincount(found.task.camera_of[~explained], minlength=len(shown))
+    shown = np.bincount(found.task.camera_of[~others.any(axis=0)])
+    left = np.bincount(found.task.camera_of[~explained.any(axis=0)], minlength=len(shown))
     return [k for k in np.lexsort([-shown, -left]).tolist() if shown[k] >= found.task.minimal]

@@ -16,11 +16,11 @@ from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.predicted_poses import check_contradiction
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.rivals import Rivals
+from rootmatch.explain.search_part import Choice, SearchPart
 from rootmatch.explain.validation import join_camera_noise
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import Residual
@@ -260,7 +260,7 @@ max_evaluations
         for label, body in self._bodies.items():
             told = given.get(label)
             if body.belief and not isinstance(told, Pose):
-                pose, others = body.predicted(when)
+                pose, others = body.predicted(when, None if self.labels is None else frame)
                 if told is not None:
                     pose, others = told.with_prediction(pose), others.given(told)
                 poses[label], rivals[label] = pose, others
