@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from rootmatch.cli.app import app
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.research.hypergraph import report
 from rootmatch.research.hypergraph import run as protocols
 from rootmatch.research.hypergraph.protocol import (
@@ -27,7 +28,7 @@ from rootmatch.research.hypergraph.protocol import (
     protocol_tensor,
 )
 from rootmatch.research.hypergraph.report import ACCURACY
-from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, nearest_triangles
+from rootmatch.research.hypergraph.triangles import ORDERS, nearest_triangles
 from rootmatch.research.paper.settings import Setting
 from rootmatch.research.paper.work_unit import Task, Unit
 from rootmatch.solvers import get_solver
@@ -45,15 +46,6 @@ def turns(points: np.ndarray) -> np.ndarray:
     return np.stack(found, axis=1)
 
 
-def test_sines_of_all_triangles() -> None:
-    points = np.random.default_rng(0).normal(size=(7, 2))
-    index, sines = all_triangles(points)
-    assert index.tolist() == [list(t) for t in itertools.combinations(range(7), 3)]
-    np.testing.assert_allclose(sines, turns(points[index]), atol=1e-12)
-    assert (sines > 0.0).any()
-    assert (sines < 0.0).any()
-
-
 def test_orders_are_all_orders_and_the_last_three_turn_over() -> None:
     assert {tuple(order) for order in ORDERS.tolist()} == set(itertools.permutations(range(3)))
     points = np.random.default_rng(1).normal(size=(1, 3, 2))
@@ -65,16 +57,13 @@ def test_orders_are_all_orders_and_the_last_three_turn_over() -> None:
 def test_most_alike_are_the_nearest_of_a_tree(count: int) -> None:
     rng = np.random.default_rng(2)
     source, target = rng.normal(size=(6, 2)), rng.normal(size=(12, 2))
-    _, asked = all_triangles(source)
-    index, sines = all_triangles(target)
-    norm = np.linalg.norm(sines, axis=1)
-    by = np.argsort(norm)
-    triangle, order, distance = nearest_triangles(asked, sines[by], norm[by], count)
+    asked, index = turns(source[subsets(6, 3)]), subsets(12, 3)
+    triangle, order, distance = nearest_triangles(asked, turns(target[index]), count)
     every = np.array(list(itertools.permutations(range(12), 3)))
     expected, _ = cKDTree(turns(target[every])).query(asked, k=count)
     np.testing.assert_allclose(np.sort(distance, axis=1), expected.reshape(len(asked), count), atol=1e-12)
     for row in range(len(asked)):
-        corners = np.take_along_axis(index[by][triangle[row]], ORDERS[order[row]], axis=1)
+        corners = np.take_along_axis(index[triangle[row]], ORDERS[order[row]], axis=1)
         assert len({tuple(c) for c in corners.tolist()}) == count
         gap = np.linalg.norm(turns(target[corners]) - asked[row], axis=1)
         np.testing.assert_allclose(gap, distance[row], atol=1e-12)
@@ -83,11 +72,9 @@ def test_most_alike_are_the_nearest_of_a_tree(count: int) -> None:
 def test_neighbours_of_a_symmetric_target_are_as_many_as_asked_for() -> None:
     """A regular polygon: all distances come many times."""
     angle = 2.0 * np.pi * np.arange(8) / 8.0
-    _, asked = all_triangles(np.random.default_rng(3).normal(size=(4, 2)))
-    _, sines = all_triangles(np.column_stack((np.cos(angle), np.sin(angle))))
-    norm = np.linalg.norm(sines, axis=1)
-    by = np.argsort(norm)
-    triangle, order, _ = nearest_triangles(asked, sines[by], norm[by], 50)
+    asked = turns(np.random.default_rng(3).normal(size=(4, 2))[subsets(4, 3)])
+    sines = turns(np.column_stack((np.cos(angle), np.sin(angle)))[subsets(8, 3)])
+    triangle, order, _ = nearest_triangles(asked, sines, 50)
     assert triangle.shape == (4, 50)
     assert all(len(set(zip(t, o, strict=True))) == 50 for t, o in zip(triangle, order, strict=True))
 

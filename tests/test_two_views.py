@@ -19,10 +19,9 @@ from rootmatch.problems.residual_kinds import Joint
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.two_views import pose_search
 from rootmatch.samplers.two_views.covering_sets import CoveringSets
-from rootmatch.samplers.two_views.image_pieces import run_image_pieces
 from rootmatch.samplers.two_views.likelihood import epipolar_line, likelihood_ratio
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
-from rootmatch.samplers.two_views.pose_search import PoseSearch, search_pairs, search_triples
+from rootmatch.samplers.two_views.pose_search import PoseSearch, run_image_pieces, search_pairs, search_triples
 from rootmatch.simulation import three_plus_one_scene
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)

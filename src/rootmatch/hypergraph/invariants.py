@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.arrays import Floats, Integers, as_floats
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.enumeration import subsets
+from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.problems.checks import check_points
 
@@ -260,9 +261,7 @@ def _tuples(points: int, order: int, most: int, rng: np.random.Generator) -> Int
         return subsets(points, order)
     found = np.empty((0, order), dtype=np.int64)
     while len(found) < most:
-        drawn = np.sort(rng.integers(0, points, (2 * most, order)), axis=1)
-        distinct = drawn[(np.diff(drawn, axis=1) > 0).all(axis=1)]
-        merged = np.concatenate([found, distinct])
+        merged = np.concatenate([found, distinct_sets(rng, 2 * most, points, order)])
         _, first = np.unique(merged, axis=0, return_index=True)
         found = merged[np.sort(first)]
     return found[:most]

@@ -13,8 +13,8 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.two_view_model import SCALES, SPREADS, Relative, Seen, TwoViewModel
-from rootmatch.problems.pose_fit.base import regularise_normal
 from rootmatch.problems.pose_fit.baselines import baseline_directions, rotation_alone
+from rootmatch.problems.pose_fit.descent import regularise_normal
 from rootmatch.problems.pose_fit.two_view_pose import ANGLES, OPEN
 
 VALLEYS = 4

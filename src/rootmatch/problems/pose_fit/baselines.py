@@ -13,8 +13,7 @@ import numpy as np
 
 from rootmatch.algebra.rotation import rotation_vector
 from rootmatch.arrays import Bools, Floats
-from rootmatch.problems.pose_fit.base import regularise_normal
-from rootmatch.problems.pose_fit.descent import DELTA, State, sum_of_squares
+from rootmatch.problems.pose_fit.descent import DELTA, State, regularise_normal, sum_of_squares
 
 AROUND = 192
 """Directions all around, about 15° apart. Not tuned."""

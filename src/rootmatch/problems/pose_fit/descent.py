@@ -7,7 +7,6 @@ from typing import Protocol
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats
-from rootmatch.problems.pose_fit.base import regularise_normal
 
 State = tuple[Floats, ...]
 
@@ -79,6 +78,17 @@ def descend(model: Model, state: State, steps: int = STEPS) -> tuple[State, Floa
             damping = np.where(better, np.maximum(0.1 * damping, 1e-12), 10.0 * np.maximum(damping, 1e-6))
             done |= settled | (damping > MOST_DAMPING) | (chi2 == 0.0)
     return state, chi2
+
+
+def regularise_normal(normal: Floats) -> Floats:
+    """Normal equations (K, p, p), made solvable where a pose is not determined."""
+    p = normal.shape[-1]
+    whole = np.isfinite(normal.sum(axis=(1, 2), keepdims=True))
+    normal = np.where(whole, normal, np.eye(p))
+    diagonal = np.arange(p)
+    normal[:, diagonal, diagonal] *= 1.0 + 1e-12
+    normal[:, diagonal, diagonal] += 1e-300
+    return normal
 
 
 def state_covariance(model: Model, state: State) -> Floats:

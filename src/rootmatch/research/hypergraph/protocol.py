@@ -7,8 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.hypergraph.enumeration import subsets
+from rootmatch.hypergraph.invariants import signed_sines
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, nearest_triangles
+from rootmatch.research.hypergraph.triangles import ORDERS, nearest_triangles
 from rootmatch.research.paper.settings import Setting
 
 DEFORMATION, OUTLIERS = "deformation", "outliers"
@@ -57,16 +59,11 @@ def protocol_tensor(points: Instance, seed: int) -> AffinityTensor:
     rng = np.random.default_rng((seed, n, n_target, 1))
     drawn = np.sort(rng.permuted(np.tile(np.arange(n), (count, 1)), axis=1)[:, :3], axis=1)
     chosen, times = np.unique(drawn, axis=0, return_counts=True)
-    index, sines = all_triangles(points.source)
-    row = np.zeros((n, n, n), dtype=np.int64)
-    row[tuple(index.T)] = np.arange(len(index))
-    of_target, target_sines = all_triangles(points.target)
-    norm = np.linalg.norm(target_sines, axis=1)
-    ascending = np.argsort(norm)
+    of_target = subsets(n_target, 3)
     triangle, order, distance = nearest_triangles(
-        sines[row[tuple(chosen.T)]], target_sines[ascending], norm[ascending], count
+        signed_sines(points.source[chosen]), signed_sines(points.target[of_target]), count
     )
-    found = np.take_along_axis(of_target[ascending[triangle]], ORDERS[order], axis=-1)
+    found = np.take_along_axis(of_target[triangle], ORDERS[order], axis=-1)
     indices = (chosen[:, None, :] * n_target + found).reshape(-1, 3).astype(np.int32)
     mean = float(np.average(distance.mean(axis=1), weights=times))
     weights: Floats = np.exp(-distance / mean) * times[:, None]

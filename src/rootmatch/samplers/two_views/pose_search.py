@@ -6,19 +6,20 @@ And until no other pose that explains as many points can well have been missed.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numba
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, active_deadline, checkpoint
 from rootmatch.hypergraph.assignment import maximise_total
-from rootmatch.jit.threads import LONGEST, run_in_threads, worthwhile_threads
+from rootmatch.jit.threads import GROWTH, LONGEST, run_in_threads, worthwhile_threads
+from rootmatch.problems.points import TwoViews
 from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided.detection_grid import mean_basis
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.two_views.covering_sets import CoveringSets
-from rootmatch.samplers.two_views.detection_density import detection_density
-from rootmatch.samplers.two_views.image_pieces import run_image_pieces
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, RelativeHypothesis
@@ -74,6 +75,8 @@ SET_BLUR = 1.5
 """Deviation, in σ, that the error of a minimal set's pose adds."""
 BREADTH = math.pi / math.sqrt(48.0)
 """Standard deviation of the logarithm of the inverse distances: that of their log-logistic density."""
+LEAST_COSINE = 0.05
+"""Cosine to the mean bearing below which a detection is off the plane on which densities are measured: 87°."""
 
 
 class PoseSearch:
@@ -286,3 +289,33 @@ class PoseSearch:
             lists[g] = np.where(np.logical_and.accumulate(enough, axis=1), order, -1)
         evidence = np.array([one.evidence for one in leaders])
         return HypothesisClusters(lists, evidence, math.log(max(self.tested, 1)))
+
+
+def detection_density(views: TwoViews) -> Floats:
+    """Detections in a steradian about each (n',), were they uniform: in a second image they are all over it."""
+    rotated = mean_basis(views.target) @ views.target
+    ahead = rotated[2] > LEAST_COSINE
+    positions, count = rotated[:2, ahead] / rotated[2, ahead], int(ahead.sum())
+    # the bounding box of uniform points, corrected for being too small
+    area = float(np.prod(np.ptp(positions, axis=1))) * ((count + 1) / max(count - 1, 1)) ** 2 if count > 1 else 1.0
+    # an area of the plane is seen under this angle
+    return np.asarray(count / max(area, 1e-12) / np.where(ahead, rotated[2], 1.0) ** 3, np.float64)
+
+
+def run_image_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:
+    """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
+
+    None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
+
+    Raises `OutOfTime` if the deadline in force passes before all is begun.
+    """
+    deadline, size = active_deadline(), 1
+    for begin, end in ranges.tolist():
+        while begin < end:
+            checkpoint()
+            stop, started = min(begin + size, end), deadline.clock()
+            work(begin, stop)
+            each = max((deadline.clock() - started) / (stop - begin), 1e-9)
+            longest = min(LONGEST, 0.5 * deadline.left())
+            size = max(1, min(int(longest / each), GROWTH * (stop - begin), largest))
+            begin = stop

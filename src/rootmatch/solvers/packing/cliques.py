@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.hypergraph.rows import first_rows, sorted_rows
-from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal_function
+from rootmatch.hypergraph.rows import are_one_to_one, first_rows, row_keys, sorted_rows
+
+AT_ONCE = 1 << 20
+"""Pairs of hyper-edges that are looked at together; it bounds memory. A round value."""
 
 
 def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> NDArray[np.int32] | None:
@@ -19,71 +22,30 @@ def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> ND
     Returns
     -------
     (C, d + 1) int32 array
-        In lexicographic order; None where there are more than ``most``.
+        In lexicographic order; None where there are more than ``most``, or where a row is no 64-bit number.
     """
+    base, d = math.prod(shape), indices.shape[1]
+    if float(base) ** d >= 2.0**63:
+        return None
     ordered = sorted_rows(indices)
-    ordered = ordered[first_rows(ordered, shape[0] * shape[1])]
-    starts = np.searchsorted(ordered[:, 0], np.arange(shape[0] * shape[1] + 1)).astype(np.int64)
-    found = np.empty((min(most, 1 << 16), ordered.shape[1] + 1), np.int32)
-    while True:
-        count = int(_join(ordered, starts, shape[1], found))
-        if count <= len(found):
-            return found[:count]
+    ordered = ordered[first_rows(ordered, base)]
+    keys = row_keys(ordered, base)
+    # how many rows after each have its first d − 1 correspondences
+    after = np.searchsorted(keys // base, keys // base, side="right") - np.arange(len(keys)) - 1
+    ends, total = np.cumsum(after), int(after.sum())
+    found, count = [np.empty((0, d + 1), np.int32)], 0
+    for begin in range(0, total, AT_ONCE):
+        number = np.arange(begin, min(begin + AT_ONCE, total))
+        first = np.searchsorted(ends, number, side="right")
+        second = first + 1 + number - (ends - after)[first]
+        joined = np.column_stack([ordered[first], ordered[second, d - 1]])
+        joined = joined[are_one_to_one(joined, shape[1])]
+        for left_out in range(d - 1):
+            wanted = row_keys(np.delete(joined, left_out, axis=1), base)
+            place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+            joined = joined[keys[place] == wanted]
+        found.append(joined)
+        count += len(joined)
         if count > most:
             return None
-        found = np.empty((count, ordered.shape[1] + 1), np.int32)
-
-
-@driver(nogil=True)
-def _join(ordered, starts, n_target, found):  # type: ignore[no-untyped-def]
-    """Fill ``found`` with cliques of the sorted hyper-edges; how many there are."""
-    edges, d = ordered.shape
-    wanted = np.empty(d, np.int32)
-    count = 0
-    for e in range(edges):
-        for f in range(e + 1, edges):
-            same = True
-            for p in range(d - 1):
-                same = same and ordered[e, p] == ordered[f, p]
-            if not same:
-                break
-            one, two = ordered[e, d - 1], ordered[f, d - 1]
-            if one // n_target == two // n_target or one % n_target == two % n_target:
-                continue
-            complete = True
-            for left_out in range(d - 1):
-                for p in range(d - 1):
-                    wanted[p] = ordered[e, p + 1] if p >= left_out else ordered[e, p]
-                # the prefix without one, then both last ones
-                wanted[d - 2], wanted[d - 1] = one, two
-                if not _contains(ordered, starts, wanted):
-                    complete = False
-                    break
-            if complete:
-                if count < found.shape[0]:
-                    for p in range(d):
-                        found[count, p] = ordered[e, p]
-                    found[count, d] = two
-                count += 1
-    return count
-
-
-@internal_function()
-def _contains(ordered, starts, wanted):  # type: ignore[no-untyped-def]
-    """Whether a hyper-edge is among the sorted ones."""
-    d = wanted.size
-    low, high = starts[wanted[0]], starts[wanted[0] + 1]
-    while low < high:
-        middle = (low + high) // 2
-        before = False
-        for p in range(1, d):
-            if ordered[middle, p] != wanted[p]:
-                before = ordered[middle, p] < wanted[p]
-                break
-            if p == d - 1:
-                return True
-        if before:
-            low = middle + 1
-        else:
-            high = middle
-    return False
+    return np.concatenate(found)
