@@ -225,11 +225,11 @@ def track(
     ):
         note_remainder("what was written is kept")
         warnings.filterwarnings("ignore", message="time: the frames are")  # the summary says it, of more frames
-        tracker = Tracker(source.points, posed, noise=noises.of(None), tracking=tracking, **options)
-        load_tracker(posed, source.points, **{name: one for name, one in options.items() if name != "max_seconds"})
-        gc.freeze()  # a garbage collection of all that was imported would hold up a frame by 0.05 to 0.2 s
         of_rig = posed.rig is not None
-        with FrameWriter(outputs, source, posed) as writer:
+        with FrameWriter(outputs, source, posed) as writer:  # before kernels are loaded, as it may refuse
+            tracker = Tracker(source.points, posed, noise=noises.of(None), tracking=tracking, **options)
+            load_tracker(posed, source.points, **{name: one for name, one in options.items() if name != "max_seconds"})
+            gc.freeze()  # a garbage collection of all that was imported would hold up a frame by 0.05 to 0.2 s
             for frame in read_frames(frames, posed.target_dimension, of_rig=of_rig, skipping=skip_bad_frames):
                 if frame.time is not None and rate is not None:
                     raise InputError(f"--rate: {frames} has a column time; leave one of them out")

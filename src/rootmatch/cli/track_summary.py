@@ -72,7 +72,7 @@ class TrackSummary:
         if self._reasons:
             kind, count = self._reasons.most_common(1)[0]
             total = self._reasons.total()
-            of = f"{count} of the {total} that are not matched" if count < total else f"all {count} not matched"
+            of = f"{count} of the {total} that are not matched".removeprefix(f"{total} of ")
             of = "the one that is not matched" if total == 1 else of
             yield f"{of}: {rephrase_advice(self._examples[kind])}"
         yield from self._slow_frames()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ OTHER_NAMES = {
     "label": ("id", "body"),
 }  # fmt: skip
 """Columns as other programs name them."""
+_UNIT = re.compile(r"\s*[\[(].*[\])]$")
 
 
 def read_text(path: Path, most: int = LARGEST, remedy: str = "split it") -> str:
@@ -106,7 +108,8 @@ def parse_number(path: Path, row: int, column: str, text: str) -> float:
     if not text:
         raise InputError(f"{where}: {column} is empty; give a number, or remove the row")
     if not _is_number(text) or "_" in text:
-        raise InputError(f"{where}: {column} is {quote_value(text)}, which is not a number; give one such as 12.5")
+        remedy = "the camera's index in the rig, from 0" if column == "camera" else "one such as 12.5"
+        raise InputError(f"{where}: {column} is {quote_value(text)}, which is not a number; give {remedy}")
     value = float(text)
     if not math.isfinite(value):
         raise InputError(f"{where}: {column} is {quote_value(text)}; give a finite number, or remove the row")
@@ -155,6 +158,8 @@ def check_header(path: Path, row: int, header: list[str], needed: Sequence[str],
     if unknown:
         of_points = {"x", "y"} <= set(unknown)
         hint = "; is it a file of points or detections?" if of_points else _suggest_columns(unknown[:1], known)
+        of_rig = ": a rig has several cameras, and this is one" if unknown[0] == "camera" else ""
+        hint = hint or f"; remove it{of_rig}"
         raise InputError(
             f"{where}: the column {quote_value(unknown[0])} is unknown; known columns are {', '.join(known)}{hint}"
         )
@@ -167,7 +172,9 @@ def _suggest_columns(unknown: Sequence[str], known: Sequence[str]) -> str:
     if {"sx", "sy"} & set(unknown) and "sxx" in known:
         return "; in a plane the noise is sigma, or a covariance sxx,sxy,syy"
     for name in unknown:
-        likely = [one for one in OTHER_NAMES.get(name, get_close_matches(name, known, 1)) if one in known]
+        plain = _UNIT.sub("", name)
+        alike = (plain,) if plain in known else get_close_matches(name, known, 1)
+        likely = [one for one in OTHER_NAMES.get(plain, alike) if one in known]
         if likely:
             more = ", in seconds" if likely == ["time"] else ""
             more = f", or to {likely[1]} if several rows share it" if likely == ["id", "body"] else more
