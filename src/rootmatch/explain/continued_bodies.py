@@ -148,8 +148,12 @@ def allow_continuations(told: Posterior, model: DetectionModel, places: Places, 
     beside = Beside(model, places, taken)
     modes = beside.each(told)
     odds = [_continuation_odds(beside, mode) for mode in modes]
+    if not any(odds):
+        return told
+    # what is hidden of the body is told as exactly as what is hidden of something in its stead
+    shown = _gain_by_hulls(model, *modes[0][:3])
     every = [
-        None if one is None else (one[0] + own, one[1] + own)
+        None if one is None else (one[0] + own, one[1] + own - shown)
         for one, own in zip(odds, _own_weight(told, modes), strict=True)
     ]
     found = continuation_factors(every, told.probabilities[: len(every)], LOG_CONTINUED)
@@ -202,9 +206,7 @@ def _continuation_odds(beside: Beside, mode: Modes) -> tuple[float, float] | Non
         return None
     best = max(known.values(), key=lambda one: one.log_odds)
     settled = best.assignment[None], best.rotation[None], best.position[None]
-    # what is hidden about the body is told as exactly as what is hidden about the rest
-    own_gain = _gain_by_hulls(beside.model, mode.assignments, *pose)
-    instead = best.log_odds + _gain_by_hulls(beside.whole, *settled) - float(mode.log_mass[0]) - own_gain
+    instead = best.log_odds + _gain_by_hulls(beside.whole, *settled) - float(mode.log_mass[0])
     # beyond the body is what its own matches leave there
     own = assignment.reshape(beside.images, -1)
     more = best.assignment.reshape(beside.images, -1)[:, own.shape[1] :]
@@ -214,7 +216,7 @@ def _continuation_odds(beside: Beside, mode: Modes) -> tuple[float, float] | Non
     both = weigh_poses(beside.whole, np.concatenate([own, more], axis=1).reshape(1, -1), *pose)[0]
     rest = more[:, places.beyond].reshape(1, -1)
     shown = weigh_poses(beside.outside, rest, *pose)[0].detected + mode.detected
-    shown = shown + _gain_by_hulls(beside.outside, rest, *pose)
+    shown += _gain_by_hulls(beside.outside, rest, *pose)
     # −∞ where some of the places, which are told about another pose, cannot be seen from this one
     return float((both.place_log_odds + shown - mode.log_odds)[0]), instead
 
@@ -225,6 +227,8 @@ def _gain_by_hulls(model: DetectionModel, assignment: Integers, rotation: Floats
     The window of the model has eight edges of given directions, which leave more than a turned board in sight.
     """
     found, at = weigh_poses(model, assignment, rotation, position)
+    if not np.isfinite(found.detected[0]):
+        return 0.0
     matched, visible, images = assignment[0] >= 0, found.visible[0], max(len(model.images), 1)
     in_sight, odds = np.ones(len(matched), np.bool_), LOG_FREE
     for own in np.split(np.arange(len(matched)), images):
