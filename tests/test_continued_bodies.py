@@ -67,6 +67,22 @@ def test_another_board_on_the_same_squares_is_not_trusted() -> None:
     assert sum(told) >= 3
 
 
+@pytest.mark.parametrize("turn", [0.0, 22.5, 45.0, 67.5])
+def test_another_board_in_the_predicted_place_is_not_trusted(turn: float) -> None:
+    """Before, it was with .995 if turned between the edges of an octagon, beyond which rows showed nothing."""
+    rng = np.random.default_rng(3)
+    source, points = board(rng, 7, 5, 0), board(rng, 8, 6, 0)
+    R = one_rotation_matrix(np.radians([15.0, -10.0, 0.0])) @ one_rotation_matrix(np.radians([0.0, 0.0, turn]))
+    t = np.array([0.0, 0.0, 0.6]) - R @ points.mean(axis=0)
+    target = np.concatenate([CAMERA.project(points @ R.T + t), rng.uniform((0.0, 0.0), (1280.0, 960.0), (3, 2))])
+    target += rng.normal(0.0, NOISE, target.shape)
+    prior = rm.Pose(R, t, np.diag([0.02**2] * 3 + [0.005**2] * 3))
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=NOISE, prior=prior)
+    assert not match
+    assert match.probability is not None
+    assert match.probability < 0.5
+
+
 def test_the_board_is_trusted_and_so_is_a_part_of_a_larger_one() -> None:
     for seed in range(2):
         rng = np.random.default_rng(seed)

@@ -6,14 +6,22 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
-from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.image_hypotheses import Candidate, make_detection_model
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.near_symmetries import LEAST, same_point_tolerance
+from rootmatch.model.pose_density import Doubted
 from rootmatch.model.proposals import Proposals
-from rootmatch.model.successive_symmetries import MOST_MOTIONS, compose_symmetries, propose_moved
+from rootmatch.model.successive_symmetries import (
+    MOST_MOTIONS,
+    compose_symmetries,
+    displacements_within,
+    propose_moved,
+)
+from rootmatch.problems.pose_fit.reference_point import pose_about_point
 
 CAMERA = rm.Camera(250.0, 250.0, 640.0, 480.0)
 ROWS, COLUMNS, SPACING = 9, 12, (1.2, 1.8)
@@ -100,3 +108,57 @@ def test_the_true_pose_of_a_ceiling_is_proposed_from_one_far_along_it(seed: int)
     right[own] = wrong[other] = np.arange(len(own))
     modes = Candidate.of(task, [wrong]).modes
     assert (modes.assignments == right).all(axis=1).any()
+
+
+BOARD = np.array([[30.0 * x, 30.0 * y, 0.0] for y in range(5) for x in range(7)])
+
+
+def expected(spread: float, turned: float = 0.01) -> rm.Pose:
+    """A pose that is known up to a distance and an angle."""
+    covariance = np.diag([turned**2] * 3 + [spread**2] * 3)
+    return rm.Pose(np.diag([1.0, -1.0, -1.0]), np.array([-90.0, 60.0, 600.0]), covariance)
+
+
+@pytest.mark.parametrize(("spread", "turned", "steps"), [(1.0, 0.01, []), (4.0, 0.01, [1]), (8.0, 0.01, [1, 2, 3])])
+def test_a_prediction_allows_what_lies_within_its_width(spread: float, turned: float, steps: list[int]) -> None:
+    task = MatchingTask.of(rm.P3P(CAMERA), BOARD, BOARD[:9, :2], noise=0.3, prior=expected(spread, turned))
+    prior = make_detection_model(task).prior
+    assert isinstance(prior, Doubted)
+    motions = displacements_within(prior, task.points)
+    along = [] if motions is None else np.round(motions.shift[np.abs(motions.shift[:, 1]) < 1.0, 0] / 30.0, 6).tolist()
+    assert sorted(along) == sorted(sign * step for step in steps for sign in (-1, 1))
+
+
+def test_nothing_is_displaced_of_an_irregular_body() -> None:
+    points = np.random.default_rng(2).uniform(-90.0, 90.0, (20, 3))
+    task = MatchingTask.of(rm.P3P(CAMERA), points, BOARD[:9, :2], noise=0.3, prior=expected(50.0, 1.0))
+    prior = make_detection_model(task).prior
+    assert isinstance(prior, Doubted)
+    assert displacements_within(prior, task.points) is None
+
+
+def test_a_prior_as_wide_as_the_pitch_leaves_every_labelling_of_a_hidden_board() -> None:
+    """A third is hidden by an edge, so that a column can be counted from elsewhere at the cost of few points."""
+    camera, trusted, told = rm.Camera(1600.0, 1600.0, 720.0, 540.0), 0, 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        turn = Rotation.from_euler("zyx", rng.uniform((-180, -35, -35), (180, 35, 35)), degrees=True).as_matrix()
+        R, centre = turn @ np.diag([1.0, -1.0, -1.0]), BOARD.mean(axis=0)
+        middle = np.array([*rng.uniform(-30.0, 30.0, 2), rng.uniform(400.0, 800.0)])
+        pixels = camera.project((BOARD - centre) @ R.T + middle)
+        beyond = pixels @ [np.cos(across := rng.uniform(0.0, 2.0 * np.pi)), np.sin(across)]
+        (own,) = np.nonzero(beyond > np.quantile(beyond, 0.35))
+        target = np.concatenate([pixels[own], rng.uniform(0.0, (1440.0, 1080.0), (3, 2))])
+        target += rng.normal(0.0, 0.15, target.shape)
+        off = Rotation.from_rotvec(rng.normal(0.0, 0.05, 3)).as_matrix() @ R
+        about = pose_about_point(np.eye(3), np.zeros(3), np.diag([0.05**2] * 3 + [15.0**2] * 3), -(off @ centre))
+        prior = rm.Pose(off, middle + rng.normal(0.0, 15.0, 3) - off @ centre, about[1])
+        match = rm.match(BOARD, target, rm.P3P(camera), noise=0.15, prior=prior)
+        truth = np.full(len(BOARD), -1)
+        truth[own] = np.arange(len(own))
+        told += any((one == truth).mean() > 0.9 for one in (match.assignment, *(a for a, _ in match.alternatives)))
+        if match:
+            trusted += 1
+            assert (match.assignment == truth).mean() > 0.9
+    assert trusted >= 20
+    assert told >= 38

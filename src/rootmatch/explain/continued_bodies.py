@@ -18,8 +18,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rootmatch.arrays import Bools, Floats, cache_by_identity, cache_by_values
-from rootmatch.explain.more_places import Beside, Places
+from rootmatch.arrays import Bools, Floats, Integers, cache_by_identity, cache_by_values
+from rootmatch.explain.more_places import Beside, Places, log_shown_chance
+from rootmatch.model.compiled.occluder import LEAST_HIDDEN, LOG_FREE, LOG_ODDS
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.modes import Modes
@@ -147,8 +148,12 @@ def allow_continuations(told: Posterior, model: DetectionModel, places: Places, 
     beside = Beside(model, places, taken)
     modes = beside.each(told)
     odds = [_continuation_odds(beside, mode) for mode in modes]
+    if not any(odds):
+        return told
+    # what is hidden of the body is told as exactly as what is hidden of something in its stead
+    shown = _gain_by_hulls(model, *modes[0][:3])
     every = [
-        None if one is None else (one[0] + own, one[1] + own)
+        None if one is None else (one[0] + own, one[1] + own - shown)
         for one, own in zip(odds, _own_weight(told, modes), strict=True)
     ]
     found = continuation_factors(every, told.probabilities[: len(every)], LOG_CONTINUED)
@@ -200,7 +205,8 @@ def _continuation_odds(beside: Beside, mode: Modes) -> tuple[float, float] | Non
     if not known:
         return None
     best = max(known.values(), key=lambda one: one.log_odds)
-    instead = best.log_odds - float(mode.log_mass[0])
+    settled = best.assignment[None], best.rotation[None], best.position[None]
+    instead = best.log_odds + _gain_by_hulls(beside.whole, *settled) - float(mode.log_mass[0])
     # beyond the body is what its own matches leave there
     own = assignment.reshape(beside.images, -1)
     more = best.assignment.reshape(beside.images, -1)[:, own.shape[1] :]
@@ -208,6 +214,31 @@ def _continuation_odds(beside: Beside, mode: Modes) -> tuple[float, float] | Non
     if not (more >= 0).any():
         return -math.inf, instead
     both = weigh_poses(beside.whole, np.concatenate([own, more], axis=1).reshape(1, -1), *pose)[0]
-    shown = weigh_poses(beside.outside, more[:, places.beyond].reshape(1, -1), *pose)[0].detected + mode.detected
+    rest = more[:, places.beyond].reshape(1, -1)
+    shown = weigh_poses(beside.outside, rest, *pose)[0].detected + mode.detected
+    shown += _gain_by_hulls(beside.outside, rest, *pose)
     # −∞ where some of the places, which are told about another pose, cannot be seen from this one
     return float((both.place_log_odds + shown - mode.log_odds)[0]), instead
+
+
+def _gain_by_hulls(model: DetectionModel, assignment: Integers, rotation: Floats, position: Floats) -> float:
+    """What the log-odds of an assignment (1, n) gain if a window shows the hull of its matches, and not more.
+
+    The window of the model has eight edges of given directions, which leave more than a turned board in sight.
+    """
+    found, at = weigh_poses(model, assignment, rotation, position)
+    if not np.isfinite(found.detected[0]):
+        return 0.0
+    matched, visible, images = assignment[0] >= 0, found.visible[0], max(len(model.images), 1)
+    in_sight, odds = np.ones(len(matched), np.bool_), LOG_FREE
+    for own in np.split(np.arange(len(matched)), images):
+        if np.count_nonzero(matched[own]) < 3 or float(visible[own][~matched[own]].sum()) <= LEAST_HIDDEN:
+            continue
+        shown = at.pixels[0, own][matched[own]]
+        in_sight[own] = matched[own] | ~_is_beyond_hull(shown, at.pixels[0, own], body_radius(shown))
+        points = np.count_nonzero(matched[own]) + float(visible[own][~matched[own]].sum())
+        odds += LOG_ODDS - math.log(points**3 / 6.0)
+    if in_sight.all():
+        return 0.0
+    told = odds + log_shown_chance(visible * in_sight, matched, *model.rate_quadrature)
+    return max(told - float(found.detected[0]), 0.0)

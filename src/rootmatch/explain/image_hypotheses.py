@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.arrays import Integers
 from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.in_time import final_deadline
-from rootmatch.explain.likeness import find_copies, first_exact_copies, ways_alike
+from rootmatch.explain.likeness import find_copies, first_exact_copies, symmetry_images, ways_alike
 from rootmatch.explain.predicted_poses import pose_knowledge, predicted_mixture, problem_vertical
 from rootmatch.explain.rivals import DOUBT
 from rootmatch.explain.task import MatchingTask
@@ -34,7 +34,6 @@ from rootmatch.model.line_readings import is_turn_loose, propose_line_readings, 
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes, grow_mode, pool_modes
 from rootmatch.model.modes import Modes, empty_modes
-from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.pose_density import Broad, Doubted, Gaussian, Mixed
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import propose_about_each
@@ -48,7 +47,7 @@ from rootmatch.model.proposals import (
     rough_fits,
     solve_minimal_sets,
 )
-from rootmatch.model.successive_symmetries import compose_symmetries, propose_moved
+from rootmatch.model.successive_symmetries import compose_symmetries, displacements_within, propose_moved
 from rootmatch.problems.pose_fit.reference_point import centre_points, pose_about_point
 
 TWINS = 4
@@ -122,14 +121,16 @@ class Candidate:
 
     def with_assignments(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
-        proposals = self.proposals(assignments) if assignments else empty_proposals(self.task.rows)
-        searched = len(proposals.assignments) > 0
-        if predicted is not None:
+        proposals = self.proposals(assignments) if assignments or predicted is None else predicted
+        searched = proposals is not predicted and len(proposals.assignments) > 0
+        if predicted is not None and proposals is not predicted:
             proposals = join_proposals([proposals, predicted]) if searched else predicted
         modes = find_modes(self.model, proposals, least=-math.inf if searched else -HOPELESS)
         prior, poses = self.model.prior, modes.covariance
-        several = isinstance(prior, Doubted) and len(prior.predictions) > 1
-        if searched or several or (len(poses) and is_turn_loose(poses[0])):
+        others = searched or (len(poses) > 0 and is_turn_loose(poses[0]))
+        if not others and isinstance(prior, Doubted):
+            others = len(prior.predictions) > 1 or displacements_within(prior, self.task.points) is not None
+        if others:
             modes = self._add_twins(modes, searched)
         return copy_with(self, modes=modes)
 
@@ -266,12 +267,13 @@ def propose_predicted(model: DetectionModel, narrowed: tuple[int, ...] | None = 
     if not isinstance(model.prior, Doubted):
         return None
     predictions = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
-    every = propose_about_each(model, predictions, narrowed)
+    every, parts, others = propose_about_each(model, predictions, narrowed), list[Proposals](), list[Proposals]()
     most = max(MOST_PREDICTED // len(every), 2) if every[1:] else MOST_PREDICTED
-    parts = [one.take(slice(most)) for one in every]
-    others = [propose_few_matched(model, one.assignments[:1]) for one in parts]
-    if len(model.images) <= 1:  # several cameras tell the depth
-        others += [reverse_depths(model, one.take(slice(1))) for one in parts]
+    for found in every:
+        parts += [found.take(slice(most))]
+        others += [propose_few_matched(model, parts[-1].assignments[:1])]
+        if len(model.images) <= 1:  # several cameras tell the depth
+            others += [reverse_depths(model, parts[-1].take(slice(1)))]
     return join_proposals([*parts, *others]) if parts else None
 
 
@@ -334,12 +336,7 @@ def propose_predicted_twins(task: MatchingTask, model: DetectionModel, modes: Mo
             known = (twins.assignments[:, None] == modes.assignments).all(axis=2).any(axis=1)
             twins = twins.take(~known)
             parts.append(twins.take(prior.prediction_indices(twins.rotation, twins.position) >= 0))
+    if isinstance(prior, Doubted) and (motions := displacements_within(prior, task.points)) is not None:
+        images = task.sighting_rows(motions.image)
+        parts.append(propose_moved(first, motions, images, model.points.mean(axis=0), prior=prior))
     return join_proposals(parts)
-
-
-def symmetry_images(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
-    """Row of an assignment at the place of each in the near symmetries of a body: motions, reflections, or both."""
-    points, known = task.points, task.points.source_covariance
-    found = [one for kind in mirrored for one in find_symmetries(points.source, points.normals, kind, covariance=known)]
-    images = {one.image.tobytes(): one.image for one in found}.values()
-    return [task.sighting_rows(image) for image in images]

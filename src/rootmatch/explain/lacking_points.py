@@ -18,7 +18,7 @@ import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.explain.continued_bodies import LIKELY, continue_body
-from rootmatch.explain.more_places import Beside, Places
+from rootmatch.explain.more_places import Beside, Places, log_shown_chance
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.modes import Modes
@@ -154,12 +154,3 @@ def _log_factor(beside: Beside, mode: Modes, there: Floats) -> float:
     none = np.concatenate([own, np.full_like(more, -1)], axis=1)
     shown = [log_shown_chance(chances.ravel(), one.ravel() >= 0, rates, log_weights) for one in (labels, none)]
     return float(np.logaddexp(0.0, density[0] + shown[0] - shown[1]))
-
-
-def log_shown_chance(chances: Floats, matched: Bools, rates: Floats, log_weights: Floats) -> float:
-    """Logarithm of the probability that these of some points are detected, with the chances (n,) that they can be.
-
-    ``rates``, ``log_weights``: of the integral over the detection rate.
-    """
-    each = rates[:, None] * chances
-    return float(np.logaddexp.reduce(log_weights + np.log(np.where(matched, each, 1.0 - each)).sum(axis=1)))

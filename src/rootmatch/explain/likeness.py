@@ -17,6 +17,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.exact_shapes import Copies
 from rootmatch.model.exchanged import Places
+from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.proposals import Proposals, look_alikes
 from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.points import PointClouds, distances
@@ -194,3 +195,11 @@ def align_points(points: Floats, others: Floats, radius: float) -> tuple[Floats,
     R, t = motion.linear[0], motion.shift[0]
     off = points @ R.T + t - others
     return None if np.abs(off).max() > SAME_SHAPE * 2.0 * radius else (R, t, off)
+
+
+def symmetry_images(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
+    """Row of an assignment at the place of each in the near symmetries of a body: motions, reflections, or both."""
+    points, known = task.points, task.points.source_covariance
+    found = [one for kind in mirrored for one in find_symmetries(points.source, points.normals, kind, covariance=known)]
+    images = {one.image.tobytes(): one.image for one in found}.values()
+    return [task.sighting_rows(image) for image in images]

@@ -92,3 +92,12 @@ class Beside:
         wide = copy_with(self.model, allowed=allowed, log_weights=None, **of_all)
         wide.__dict__["centre"] = self.model.centre  # to which the poses and their prior refer
         return wide
+
+
+def log_shown_chance(chances: Floats, matched: Bools, rates: Floats, log_weights: Floats) -> float:
+    """Logarithm of the probability that these of some points are detected, with the chances (n,) that they can be.
+
+    ``rates``, ``log_weights``: of the integral over the detection rate.
+    """
+    each = rates[:, None] * chances
+    return float(np.logaddexp.reduce(log_weights + np.log(np.where(matched, each, 1.0 - each)).sum(axis=1)))

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
-from rootmatch.explain.image_hypotheses import Candidate, select_determined, symmetry_images
+from rootmatch.explain.image_hypotheses import Candidate, select_determined
+from rootmatch.explain.likeness import symmetry_images
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.depth_reversal import reverse_depths

@@ -7,14 +7,18 @@ so twins of twins do not lead there, and a search meets such a pose by chance al
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from rootmatch.arrays import Floats, Integers, cache_by_values
+from rootmatch.arrays import Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.deadline import checkpoint
 from rootmatch.model.near_symmetries import LEAST, find_symmetries, same_point_tolerance
+from rootmatch.model.pose_density import Doubted, Gaussian
+from rootmatch.model.prediction import GATE
 from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals
+from rootmatch.problems.points import PointSets
 
 MOST_MOTIONS = 1024
 """Motions from which no more are sought. A round value; it bounds time, to .2 s for a body."""
@@ -34,6 +38,20 @@ class Succession(NamedTuple):
     """(M, 3)."""
     image: Integers
     """(M, n) point at the place of each after the motion; −1 for none."""
+
+    def take(self, which: Integers) -> Succession:
+        """A subset of the motions."""
+        return Succession(self.rotation[which], self.shift[which], self.image[which])
+
+
+class Displacements(NamedTuple):
+    """Near symmetries of a body and what they are one after another, with how far each displaces it."""
+
+    motions: Succession
+    angle: Floats
+    """(M,) in radians."""
+    away: Floats
+    """(M,) distance by which the middle of the body is moved."""
 
 
 @cache_by_values(64)
@@ -73,7 +91,39 @@ def compose_symmetries(source: Floats, normals: Floats | None) -> Succession:
     return Succession(rotation[every], shift[every], image[every])
 
 
-def propose_moved(found: Proposals, motions: Succession, image: Integers, centre: Floats) -> Proposals:
+@cache_by_identity(64)
+@cache_by_values(64)
+def list_displacements(source: Floats, normals: Floats | None, covariance: Floats | None) -> Displacements | None:
+    """All these motions of a body (n, 3), the near symmetries first; None if it has none, as most bodies."""
+    found, further = find_symmetries(source, normals, covariance=covariance), compose_symmetries(source, normals)
+    if not found:
+        return None
+    own = (np.array([getattr(one, name) for one in found]) for name in Succession._fields)
+    motions = Succession(*map(np.concatenate, zip(own, further, strict=True)))
+    middle, cosine = source.mean(axis=0), 0.5 * (np.einsum("mii->m", motions.rotation) - 1.0)
+    away = np.linalg.norm(motions.rotation @ middle + motions.shift - middle, axis=1)
+    return Displacements(motions, np.arccos(np.clip(cosine, -1.0, 1.0)), away)
+
+
+def displacements_within(prior: Doubted, points: PointSets) -> Succession | None:
+    """Those of all these motions of a body whose begin and end may both be about a predicted pose; None mostly.
+
+    Each is within `GATE` standard deviations then. A tracker's prediction mostly excludes all of them.
+    """
+    every = list_displacements(points.source, points.normals, points.source_covariance)
+    if every is None:
+        return None
+    spread = [one.bounded_covariance.diagonal() for one in prior.predictions if isinstance(one, Gaussian)]
+    if not spread:
+        return None
+    turn, shift = (2.0 * GATE * math.sqrt(max(one[k] + one[k + 1] + one[k + 2] for one in spread)) for k in (0, 3))
+    (within,) = ((every.angle < turn) & (every.away < shift)).nonzero()
+    return every.motions.take(within) if len(within) else None
+
+
+def propose_moved(
+    found: Proposals, motions: Succession, image: Integers, centre: Floats, *, prior: Doubted | None = None
+) -> Proposals:
     """Poses in which other points of a body lie where most of those do that are matched.
 
     Parameters
@@ -86,16 +136,20 @@ def propose_moved(found: Proposals, motions: Succession, image: Integers, centre
         Row of an assignment at the place of each after the motions.
     centre : (3,) array
         Of its points.
+    prior : Doubted, optional
+        Only poses in which one of its predictions holds.
     """
     parts = [empty_proposals(found.assignments.shape[1])]
     for assignment, rotation, position in zip(*found, strict=True):
         (own,) = np.nonzero(assignment >= 0)
         mapped = (image[:, own] >= 0).sum(axis=1)
+        turned = rotation @ motions.rotation.swapaxes(1, 2)
+        place = position - rotation @ centre - (turned @ (motions.shift - centre)[..., None])[..., 0]
+        if prior is not None and len(place):
+            mapped[prior.prediction_indices(turned, place) < 0] = 0
         which = np.argsort(-mapped, kind="stable")[:MOST]
         which = which[2 * mapped[which] > len(own)]
         moved = np.full((len(which), len(assignment) + 1), -1)
         np.put_along_axis(moved, image[which][:, own], assignment[own], axis=1)  # −1 is the last place
-        turned = rotation @ motions.rotation[which].swapaxes(1, 2)
-        place = position - rotation @ centre - (turned @ (motions.shift[which] - centre)[..., None])[..., 0]
-        parts.append(Proposals(moved[:, :-1].copy(), turned, place))
+        parts.append(Proposals(moved[:, :-1].copy(), turned[which], place[which]))
     return join_proposals(parts)
