@@ -1,6 +1,8 @@
-"""Trees of markers in space: another one of nearly the shape, a bent one, and noise that is larger than stated."""
+"""Trees of markers in space: another one of nearly the shape, its mirror image, a bent one, and larger noise."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
@@ -10,7 +12,8 @@ import rootmatch as rm
 from rootmatch.arrays import Floats
 from rootmatch.model.image_alike import ERRORS
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.point_set_off import log_odds_of_errors
+from rootmatch.model.point_set_off import log_odds_of_errors, log_odds_of_reflection
+from rootmatch.model.weighed_labellings import MIRRORED
 from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.reference_point import body_radius
 
@@ -86,6 +89,49 @@ def test_a_tree_that_is_bent_while_it_is_followed_stays_trusted() -> None:
     matched = [bool(tracker.update(cloud(*one, strays, rng))) for one in zip(shown, flight(110, rng), strict=True)]
     assert sum(matched[:60]) >= 59
     assert sum(matched[60:]) >= 40
+
+
+def test_the_odds_of_a_mirror_image_are_its_evidence() -> None:
+    rng = np.random.default_rng(4)
+    seen = np.concatenate([TREE * (-1.0, 1.0, 1.0), rng.uniform(-300.0, 300.0, (4, 3))])
+    seen = seen + rng.normal(0.0, SIGMA, seen.shape)
+    clouds = PointClouds(TREE, seen, np.zeros(5), np.full(9, SIGMA**2), scaled=False, mirror=False)
+    model, own = PointSetModel(clouds), np.array([0, 1, 2, -1, -1])
+    mass = float(model.judge_one(own).log_odds[0])
+    told = log_odds_of_reflection(model, own, mass)
+    every = float(PointSetModel(clouds, mirror=True).judged(np.arange(5)[None]).log_odds[0])
+    assert told == pytest.approx(every + math.log(MIRRORED) - mass, abs=1e-6)
+    assert told > 20.0
+    taken = np.isin(np.arange(9), (3, 4))
+    assert log_odds_of_reflection(model, own, mass, taken) == -math.inf, "they are markers of another body"
+    assert log_odds_of_reflection(model, np.arange(5), every) == -math.inf, "it explains all of them"
+
+
+def mirror_image(seed: int) -> tuple[int, int, int]:
+    """Frames in which a mirror image is trusted that has come into view, and most in a row; those of the tree before.
+
+    The mirror image is beside the tree, which leaves, and first shows three markers alone.
+    """
+    rng = np.random.default_rng(seed)
+    tree, strays = TREE[[0, 1, 2, 4]], rng.uniform(*FREE, (3, 3))
+    other, aside = tree * (1.0, 1.0, -1.0), np.array([150.0, 0.0, 0.0])
+    tracker, right, wrong, longest, row = rm.Tracker(tree, rm.Rigid(), noise=(0.0, SIGMA)), 0, 0, 0, 0
+    for k, (R, t) in enumerate(flight(60, rng)):
+        image = other[rng.random(4) > 0.05] if k != 30 else other[:3]
+        shown = np.concatenate([strays, image @ R.T + t + aside])
+        match = tracker.update(cloud(tree if k < 30 else tree[:0], (R, t), shown, rng))
+        right += bool(match) and k < 30
+        wrong += bool(match) and k >= 30
+        row = row + 1 if match and k >= 30 else 0
+        longest = max(longest, row)
+    return wrong, longest, right
+
+
+def test_a_mirror_image_is_neither_followed_nor_a_copy_beside_the_tree() -> None:
+    every = np.array([mirror_image(seed) for seed in SEEDS])
+    assert every[:, 0].sum() <= 6, "of 60; 56 where reflections count in a search alone"
+    assert every[:, 1].max() <= 2
+    assert every[:, 2].sum() >= 54, "of 60; none where either may be the copy"
 
 
 def test_noise_of_twice_the_size_is_learned_in_space() -> None:

@@ -28,7 +28,7 @@ from rootmatch.model.displaced_motions import add_displaced
 from rootmatch.model.motion_prior import MotionPrior, add_source_errors, fuse_with_known, motion_covariances
 from rootmatch.model.near_symmetries import find_symmetries
 from rootmatch.model.point_set_model import Judged, PointSetModel
-from rootmatch.model.point_set_off import log_odds_of_errors
+from rootmatch.model.point_set_off import log_odds_of_errors, log_odds_of_reflection
 from rootmatch.model.point_set_posterior import PointSetPosterior, mix_posteriors, weigh_point_set_posterior
 from rootmatch.model.priors import PRESENT
 from rootmatch.model.repetition import Repeated, find_repetition
@@ -305,9 +305,12 @@ def point_set_finding(
             whole = _labelling_misfit(model, found, taken)
             in_time = asked
     certain = sure is not None and in_time
-    told = copy_with(told.with_facts(contested=not certain, sure_of_the_rest=certain), alike=whole.alike)
+    facts = told.with_facts(contested=not certain, sure_of_the_rest=certain)
+    told = copy_with(facts, alike=whole.alike, another=whole.another)
     if task.noise_is_estimated:
         return told
+    if not prior_holds:
+        whole = whole._replace(another=-math.inf)  # which the posterior has
     as_off = float(np.exp(np.minimum(whole.log_odds_of_errors(task.log_inexact), MOST_ALIKE)).sum())
     doubted = discount_misfit(told, whole, alike=model.clutter.repeats, as_off=as_off)
     # something is there that does not fit, which the advice says
@@ -319,9 +322,13 @@ def _labelling_misfit(model: PointSetModel, found: PointSetPosterior, taken: Boo
     first = found.assignments[0]
     whole = model.judge_one(first)
     fault = Misfit.of(float(whole.fit.chi2[0]), int(whole.fit.dof[0]))
-    if not found.present >= LIKELY or (first >= 0).all():
+    if (first >= 0).all():
         return fault
-    log_mass = float(whole.log_odds[0]) + math.log(found.motion / max(float(found.probabilities[0]), 1e-300))
+    log_mass = float(whole.log_odds[0]) + math.log(max(found.motion, 1e-300) / max(found.probabilities[0], 1e-300))
+    # its mirror image was found where the body was expected, too
+    fault = fault._replace(another=log_odds_of_reflection(model, first, log_mass - float(whole.known[0]), taken))
+    if not found.present >= LIKELY:
+        return fault
     return fault._replace(alike=log_odds_of_errors(model, first, log_mass, taken))
 
 

@@ -2,11 +2,13 @@
 
 The same hypothesis as in an image (`rootmatch.model.image_alike`): the body with points that are each off by N(0, τ² I)
 about the motion of a labelling. A target near the place of a point that has no match is then expected, where for the
-body it is clutter by chance; and a match that is exact costs log τ² / σ² for each of its residuals.
+body it is clutter by chance; and a match that is exact costs log τ² / σ² for each of its residuals. Or it is the body's
+mirror image: that has three of its points, or all that lie in a plane, where the body has them, and others elsewhere.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +17,10 @@ from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.model.image_alike import ERRORS, LEAST, LOG_PRIOR, REACH, SEEN, residual_log_gains
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.priors import NOISE_FREEDOM
+from rootmatch.model.weighed_labellings import MIRRORED, reflected_log_odds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 from rootmatch.problems.pose_fit.reference_point import body_radius
-from rootmatch.samplers.point_sets.congruent import grow_labellings
+from rootmatch.samplers.point_sets.congruent import grow_labellings, reflected_labellings
 
 ROUNDS = 3
 """Rounds in which a labelling is fitted and takes what is near its motion. A round value."""
@@ -41,9 +44,7 @@ def log_odds_of_errors(
         point that has no match.
     """
     clouds, left = model.clouds, np.ones(len(model.clouds.target), np.bool_) if taken is None else ~taken
-    allowed = model.allowed
-    if not left.all():
-        allowed = np.tile(left, (len(assignment), 1)) if allowed is None else allowed & left
+    allowed = _without_taken(model, taken)
     judged, errors = model.judge_one(assignment), ERRORS * body_radius(clouds.source)
     left[assignment[assignment >= 0]] = False
     most = _most_gained(model, judged.fit, errors, left)
@@ -59,6 +60,29 @@ def log_odds_of_errors(
             before, labels = len(labels), grow_labellings(wide.clouds, labels, model.mirror, allowed)
         out[k] = wide.judged(labels).log_odds.max() - log_mass
     return out if np.isfinite(out).any() else None
+
+
+def log_odds_of_reflection(
+    model: PointSetModel, assignment: Integers, log_mass: float, taken: Bools | None = None
+) -> float:
+    """Log-odds of the body's mirror image where a labelling has it; −∞ if that explains no more.
+
+    ``log_mass``: as of `log_odds_of_errors`, without what is known of the motion: where the body is expected, its
+    mirror image is found as well, if that is what was followed.
+    """
+    allowed = _without_taken(model, taken)
+    labellings = reflected_labellings(model.clouds, assignment, allowed)
+    if not len(labellings):
+        return -math.inf
+    found = reflected_log_odds(replace(model, prior=None, allowed=allowed), labellings)
+    return float(found.max()) + math.log(MIRRORED) - log_mass
+
+
+def _without_taken(model: PointSetModel, taken: Bools | None) -> Bools | None:
+    """What is allowed (n, n') without the targets of other bodies."""
+    if taken is None or not taken.any():
+        return model.allowed
+    return np.tile(~taken, (len(model.clouds.source), 1)) if model.allowed is None else model.allowed & ~taken
 
 
 def _most_gained(model: PointSetModel, fit: PointSetFit, errors: Floats, left: Bools) -> Floats | None:

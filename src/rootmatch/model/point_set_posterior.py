@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,10 +15,13 @@ from rootmatch.model.labelling_sums import SHARED, LabellingSums, is_same_motion
 from rootmatch.model.modes import used_mask
 from rootmatch.model.point_set_alike import Likeness, weigh_likeness
 from rootmatch.model.point_set_model import Judged, PointSetModel
-from rootmatch.model.priors import COPY, COUNTS, WRONG_MODEL
-from rootmatch.model.weighed_labellings import Weighed, weigh_labellings
+from rootmatch.model.priors import ALIKE, COPY, COUNTS, WRONG_MODEL
+from rootmatch.model.weighed_labellings import Weighed, reflected_log_odds, weigh_labellings
 from rootmatch.problems.pose_fit.point_set_fit import FEWEST
-from rootmatch.samplers.point_sets.congruent import NEAR
+from rootmatch.samplers.point_sets.congruent import NEAR, reflected_labellings
+
+REFLECTED = 4
+"""Places of a copy in which a mirror image is looked for. A round value; it bounds time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,13 +245,31 @@ def _log_rival_factors(model: PointSetModel, found: Weighed, alike: Likeness) ->
     """Logarithms (K,) of factors by which what is beside a labelling changes its weight: a copy, or what is alike.
 
     Where two may be in the scene, either may be the one asked for, and a copy elsewhere, which nobody named, is weighed
-    without what is known of the motion. It makes the first hypothesis no more probable.
+    without what is known of the motion. It makes the first hypothesis no more probable. What a reflection has
+    more of than a rotation is hardly a copy.
     """
     used = used_mask(found.assignments, len(model.clouds.target))
     of_copy = np.where(~(used @ used.T), found.log_odds + math.log(COPY), -np.inf)
     of_copy[are_in_one_place(model, found.assignments, of_copy > -COUNTS)] = -np.inf
+    of_copy = np.concatenate([of_copy, _log_mirror_images_beside(model, found, of_copy[0], used)], axis=1)
     copies = np.logaddexp(0.0, np.logaddexp.reduce(of_copy, axis=1))
     more = alike.log_factors(found.assignments)
     own = more > 0.0
     copies[own] = np.logaddexp(copies[own], np.log(np.expm1(more[own])))
     return np.asarray(copies - np.logaddexp(0.0, np.logaddexp.reduce(of_copy[0])))
+
+
+def _log_mirror_images_beside(model: PointSetModel, found: Weighed, of_copy: Floats, used: Bools) -> Floats:
+    """Log-odds (K, M) of mirror images beside the labellings, in the places of copies (K,) beside the first one.
+
+    Without those of what the labellings use themselves, of targets (K, n').
+    """
+    (asked,) = (of_copy > -COUNTS).nonzero()
+    asked = asked[np.argsort(-of_copy[asked], kind="stable")[:REFLECTED]]
+    every = [reflected_labellings(model.clouds, found.assignments[k], model.allowed) for k in asked.tolist()]
+    labels = np.unique(np.concatenate([*every, found.assignments[:0]]), axis=0)
+    if not len(labels):
+        return np.empty((len(used), 0))
+    log_odds = reflected_log_odds(replace(model, prior=None), labels)
+    apart = ~(used @ used_mask(labels, used.shape[1]).T)
+    return np.where(apart, log_odds + math.log(ALIKE), -np.inf)

@@ -243,11 +243,16 @@ def _best_mirror_image(
     mirrored = np.concatenate([*labellings, assignments[:0]])
     if not len(mirrored):
         return None, -math.inf
-    image = replace(model, mirror=True).judged(mirrored)
-    weight = np.where(np.linalg.det(image.fit.rotation) < 0.0, image.log_odds, -np.inf)
+    weight = reflected_log_odds(model, mirrored)
     for one, value in zip(assignments, odds, strict=True):
         same = (mirrored == one).all(axis=1)
         more = np.maximum(weight[same] - value, 0.0)
         weight[same] += np.log1p(-np.exp(-more), where=more > 0.0, out=np.full(len(more), -np.inf))
     best = int(np.argmax(weight))
     return mirrored[best], float(weight[best]) + math.log(MIRRORED)
+
+
+def reflected_log_odds(model: PointSetModel, labellings: Integers) -> Floats:
+    """Log-odds (M,) of labellings (M, n) by reflections; −∞ where a rotation fits one better."""
+    image = replace(model, mirror=True).judged(labellings)
+    return np.where(np.linalg.det(image.fit.rotation) < 0.0, image.log_odds, -np.inf)

@@ -9,7 +9,7 @@ from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.point_set_decision import matches_pose
 from rootmatch.frozen import copy_with
 from rootmatch.tracking.followed_pose import FollowedPose
-from rootmatch.tracking.mistaken_identity import FLOOR, log_other_presence, update_identity
+from rootmatch.tracking.mistaken_identity import FLOOR, GIVEN_UP, log_other_presence, update_identity
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
 SURE = 2.0 * FLOOR
@@ -48,12 +48,15 @@ def update_motion(
         if matched:
             best.filter.update(found.pose, time)
         return [copy_with(best, log_other=_log_other(best.log_other, found, weight))]
-    if not matched or (pose := matches_pose(found)) is None:
+    is_another = not matched and found.another >= GIVEN_UP and (found.log_odds or 0.0) > 0.0
+    pose = matches_pose(found) if matched or is_another else None
+    new = None if pose is None else MotionFilter(of_body[0], pose, time, of_body[1])
+    if not matched or pose is None or new is None:
         # what comes into view next may be something else
-        return [copy_with(one, log_other=max(one.log_other, FLOOR)) for one in followed[:1]]
+        still = [copy_with(one, log_other=max(one.log_other, FLOOR)) for one in followed[:1]]
+        return still if new is None else [*still, FollowedPose(new, log_other=found.another)]
     log_other = FLOOR if given_up is None else log_other_presence(given_up, pose, time, None)
-    filter_ = MotionFilter(of_body[0], pose, time, of_body[1])
-    return [FollowedPose(filter_, log_other=_log_other(log_other, found, weight))]
+    return [FollowedPose(new, log_other=_log_other(log_other, found, weight))]
 
 
 def _log_other(log_odds: float, found: Finding, weight: float) -> float:
@@ -61,7 +64,7 @@ def _log_other(log_odds: float, found: Finding, weight: float) -> float:
     factor = found.noise_factor
     if log_odds <= SURE or factor is None or not (found.log_odds or 0.0) > 0.0:
         return log_odds
-    misfit = Misfit(factor**2, factor, found.noise_dof, found.alike)
+    misfit = Misfit(factor**2, factor, found.noise_dof, found.alike, found.another)
     return update_identity(
         log_odds, misfit, weight, as_off=misfit.largest_error_gain(found.task.log_inexact), least=SURE
     )

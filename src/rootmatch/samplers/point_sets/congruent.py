@@ -35,6 +35,8 @@ MOST_FITTED = 2048
 """Distinct labellings whose motions are fitted, those with the most matches first: a twentieth of a second."""
 TOGETHER = 64
 """Triples of the source that are compared with those of the targets at once: enough are mostly among the first ones."""
+REFLECTED = 4
+"""Triples of a labelling in which it is reflected, the widest ones: one of them may be wrong. A round value."""
 CELLS = 200_000
 """Distances that are computed between two looks at the time: two milliseconds."""
 
@@ -83,8 +85,29 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: Bools | Non
     most = int((found >= 0).sum(axis=1).max(initial=2))
     if mirror or most >= min(len(clouds.source), len(clouds.target)):
         return Labellings(found, found[:0], len(source), cut)
-    mirrored = label_by_motions(clouds, _motions(clouds, source, target, True)[-1:], allowed, most + 1)
-    return Labellings(found, grow_labellings(clouds, mirrored, True, allowed), 2 * len(source), cut)
+    mirrored = _label_reflected(clouds, source, target, most + 1, allowed)
+    return Labellings(found, mirrored, 2 * len(source), cut)
+
+
+def reflected_labellings(clouds: PointClouds, labelling: Integers, allowed: Bools | None = None) -> Integers:
+    """Labellings (M, n) of points in space, with more matches than one (n,), by reflections in what that matches.
+
+    Three points have no handedness: what has them where the body does may be its mirror image, which has the rest too.
+    """
+    own, most = np.flatnonzero(labelling >= 0), min(len(clouds.source), len(clouds.target))
+    if clouds.source.shape[1] != 3 or not 3 <= len(own) < most or not is_small(clouds):
+        return np.empty((0, len(labelling)), np.int64)
+    clouds = clouds.with_means
+    triples = own[_triangles_widest_first(distances(clouds.source[own]))[:REFLECTED]]
+    return _label_reflected(clouds, triples, labelling[triples], len(own) + 1, allowed)
+
+
+def _label_reflected(
+    clouds: PointClouds, source: Integers, target: Integers, least: int, allowed: Bools | None
+) -> Integers:
+    """Labellings (M, n) of so many matches, at least, by the reflections that take triples onto triples."""
+    mirrored = label_by_motions(clouds, _motions(clouds, source, target, True)[-1:], allowed, least)
+    return grow_labellings(clouds, mirrored, True, allowed)
 
 
 def grow_labellings(clouds: PointClouds, found: Integers, mirror: bool, allowed: Bools | None) -> Integers:
