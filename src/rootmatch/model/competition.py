@@ -25,6 +25,7 @@ from rootmatch.model.modes import Modes, empty_changes_each, is_same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, COUNTS, PRESENT_ODDS, WRONG_MODEL
+from rootmatch.model.strays import stray_log_gains
 from rootmatch.model.unrecognised import odds_of_unrecognised
 
 Value = TypeVar("Value")
@@ -82,6 +83,9 @@ def joint_posterior(
     masses = of_each(lambda k: parts[k].log_mass + PRESENT_ODDS)
     origins = of_each(lambda k: _prediction_indices(models[k], parts[k]))
     as_copies = of_each(lambda k: _copy_log_odds(models[k], parts[k], uses[k], origins[k]))
+    stray = of_each(lambda k: stray_log_gains(models[k], parts[k], origins[k]))
+    masses = [mass + gain for mass, gain in zip(masses, stray, strict=True)]
+    as_copies = [None if mass is None else mass + gain for mass, gain in zip(as_copies, stray, strict=True)]
     if copies is not None:
         gains = of_each(lambda k: exact_shape_log_gains(models[k], parts[k], own[k]))
         masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
