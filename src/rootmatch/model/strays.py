@@ -133,7 +133,7 @@ def _find_strays(
     pairs, places = _meeting_rays(model, rig)
     free, every, before = np.ones(len(target), np.bool_), [found[1:]], 0
     for _ in range(ROUNDS):
-        (left,) = free[pairs].all(axis=1).nonzero()
+        left = np.flatnonzero(free[pairs].all(axis=1))
         pairs, places = pairs[left], places[left]
         rows = [_seen_about(model, pairs[some], places[some], free) for some in _slices(len(pairs))]
         candidates, first = np.unique(np.concatenate([found.detections, *rows]), axis=0, return_index=True)
@@ -157,7 +157,7 @@ def _slices(count: int) -> list[slice]:
 
 
 def _choose(model: DetectionModel, detections: Integers, log_odds: Floats, before: int) -> Integers:
-    """Which of some strays (K, C) there are, the likeliest first, if none shares a detection; ``before``: known ones."""
+    """Which of some strays (K, C) there are, the likeliest first, none sharing a detection; ``before``: known ones."""
     taken, chosen = np.zeros(model.shape[1], np.bool_), list[int]()
     for k in np.argsort(-log_odds, kind="stable").tolist():
         if log_odds[k] + math.log(before + len(chosen) + 0.5) <= 0.0:
@@ -172,7 +172,8 @@ def _choose(model: DetectionModel, detections: Integers, log_odds: Floats, befor
 def _meeting_rays(model: DetectionModel, rig: Rig) -> tuple[Integers, Floats]:
     """Pairs of detections (P, 2) of two cameras whose lines of sight meet within the noise, and where (P, 3)."""
     rotations, translations = camera_frames(model.camera)
-    of, noise = model.image_indices, 2.0 * REACH * model.sigma / np.array([one.focal for one in rig.cameras])[model.image_indices]
+    of, focal = model.image_indices, np.array([one.focal for one in rig.cameras])
+    noise = 2.0 * REACH * model.sigma / focal[of]
     rays = np.einsum("nij,ni->nj", rotations[of], model.rays)
     centres = -np.einsum("cij,ci->cj", rotations, translations)
     pairs, places, gaps = [np.empty((0, 2), np.int64)], [np.empty((0, 3))], [np.empty(0)]
