@@ -28,9 +28,11 @@ ROUNDS = 3
 """How often strays are looked for among what others leave. A round value."""
 TOGETHER = 2048
 """Places that are looked about at once. A round value; it bounds memory."""
-MOST = 16
-"""Pairs of detections that may be of one stray, for each detection, at most: among more, the nearest to each other. A
-round value; it bounds time."""
+MOST = 3
+"""Other detections whose lines of sight meet that of each one, the nearest to it: others are looked at among what
+strays leave. A round value; it bounds time."""
+RIDGE = 1e-12
+"""Precision of a place that two parallel lines of sight do not tell, over that across them. A round value."""
 
 
 class Strays(NamedTuple):
@@ -130,11 +132,12 @@ def _find_strays(
         target_covariance=covariance, prior=Broad(radius), noise_freedom=freedom,
     )  # fmt: skip
     found = Strays(model, np.empty((0, len(offsets)), np.int64), np.empty((0, 3)), np.empty(0))
-    pairs, places = _meeting_rays(model, rig)
+    every_pair, every_place = _meeting_rays(model, rig)
     free, every, before = np.ones(len(target), np.bool_), [found[1:]], 0
     for _ in range(ROUNDS):
-        left = np.flatnonzero(free[pairs].all(axis=1))
-        pairs, places = pairs[left], places[left]
+        left = np.flatnonzero(free[every_pair].all(axis=1))
+        left = left[_nearest(every_pair[left])]
+        pairs, places = every_pair[left], every_place[left]
         rows = [_seen_about(model, pairs[some], places[some], free) for some in _slices(len(pairs))]
         candidates, first = np.unique(np.concatenate([found.detections, *rows]), axis=0, return_index=True)
         several = np.count_nonzero(candidates >= 0, axis=1) > 1
@@ -170,10 +173,13 @@ def _choose(model: DetectionModel, detections: Integers, log_odds: Floats, befor
 
 
 def _meeting_rays(model: DetectionModel, rig: Rig) -> tuple[Integers, Floats]:
-    """Pairs of detections (P, 2) of two cameras whose lines of sight meet within the noise, and where (P, 3)."""
+    """Pairs of detections (P, 2) of two cameras whose lines of sight meet within the noise, and where (P, 3).
+
+    Those that come nearest to each other are first.
+    """
     rotations, translations = camera_frames(model.camera)
     of, focal = model.image_indices, np.array([one.focal for one in rig.cameras])
-    noise = 2.0 * REACH * model.sigma / focal[of]
+    variance = (REACH * model.sigma / focal[of]) ** 2
     rays = np.einsum("nij,ni->nj", rotations[of], model.rays)
     centres = -np.einsum("cij,ci->cj", rotations, translations)
     pairs, places, gaps = [np.empty((0, 2), np.int64)], [np.empty((0, 3))], [np.empty(0)]
@@ -186,44 +192,56 @@ def _meeting_rays(model: DetectionModel, rig: Rig) -> tuple[Integers, Floats]:
             far = (cosine * other - along) / (1.0 - cosine**2)
             near = (other - cosine * along) / (1.0 - cosine**2)
             squared = between @ between + far**2 + near**2 + 2.0 * (far * along - near * other - far * near * cosine)
-            most = far * noise[first][:, None] + near * noise[second]
-            i, j = ((far > 0.0) & (near > 0.0) & (squared < most**2)).nonzero()
+            most = far**2 * variance[first][:, None] + near**2 * variance[second]
+            i, j = ((far > 0.0) & (near > 0.0) & (squared < most)).nonzero()
         on_first = centres[a] + far[i, j, None] * rays[first[i]]
         on_second = centres[b] + near[i, j, None] * rays[second[j]]
         pairs.append(np.stack([first[i], second[j]], axis=1))
         places.append(0.5 * (on_first + on_second))
-        gaps.append(squared[i, j] / most[i, j] ** 2)
+        gaps.append(squared[i, j] / most[i, j])
     every, where, gap = np.concatenate(pairs), np.concatenate(places), np.concatenate(gaps)
-    kept = np.sort(np.argsort(gap, kind="stable")[: MOST * len(rays)])
-    return every[kept], where[kept]
+    order = np.argsort(gap, kind="stable")
+    return every[order], where[order]
+
+
+def _nearest(pairs: Integers) -> Bools:
+    """Which of some pairs (P, 2), the nearest first, are among the first `MOST` of one of their detections."""
+    kept = np.zeros(len(pairs), np.bool_)
+    for one in pairs.T:
+        order = np.argsort(one, kind="stable")
+        own = one[order]
+        kept[order] |= np.arange(len(own)) - np.searchsorted(own, own) < MOST
+    return kept
 
 
 def _seen_about(model: DetectionModel, pairs: Integers, places: Floats, free: Bools) -> Integers:
     """What each camera sees (K, C) where two detections (K, 2) are of one point near some place (K, 3)."""
-    rows, of = np.arange(len(pairs)), model.image_indices
+    rows = np.arange(len(pairs))
     at = model.linearise_about(np.broadcast_to(np.eye(3), (len(pairs), 3, 3)).copy(), places)
-    jacobian, cameras = at.jacobian[..., 3:], of[pairs]
+    jacobian, cameras = at.jacobian[..., 3:], model.image_indices[pairs]
     own = jacobian[rows[:, None], cameras] / model.sigma[pairs][..., None, None]
     off = (model.target[pairs] - at.pixels[rows[:, None], cameras]) / model.sigma[pairs][..., None]
     own, off = own.reshape(len(pairs), 4, 3), off.reshape(len(pairs), 4, 1)
-    with np.errstate(all="ignore"):
-        spread = np.linalg.pinv(own.swapaxes(1, 2) @ own, hermitian=True)
-        step = spread @ own.swapaxes(1, 2) @ off
-        pixels = at.pixels + (jacobian @ step[:, None])[..., 0]
-        across = jacobian @ spread[:, None] @ jacobian.swapaxes(2, 3)
-    (a, b), (_, d) = np.moveaxis(across[:, of], (2, 3), (0, 1))
-    a, d = a + model.sigma**2, d + model.sigma**2
-    x, y = np.moveaxis(model.target - pixels[:, of], 2, 0)
-    squared = (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
-    squared[~(at.seen[:, of] & free & (squared < REACH**2))] = np.inf
+    precision = own.swapaxes(1, 2) @ own
+    ridge = np.maximum(RIDGE * np.trace(precision, axis1=1, axis2=2), 1e-300)
+    spread = np.linalg.inv(precision + ridge[:, None, None] * np.eye(3))
+    step = spread @ own.swapaxes(1, 2) @ off
+    pixels = at.pixels + (jacobian @ step[:, None])[..., 0]
+    across = jacobian @ spread[:, None] @ jacobian.swapaxes(2, 3)
     out = np.full((len(pairs), len(model.images)), -1)
-    for k, those in enumerate(model.images):
-        if len(those):
-            nearest = squared[:, those].argmin(axis=1)
-            out[:, k] = np.where(np.isfinite(squared[rows, those[nearest]]), those[nearest], -1)
-    fits = (off - own @ step)[..., 0] ** 2
+    for k, every in enumerate(model.images):
+        those = every[free[every]]
+        if not len(those):
+            continue
+        (a, b), (_, d) = np.moveaxis(across[:, k], 0, 2)[..., None]
+        variance, apart = model.sigma[those] ** 2, model.target[those] - pixels[:, k, None]
+        a, d, x, y = a + variance, d + variance, apart[..., 0], apart[..., 1]
+        squared = (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
+        nearest = squared.argmin(axis=1)
+        out[:, k] = np.where(at.seen[:, k] & (squared[rows, nearest] < REACH**2), those[nearest], -1)
     out[rows[:, None], cameras] = pairs
-    out[fits.sum(axis=1) > REACH**2] = -1
+    fits = ((off - own @ step)[..., 0] ** 2).sum(axis=1) < REACH**2
+    out[~(fits & at.seen[rows[:, None], cameras].all(axis=1))] = -1
     return out
 
 
