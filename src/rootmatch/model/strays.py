@@ -21,7 +21,8 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import settle_poses
 from rootmatch.model.image_alike import REACH
 from rootmatch.model.modes import Modes, used_mask
-from rootmatch.model.pose_density import Broad
+from rootmatch.model.pose_density import LEAST, Broad
+from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.model.views import camera_frames
 
 ROUNDS = 3
@@ -59,11 +60,15 @@ def stray_log_gains(model: DetectionModel, modes: Modes, predicted: Integers | N
     """By how much the log-odds (M,) of a body's modes change as clutter has strays in space.
 
     What a mode takes of a stray is no stray then, and what it leaves is one as far as two cameras see it. Nothing
-    changes for one camera, nor about predictions that all modes agree with: ``predicted`` (M,), −1 for none.
+    changes for one camera, or where all modes that count are about predicted poses, which tell where a point is:
+    ``predicted`` (M,) says which, −1 for none.
     """
-    if not isinstance(model.camera, RigImage) or len(model.images) < 2 or not len(modes.log_odds):
+    if not isinstance(model.camera, RigImage) or len(model.images) < 2 or model.resolution:
         return 0.0
-    if model.resolution or (predicted is not None and (predicted >= 0).all()):
+    counts = modes.log_mass > math.log(WRONG_MODEL)
+    if predicted is not None and model.prior.least < LEAST:
+        counts &= predicted < 0
+    if not counts.any():
         return 0.0
     strays = find_strays(model)
     if not len(strays.log_odds):
