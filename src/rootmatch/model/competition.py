@@ -25,6 +25,7 @@ from rootmatch.model.modes import Modes, empty_changes_each, is_same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, COUNTS, PRESENT_ODDS, WRONG_MODEL
+from rootmatch.model.strays import stray_log_gains
 from rootmatch.model.unrecognised import odds_of_unrecognised
 
 Value = TypeVar("Value")
@@ -72,20 +73,16 @@ def joint_posterior(
         by_first = dict(zip(distinct, found, strict=True))
         return [by_first[k] for k in leaders]
 
-    if copies is not None:
-        known, own = every, copies
-        every = of_each(lambda k: _sort_by_gains(models[k], known[k], own[k]))
-    modes = every
+    modes = of_each(lambda k: _sort_by_gains(models[k], every[k], None if copies is None else copies[k]))
     best = of_each(lambda k: modes[k].uses(count)[:KEPT])
     parts = of_each(lambda k: _add_partial_modes(models[k], modes[k], k, best))
     uses = of_each(lambda k: best[k] if len(best[k]) == len(parts[k].log_odds) else parts[k].uses(count))
     masses = of_each(lambda k: parts[k].log_mass + PRESENT_ODDS)
     origins = of_each(lambda k: _prediction_indices(models[k], parts[k]))
     as_copies = of_each(lambda k: _copy_log_odds(models[k], parts[k], uses[k], origins[k]))
-    if copies is not None:
-        gains = of_each(lambda k: exact_shape_log_gains(models[k], parts[k], own[k]))
-        masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
-        as_copies = [None if mass is None else mass + gain for mass, gain in zip(as_copies, gains, strict=True)]
+    gains = of_each(lambda k: _log_gains(models[k], parts[k], origins[k], None if copies is None else copies[k]))
+    masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
+    as_copies = [None if mass is None else mass + gain for mass, gain in zip(as_copies, gains, strict=True)]
     named = [(k, mass) for k, mass in enumerate(as_copies) if mass is not None]
 
     def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
@@ -119,11 +116,18 @@ def joint_posterior(
     return of_each(told)
 
 
-def _sort_by_gains(model: DetectionModel, modes: Modes, copies: Copies) -> Modes:
-    """Modes, the most probable first if the body may be of an exact shape."""
+def _sort_by_gains(model: DetectionModel, modes: Modes, copies: Copies | None) -> Modes:
+    """Modes, the most probable first if the body may be of an exact shape, and clutter has strays in space."""
     if len(modes.log_mass) <= KEPT:
         return modes
-    return modes.take(np.argsort(-(modes.log_mass + exact_shape_log_gains(model, modes, copies)), kind="stable"))
+    gains = _log_gains(model, modes, _prediction_indices(model, modes), copies)
+    return modes if np.ndim(gains) == 0 else modes.take(np.argsort(-(modes.log_mass + gains), kind="stable"))
+
+
+def _log_gains(model: DetectionModel, modes: Modes, of: Integers | None, copies: Copies | None) -> Floats | float:
+    """By how much the log-odds (M,) of modes change by strays in space, and as the body may be of an exact shape."""
+    gains = stray_log_gains(model, modes, of)
+    return gains if copies is None else gains + exact_shape_log_gains(model, modes, copies)
 
 
 def _prediction_indices(model: DetectionModel, modes: Modes) -> Integers | None:
