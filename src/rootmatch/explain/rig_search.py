@@ -6,9 +6,13 @@ cameras; those that it gathers there are what the model of all images judges.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.image_decision import assess_image
@@ -21,13 +25,20 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.deferred_tensor import concatenate_tensors, renumber_tensor
-from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel
 from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.modes import best_of_places, used_mask
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import propose_about, score_predictions
-from rootmatch.model.proposals import Proposals, join_proposals, refit_proposals, solve_minimal_sets
+from rootmatch.model.proposals import (
+    Proposals,
+    fit_assignments,
+    join_proposals,
+    refit_proposals,
+    solve_minimal_sets,
+)
+from rootmatch.model.shown_in_part import ShownOfCopy
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
@@ -46,6 +57,9 @@ are narrowed from match to match: of wristbands and their mirror images 1,193 si
 BUDGET = 3_000_000
 """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
 IN_PART = StoppingOptions(in_part=True)
+LITTLE = 1_000_000
+"""Evaluations, some ten milliseconds, that a search for a copy beside the best pose may take, if the search before it
+took no more. A round value."""
 SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 
@@ -56,14 +70,56 @@ def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
     `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
     """
     bounded = LIMITS_OF_BOUNDED if task.search_camera is None else LIMITS_OF_FRAME
-    sampled, whole = _search_cameras(task, make_detection_model(task), LIMITS if task.budget is None else bounded)
+    model = make_detection_model(task)
+    sampled, whole = _search_cameras(task, model, LIMITS if task.budget is None else bounded)
+    if task.budget is None and sampled.missed <= TRUST.missed:
+        sampled = _search_for_copy(task, model, sampled)
     found = allow_point_errors(assess_image(task, sampled, judging=judging), task, missed=sampled.missed)
     return copy_with(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
-def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]) -> tuple[SampledTensor, bool]:
+def _search_for_copy(task: MatchingTask, model: DetectionModel, sampled: SampledTensor) -> SampledTensor:
+    """What a search met, with what another one meets among the detections that the best of it leaves.
+
+    The first ends as no pose explains more; which of two copies is asked for is not told by how much they show. How
+    many detections are left tells how well one may be among them.
+    """
+    verified = sampled.assignments
+    assert verified is not None
+    (left,) = np.nonzero(~used_mask(verified[:1], task.shape[1]).any(axis=0))
+    counts = np.bincount(model.image_indices[left], minlength=len(model.images))
+    most = np.minimum(counts, task.shape[0])
+    if not len(verified) or most.max() < LEAST - 1 or most.sum() < LEAST - 1 + MORE_SIGHTINGS:
+        return sampled
+    with suppress(OutOfTime):
+        _, found, _ = fit_assignments(model, verified[:1])
+        if not (found.log_odds > 0.0).any():
+            return sampled
+        shown = ShownOfCopy.of(model, counts, int((verified[0] >= 0).sum()), float(found.visible.sum()))
+        allowed = max(sampled.evaluated, LITTLE)
+
+        def is_enough(unmet: Integers, evaluated: int) -> bool:
+            return evaluated > allowed or shown.unmet_odds(unmet) <= TRUST.missed
+
+        if not is_enough(most, 0):
+            rest = task.subset(None, left)
+            beside, _ = _search_cameras(rest, make_detection_model(rest), LIMITS_OF_BOUNDED, is_enough)
+            assert beside.assignments is not None
+            there = np.where(beside.assignments >= 0, left[beside.assignments], -1)
+            evaluated = sampled.evaluated + beside.evaluated
+            return sampled._replace(assignments=np.concatenate([verified, there]), evaluated=evaluated)
+    return sampled
+
+
+def _search_cameras(
+    task: MatchingTask,
+    model: DetectionModel,
+    limits: tuple[int, int],
+    is_enough: Callable[[Integers, int], bool] = lambda unmet, evaluated: False,
+) -> tuple[SampledTensor, bool]:
     """Hyper-edges within the cameras, with the verified assignments that hypotheses of single cameras lead to.
 
+    ``is_enough`` may end it sooner: by the most sightings (C,) of a pose that was not met, and the evaluations so far.
     The second value says whether every camera's search ended before its budget.
     """
     assert task.rig is not None
@@ -102,6 +158,8 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
         unmet[k] = min(unmet[k], LEAST - 1)  # a pose that shows more here was met
+        if is_enough(unmet, evaluated):
+            break
         if in_all and number + 1 < len(parts):
             new = _verify_hypotheses(model, hypotheses[met:], limits, narrowing=False)
             verified, log_odds = _select_best(model, *_merge((verified, log_odds), new), limits[1])
@@ -119,10 +177,13 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
     if in_all and enough is None:
         met = len(hypotheses)
         for k, own, part in parts:
+            if is_enough(unmet, evaluated):
+                break
             if len(own) >= task.minimal and not searching.passed():
                 led, every = _search_triples(copy_with(part, deadline=searching), model, k, own, guided) or ([], False)
                 hypotheses += led
                 all_triples |= every
+                unmet[k] = min(unmet[k], LEAST - 2)  # or more that the likeliest triples do not lead to
         if len(hypotheses) > met:
             verified, _ = _merge((verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits))
     tensor = concatenate_tensors(tensors, task.row_shape, task.row_weights, task.options.max_hyperedges)
