@@ -70,8 +70,8 @@ def test_a_trackers_search_of_one_camera_does_not_narrow_poses(monkeypatch: pyte
         looked.append(camera[0])
         return narrowed(*given)
 
-    def of_camera(task: Any, *given: Any) -> Any:
-        return searched(copy_with(task, search_camera=camera[0]), *given)
+    def of_camera(task: Any, model: Any, limits: Any) -> Any:
+        return searched(copy_with(task, search_camera=camera[0]), model, limits)
 
     monkeypatch.setattr(rig_search, "_narrow", looking)
     monkeypatch.setattr(rig_search, "_search_cameras", of_camera)

@@ -6,7 +6,6 @@ cameras; those that it gathers there are what the model of all images judges.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
@@ -25,7 +24,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.deferred_tensor import concatenate_tensors, renumber_tensor
-from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel
+from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.modes import best_of_places, used_mask
@@ -57,9 +56,9 @@ are narrowed from match to match: of wristbands and their mirror images 1,193 si
 BUDGET = 3_000_000
 """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
 IN_PART = StoppingOptions(in_part=True)
-LITTLE = 1_000_000
-"""Evaluations, some ten milliseconds, that a search for a copy beside the best pose may take, if the search before it
-took no more. A round value."""
+LITTLE, PART, UNMET = 10_000, 4, 0.2
+"""Of a search for a copy beside the best pose: evaluations in one camera, or such a part of those before it, if that is
+more; and the odds, in view and not met, from which it goes on. Round values."""
 SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 
@@ -71,56 +70,75 @@ def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
     """
     bounded = LIMITS_OF_BOUNDED if task.search_camera is None else LIMITS_OF_FRAME
     model = make_detection_model(task)
-    sampled, whole = _search_cameras(task, model, LIMITS if task.budget is None else bounded)
+    sampled, whole, unmet = _search_cameras(task, model, LIMITS if task.budget is None else bounded)
     if task.budget is None and sampled.missed <= TRUST.missed:
-        sampled = _search_for_copy(task, model, sampled)
+        sampled = _search_for_copy(task, model, sampled, unmet)
     found = allow_point_errors(assess_image(task, sampled, judging=judging), task, missed=sampled.missed)
     return copy_with(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
-def _search_for_copy(task: MatchingTask, model: DetectionModel, sampled: SampledTensor) -> SampledTensor:
-    """What a search met, with what another one meets among the detections that the best of it leaves.
+def _search_for_copy(
+    task: MatchingTask, model: DetectionModel, sampled: SampledTensor, unmet: Integers
+) -> SampledTensor:
+    """What a search met, with what is met where it did not look, among the detections that the best of it leaves.
 
-    The first ends as no pose explains more; which of two copies is asked for is not told by how much they show. How
-    many detections are left tells how well one may be among them.
+    It ended as no pose explains more; which of two copies is asked for is not told by how much they show. How many
+    detections are left tells how well one may be among them. ``unmet``: see `_search_cameras`.
     """
     verified = sampled.assignments
     assert verified is not None
     (left,) = np.nonzero(~used_mask(verified[:1], task.shape[1]).any(axis=0))
-    counts = np.bincount(model.image_indices[left], minlength=len(model.images))
-    most = np.minimum(counts, task.shape[0])
-    if not len(verified) or most.max() < LEAST - 1 or most.sum() < LEAST - 1 + MORE_SIGHTINGS:
+    counts = np.bincount(model.image_indices[left], minlength=len(unmet))
+    unmet = np.minimum(counts, unmet)
+    if not len(verified) or unmet.max() < LEAST - 1:
         return sampled
+    hypotheses, evaluated = list[Integers](), sampled.evaluated
     with suppress(OutOfTime):
         _, found, _ = fit_assignments(model, verified[:1])
         if not (found.log_odds > 0.0).any():
             return sampled
         shown = ShownOfCopy.of(model, counts, int((verified[0] >= 0).sum()), float(found.visible.sum()))
-        allowed = max(sampled.evaluated, LITTLE)
-
-        def is_enough(unmet: Integers, evaluated: int) -> bool:
-            return evaluated > allowed or shown.unmet_odds(unmet) <= TRUST.missed
-
-        if not is_enough(most, 0):
-            rest = task.subset(None, left)
-            beside, _ = _search_cameras(rest, make_detection_model(rest), LIMITS_OF_BOUNDED, is_enough)
-            assert beside.assignments is not None
-            there = np.where(beside.assignments >= 0, left[beside.assignments], -1)
-            evaluated = sampled.evaluated + beside.evaluated
-            return sampled._replace(assignments=np.concatenate([verified, there]), evaluated=evaluated)
+        if shown.unmet_odds(unmet) <= UNMET:
+            return sampled
+        rest = task.subset(None, left)
+        beside = make_detection_model(rest)
+        guided = make_guided(budget=max(evaluated // PART, LITTLE), hypotheses=LIMITS[0], stopping=IN_PART)
+        for least in (LEAST, LEAST - 1):
+            for k in np.flatnonzero(unmet >= least).tolist():
+                if shown.unmet_odds(unmet) <= UNMET:
+                    break
+                _, own, part = camera_task(rest, k, guided)
+                if least == LEAST:
+                    other = sample_once(part)
+                    evaluated += other.evaluated
+                    hypotheses += _in_all_cameras(rest, k, own, other.assignments)
+                else:
+                    hypotheses += (_search_triples(part, beside, k, own, guided) or ([], False))[0]
+                unmet[k] = least - 1
+        there, _ = _verify_hypotheses(beside, hypotheses, LIMITS_OF_BOUNDED, narrowing=False)
+        verified = np.concatenate([verified, np.where(there >= 0, left[there], -1)])
+        return sampled._replace(assignments=verified, evaluated=evaluated)
     return sampled
 
 
+def _in_all_cameras(task: MatchingTask, k: int, own: Integers, found: Integers | None) -> list[Integers]:
+    """Assignments (n,) of a camera's detections, of enough points, as those of a task's sightings."""
+    n, hypotheses = task.shape[0], list[Integers]()
+    for assignment in found if found is not None else []:
+        if (assignment >= 0).sum() >= LEAST:
+            one = np.full(task.rows, -1, np.int64)
+            one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
+            hypotheses.append(one)
+    return hypotheses
+
+
 def _search_cameras(
-    task: MatchingTask,
-    model: DetectionModel,
-    limits: tuple[int, int],
-    is_enough: Callable[[Integers, int], bool] = lambda unmet, evaluated: False,
-) -> tuple[SampledTensor, bool]:
+    task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
+) -> tuple[SampledTensor, bool, Integers]:
     """Hyper-edges within the cameras, with the verified assignments that hypotheses of single cameras lead to.
 
-    ``is_enough`` may end it sooner: by the most sightings (C,) of a pose that was not met, and the evaluations so far.
-    The second value says whether every camera's search ended before its budget.
+    The second value says whether every camera's search ended before its budget; the third is the most sightings (C,) of
+    a pose that was not met.
     """
     assert task.rig is not None
     n = task.shape[0]
@@ -152,14 +170,8 @@ def _search_cameras(
         evaluated += sampled.evaluated
         whole, missed_by[k] = whole and sampled.evaluated < guided.budget, sampled.missed
         tensors.append(renumber_tensor(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))
-        for assignment in sampled.assignments if sampled.assignments is not None else []:
-            if (assignment >= 0).sum() >= LEAST:
-                one = np.full(task.rows, -1, np.int64)
-                one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
-                hypotheses.append(one)
+        hypotheses += _in_all_cameras(task, k, own, sampled.assignments)
         unmet[k] = min(unmet[k], LEAST - 1)  # a pose that shows more here was met
-        if is_enough(unmet, evaluated):
-            break
         if in_all and number + 1 < len(parts):
             new = _verify_hypotheses(model, hypotheses[met:], limits, narrowing=False)
             verified, log_odds = _select_best(model, *_merge((verified, log_odds), new), limits[1])
@@ -177,18 +189,16 @@ def _search_cameras(
     if in_all and enough is None:
         met = len(hypotheses)
         for k, own, part in parts:
-            if is_enough(unmet, evaluated):
-                break
             if len(own) >= task.minimal and not searching.passed():
                 led, every = _search_triples(copy_with(part, deadline=searching), model, k, own, guided) or ([], False)
                 hypotheses += led
                 all_triples |= every
-                unmet[k] = min(unmet[k], LEAST - 2)  # or more that the likeliest triples do not lead to
+                unmet[k] = min(unmet[k], LEAST - 2 if every else LEAST - 1)
         if len(hypotheses) > met:
             verified, _ = _merge((verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits))
     tensor = concatenate_tensors(tensors, task.row_shape, task.row_weights, task.options.max_hyperedges)
     missed = 0.0 if all_triples or not in_all else _missed_probability(verified, missed_by)
-    return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
+    return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole, unmet
 
 
 def _missed_probability(verified: Integers, missed_by: Floats) -> float:

@@ -29,8 +29,8 @@ TURNS = 64
 """Turns of a body with normals over which a mean is taken. A round value."""
 IN_SIGHT = (1.0 / 6.0, 0.5, 5.0 / 6.0)
 """Parts of a body that an edge or a window leaves in sight, equally probable: any point may be the first it hides."""
-EACH = 4
-"""Of these, each so many-th tells what is shown of a copy. A round value."""
+FEW_TURNS = 8
+"""Those that tell what is shown of a copy. A round value."""
 ANY = 10**9
 """Detections of which there are so many that their number tells nothing."""
 RADII = 10.0
@@ -92,7 +92,7 @@ class ShownOfCopy:
     @classmethod
     def of(cls, model: DetectionModel, counts: Integers, matched: int, visible: float) -> ShownOfCopy:
         """That of a body with so many matches of its ``visible`` points, among the detections (C,) that it leaves."""
-        visibility, most = _typical_visibility(model)[::EACH], int(counts.max())
+        visibility, most = _typical_visibility(model, FEW_TURNS), int(counts.max())
         few, hidden = count_distributions(visibility, model.rate_quadrature[0], len(counts), most)
         some = 1.0 - np.prod(1.0 - visibility, axis=1)  # what shows no point is not in view
         told = rate_weights(model, np.array([matched]), np.array([visible]))[0]
@@ -186,12 +186,12 @@ def count_distributions(visible: Floats, rates: Floats, images: int, most: int) 
     return few.reshape(most + 1, images, -1), hidden
 
 
-def _typical_visibility(model: DetectionModel) -> Floats:
+def _typical_visibility(model: DetectionModel, turns: int = TURNS) -> Floats:
     """Visibility (S, n) of the points in poses anywhere: of all turns alike, before each camera."""
     if model.normals is None and len(camera_frames(model.camera)[0]) == 1:
         return np.ones((1, len(model.points)))
-    at = model.linearise_about(spread_rotations(TURNS), positions_ahead(model, TURNS))
-    return model.visibility(at, np.zeros(TURNS))
+    at = model.linearise_about(spread_rotations(turns), positions_ahead(model, turns))
+    return model.visibility(at, np.zeros(turns))
 
 
 def positions_ahead(model: DetectionModel, count: int) -> Floats:
