@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations, permutations
-from math import lgamma
+from math import comb, exp, lgamma
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ import rootmatch as rm
 from rootmatch.explain.finding import make_empty_finding
 from rootmatch.explain.image_decision import image_finding
 from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model import unrecognised
 from rootmatch.model.detection_model import DetectionModel
@@ -26,6 +27,7 @@ from rootmatch.model.proposals import Proposals
 from rootmatch.model.shown_in_part import (
     IN_SIGHT,
     FewShown,
+    ShownOfCopy,
     count_distributions,
     count_ways_to_own,
     odds_of_few,
@@ -36,6 +38,30 @@ from rootmatch.model.two_view_posterior import TwoViewPosterior
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
+
+
+def test_what_images_may_show_of_a_copy_by_enumeration() -> None:
+    """Five points before two cameras, of which one leaves four detections and the other three."""
+    rate, counts, camera = 0.7, np.array([4, 3]), rm.Camera(800.0, 800.0, 320.0, 240.0)
+    views = [(camera, np.eye(3), np.zeros(3)), (camera, np.eye(3), np.array([0.1, 0.0, 0.0]))]
+    points, rows = np.random.default_rng(0).uniform(-0.1, 0.1, (5, 3)), np.zeros((9, 3))
+    rows[:, :2], rows[:, 2] = np.random.default_rng(1).uniform(0.0, 480.0, (9, 2)), np.arange(9) % 2
+    options = MatchOptions(detection_rate=rate)
+    task = MatchingTask.of(rm.P3P(rm.Rig(views)), points, rows, noise=0.3, options=options)
+    shown = ShownOfCopy.of(Candidate.make_model(task), counts, 8, 10.0)
+
+    def of_image(chance: float, count: int, most: int) -> float:
+        own = [comb(5, k) * chance**k * (1.0 - chance) ** (5 - k) for k in range(most + 1)]
+        ways = [exp(lgamma(count + 1) - lgamma(count - k + 1) + lgamma(count - k + 0.5)) for k in range(most + 1)]
+        return float(np.dot(own, ways)) / exp(lgamma(count + 0.5))
+
+    def odds(first: int, second: int) -> float:
+        cases = [(0.9, rate), *((0.1 / 3.0, part * rate) for part in IN_SIGHT)]
+        return sum(weight * of_image(each, 4, first) * of_image(each, 3, second) for weight, each in cases)
+
+    for most in ((4, 3), (3, 3), (3, 2)):
+        assert shown.unmet_odds(np.array(most)) == pytest.approx(odds(*most) - odds(2, 2), rel=1e-6)
+    assert shown.unmet_odds(np.array([2, 2])) == 0.0
 
 
 def test_few_detected_points_by_enumeration() -> None:

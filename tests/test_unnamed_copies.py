@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.explain import rig_search
 from rootmatch.explain.image_hypotheses import Candidate, weigh_candidates
 from rootmatch.model.mode_search import grow_mode
 
@@ -285,3 +286,42 @@ def test_two_flanges_before_a_stereo_pair_are_ambiguous_and_both_are_listed(seed
     assert match.status is rm.Status.AMBIGUOUS
     firsts = [one[one >= 0].min() for one in (match.assignment, *(other for other, _ in match.alternatives))]
     assert {one % 31 >= 14 for one in firsts} == {False, True}
+
+
+def before_three_cameras(seed: int, copies: int, clutter: int) -> tuple[Floats, list[Floats], rm.Rig]:
+    """A body of five markers or two of it, of which every fifth sighting is missed, as three cameras around see it."""
+    rng, camera = np.random.default_rng(seed), rm.Camera(900.0, 900.0, 640.0, 480.0, size=(1280, 960))
+    points, views, images = cloud(rng, 5), [], []
+    placed = [points @ Rotation.random(rng=rng).as_matrix().T + t for t in ACROSS[:copies]]
+    for angle in (-0.35, 0.0, 0.35):
+        R = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+        views.append((camera, R, np.array([0.0, 0.0, 0.75]) - R @ (0.0, 0.0, 0.75)))
+        every = camera.project(np.concatenate(placed) @ R.T + views[-1][2])
+        own = every[rng.random(len(every)) < 0.8]
+        strays = rng.uniform((0, 0), (1280, 960), (clutter, 2))
+        images.append(np.concatenate([own, strays]) + rng.normal(0.0, 0.3, (len(own) + clutter, 2)))
+    return points, images, rm.Rig(views)
+
+
+@pytest.mark.parametrize(("seed", "clutter"), [(0, 0), (13, 0), (18, 0), (6, 4)])
+def test_a_copy_of_few_markers_is_met_though_the_first_camera_tells_a_pose(seed: int, clutter: int) -> None:
+    """The search ended there, as no other pose explains more, and the copy shows three or four in each."""
+    points, images, rig = before_three_cameras(seed, 2, clutter)
+    match = rm.match(points, images, rm.P3P(rig), noise=0.3)
+    assert match.status is rm.Status.AMBIGUOUS
+    assert "in several places" in match.advice
+
+
+def test_nothing_is_searched_for_a_copy_where_hardly_anything_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    searched, asked = rig_search.camera_task, set[int]()
+
+    def noted(task: Any, *given: Any) -> Any:
+        asked.add(task.shape[1])
+        return searched(task, *given)
+
+    monkeypatch.setattr(rig_search, "camera_task", noted)
+    for seed in range(5):
+        points, images, rig = before_three_cameras(seed, 1, 2)
+        assert rm.match(points, images, rm.P3P(rig), noise=0.3).status is rm.Status.MATCHED
+        assert asked == {sum(map(len, images))}
+        asked.clear()

@@ -6,9 +6,12 @@ cameras; those that it gathers there are what the model of all images judges.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.image_decision import assess_image
@@ -27,7 +30,14 @@ from rootmatch.model.gathering import gather_assignments
 from rootmatch.model.modes import best_of_places, used_mask
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import propose_about, score_predictions
-from rootmatch.model.proposals import Proposals, join_proposals, refit_proposals, solve_minimal_sets
+from rootmatch.model.proposals import (
+    Proposals,
+    fit_assignments,
+    join_proposals,
+    refit_proposals,
+    solve_minimal_sets,
+)
+from rootmatch.model.shown_in_part import ShownOfCopy
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
@@ -46,6 +56,9 @@ are narrowed from match to match: of wristbands and their mirror images 1,193 si
 BUDGET = 3_000_000
 """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
 IN_PART = StoppingOptions(in_part=True)
+LITTLE, PART, UNMET = 10_000, 4, 0.2
+"""Of a search for a copy beside the best pose: evaluations in one camera, or such a part of those before it, if that is
+more; and the odds, in view and not met, from which it goes on. Round values."""
 SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 
@@ -56,15 +69,76 @@ def match_rig(task: MatchingTask, *, judging: bool) -> Finding:
     `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
     """
     bounded = LIMITS_OF_BOUNDED if task.search_camera is None else LIMITS_OF_FRAME
-    sampled, whole = _search_cameras(task, make_detection_model(task), LIMITS if task.budget is None else bounded)
+    model = make_detection_model(task)
+    sampled, whole, unmet = _search_cameras(task, model, LIMITS if task.budget is None else bounded)
+    if task.budget is None and sampled.missed <= TRUST.missed:
+        sampled = _search_for_copy(task, model, sampled, unmet)
     found = allow_point_errors(assess_image(task, sampled, judging=judging), task, missed=sampled.missed)
     return copy_with(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
-def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int, int]) -> tuple[SampledTensor, bool]:
+def _search_for_copy(
+    task: MatchingTask, model: DetectionModel, sampled: SampledTensor, unmet: Integers
+) -> SampledTensor:
+    """What a search met, with what is met where it did not look, among the detections that the best of it leaves.
+
+    It ended as no pose explains more; which of two copies is asked for is not told by how much they show. How many
+    detections are left tells how well one may be among them. ``unmet``: see `_search_cameras`.
+    """
+    verified = sampled.assignments
+    assert verified is not None
+    (left,) = np.nonzero(~used_mask(verified[:1], task.shape[1]).any(axis=0))
+    counts = np.bincount(model.image_indices[left], minlength=len(unmet))
+    unmet = np.minimum(counts, unmet)
+    if not len(verified) or unmet.max() < LEAST - 1:
+        return sampled
+    hypotheses, evaluated = list[Integers](), sampled.evaluated
+    with suppress(OutOfTime):
+        _, found, _ = fit_assignments(model, verified[:1])
+        if not (found.log_odds > 0.0).any():
+            return sampled
+        shown = ShownOfCopy.of(model, counts, int((verified[0] >= 0).sum()), float(found.visible.sum()))
+        if shown.unmet_odds(unmet) <= UNMET:
+            return sampled
+        rest = task.subset(None, left)
+        beside = make_detection_model(rest)
+        guided = make_guided(budget=max(evaluated // PART, LITTLE), hypotheses=LIMITS[0], stopping=IN_PART)
+        for least in (LEAST, LEAST - 1):
+            for k in np.flatnonzero(unmet >= least).tolist():
+                if shown.unmet_odds(unmet) <= UNMET:
+                    break
+                _, own, part = camera_task(rest, k, guided)
+                if least == LEAST:
+                    other = sample_once(part)
+                    evaluated += other.evaluated
+                    hypotheses += _in_all_cameras(rest, k, own, other.assignments)
+                else:
+                    hypotheses += (_search_triples(part, beside, k, own, guided) or ([], False))[0]
+                unmet[k] = least - 1
+        there, _ = _verify_hypotheses(beside, hypotheses, LIMITS_OF_BOUNDED, narrowing=False)
+        verified = np.concatenate([verified, np.where(there >= 0, left[there], -1)])
+        return sampled._replace(assignments=verified, evaluated=evaluated)
+    return sampled
+
+
+def _in_all_cameras(task: MatchingTask, k: int, own: Integers, found: Integers | None) -> list[Integers]:
+    """Assignments (n,) of a camera's detections, of enough points, as those of a task's sightings."""
+    n, hypotheses = task.shape[0], list[Integers]()
+    for assignment in found if found is not None else []:
+        if (assignment >= 0).sum() >= LEAST:
+            one = np.full(task.rows, -1, np.int64)
+            one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
+            hypotheses.append(one)
+    return hypotheses
+
+
+def _search_cameras(
+    task: MatchingTask, model: DetectionModel, limits: tuple[int, int]
+) -> tuple[SampledTensor, bool, Integers]:
     """Hyper-edges within the cameras, with the verified assignments that hypotheses of single cameras lead to.
 
-    The second value says whether every camera's search ended before its budget.
+    The second value says whether every camera's search ended before its budget; the third is the most sightings (C,) of
+    a pose that was not met.
     """
     assert task.rig is not None
     n = task.shape[0]
@@ -96,11 +170,7 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
         evaluated += sampled.evaluated
         whole, missed_by[k] = whole and sampled.evaluated < guided.budget, sampled.missed
         tensors.append(renumber_tensor(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))
-        for assignment in sampled.assignments if sampled.assignments is not None else []:
-            if (assignment >= 0).sum() >= LEAST:
-                one = np.full(task.rows, -1, np.int64)
-                one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
-                hypotheses.append(one)
+        hypotheses += _in_all_cameras(task, k, own, sampled.assignments)
         unmet[k] = min(unmet[k], LEAST - 1)  # a pose that shows more here was met
         if in_all and number + 1 < len(parts):
             new = _verify_hypotheses(model, hypotheses[met:], limits, narrowing=False)
@@ -123,11 +193,12 @@ def _search_cameras(task: MatchingTask, model: DetectionModel, limits: tuple[int
                 led, every = _search_triples(copy_with(part, deadline=searching), model, k, own, guided) or ([], False)
                 hypotheses += led
                 all_triples |= every
+                unmet[k] = min(unmet[k], LEAST - 2 if every else LEAST - 1)
         if len(hypotheses) > met:
             verified, _ = _merge((verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits))
     tensor = concatenate_tensors(tensors, task.row_shape, task.row_weights, task.options.max_hyperedges)
     missed = 0.0 if all_triples or not in_all else _missed_probability(verified, missed_by)
-    return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
+    return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole, unmet
 
 
 def _missed_probability(verified: Integers, missed_by: Floats) -> float:

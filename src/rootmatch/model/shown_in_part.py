@@ -21,6 +21,7 @@ from rootmatch.algebra.rotation import spread_rotations
 from rootmatch.arrays import Floats, Integers
 from rootmatch.model.compiled.occluder import OCCLUDED
 from rootmatch.model.detection_model import HIGHEST_RATE, DetectionModel
+from rootmatch.model.pose_density import LEAST
 from rootmatch.model.priors import PRESENT_ODDS
 from rootmatch.model.views import camera_frames
 
@@ -28,6 +29,8 @@ TURNS = 64
 """Turns of a body with normals over which a mean is taken. A round value."""
 IN_SIGHT = (1.0 / 6.0, 0.5, 5.0 / 6.0)
 """Parts of a body that an edge or a window leaves in sight, equally probable: any point may be the first it hides."""
+FEW_TURNS = 8
+"""Those that tell what is shown of a copy. A round value."""
 ANY = 10**9
 """Detections of which there are so many that their number tells nothing."""
 RADII = 10.0
@@ -75,6 +78,44 @@ class FewShown:
             without += present * self.unmet * np.maximum(1.0 - (chance @ cases).reshape(-1) - part * own, 0.0)
             whole += present * self.unmet * (1.0 - part)
         return np.asarray(without / whole)
+
+
+@dataclass(frozen=True, eq=False)
+class ShownOfCopy:
+    """What images may show of a copy of a body beside it: it is as bright, and may be hidden in part."""
+
+    odds: Floats
+    """(m + 1, C, S, K) odds that each image shows no more than 0, 1 … points, in S turns and K other cases."""
+    weights: Floats
+    """(S, K) of the cases."""
+
+    @classmethod
+    def of(cls, model: DetectionModel, counts: Integers, matched: int, visible: float) -> ShownOfCopy:
+        """That of a body with so many matches of its ``visible`` points, among the detections (C,) that it leaves."""
+        visibility, most = _typical_visibility(model, FEW_TURNS), int(counts.max())
+        few, hidden = count_distributions(visibility, model.rate_quadrature[0], len(counts), most)
+        some = 1.0 - np.prod(1.0 - visibility, axis=1)  # what shows no point is not in view
+        told = rate_weights(model, np.array([matched]), np.array([visible]))[0]
+        odds = (few * count_ways_to_own(counts, most)).cumsum(axis=0).reshape(*few.shape[:2], len(some), -1)
+        return cls(odds, np.outer(some / some.sum(), np.outer(told, hidden)))
+
+    def unmet_odds(self, most: Integers) -> float:
+        """Odds, against clutter alone, that it shows no more than so many points (C,), but a minimal set in one image.
+
+        By the numbers of detections; prior odds apart.
+        """
+        images = np.arange(len(most))
+        few, fewer = (self.odds[each, images].prod(axis=0) for each in (most, np.minimum(most, LEAST - 1)))
+        return float((self.weights * (few - fewer)).sum())
+
+
+def rate_weights(model: DetectionModel, matched: Integers, visible: Floats) -> Floats:
+    """Weights (M, Q) of the nodes of the detection rate, by so many matches (M,) of so many visible points (M,)."""
+    rates, log_weights = model.rate_quadrature
+    missed = np.maximum(visible - matched, 0.0)
+    told = log_weights + np.outer(matched, np.log(rates)) + np.outer(missed, np.log1p(-rates))
+    told = np.exp(told - told.max(axis=1)[:, None])
+    return np.asarray(told / told.sum(axis=1)[:, None])
 
 
 def odds_of_few(chance: Floats, weights: Floats, counts: Integers, most: int) -> tuple[float, Floats]:
@@ -145,12 +186,12 @@ def count_distributions(visible: Floats, rates: Floats, images: int, most: int) 
     return few.reshape(most + 1, images, -1), hidden
 
 
-def _typical_visibility(model: DetectionModel) -> Floats:
+def _typical_visibility(model: DetectionModel, turns: int = TURNS) -> Floats:
     """Visibility (S, n) of the points in poses anywhere: of all turns alike, before each camera."""
     if model.normals is None and len(camera_frames(model.camera)[0]) == 1:
         return np.ones((1, len(model.points)))
-    at = model.linearise_about(spread_rotations(TURNS), positions_ahead(model, TURNS))
-    return model.visibility(at, np.zeros(TURNS))
+    at = model.linearise_about(spread_rotations(turns), positions_ahead(model, turns))
+    return model.visibility(at, np.zeros(turns))
 
 
 def positions_ahead(model: DetectionModel, count: int) -> Floats:

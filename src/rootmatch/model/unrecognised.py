@@ -21,7 +21,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.known_density import LEAST_SPREAD, Known
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Mixed
-from rootmatch.model.shown_in_part import count_distributions, count_ways_to_own, positions_ahead
+from rootmatch.model.shown_in_part import count_distributions, count_ways_to_own, positions_ahead, rate_weights
 
 POSES = 32
 """Poses of a prediction over which a mean is taken. A round value."""
@@ -32,12 +32,8 @@ def odds_of_unrecognised(model: DetectionModel, prior: Doubted, copies: Modes) -
 
     ``copies``: what is seen of a copy.
     """
-    views, (rates, log_weights) = ExpectedViews.of(model, prior), model.rate_quadrature
-    matched = np.count_nonzero(copies.assignments >= 0, axis=1)
-    missed = np.maximum(copies.visible.sum(axis=1) - matched, 0.0)
-    told = log_weights + np.outer(matched, np.log(rates)) + np.outer(missed, np.log1p(-rates))
-    told = np.exp(told - told.max(axis=1)[:, None])
-    told /= told.sum(axis=1)[:, None]
+    views, matched = ExpectedViews.of(model, prior), np.count_nonzero(copies.assignments >= 0, axis=1)
+    told = rate_weights(model, matched, copies.visible.sum(axis=1))
     out = np.empty(len(matched))
     for k, used in enumerate(copies.uses(model.shape[1])):
         left = np.bincount(model.image_indices[~used], minlength=views.few.shape[1])

@@ -64,6 +64,10 @@ class Hypotheses(NamedTuple):
         common = ((self.best == self.best[:1]) & (self.best >= 0)).sum(axis=1)
         return np.asarray(common < SHARED * (self.best >= 0).sum(axis=1))
 
+    def apart_from_first(self) -> Bools:
+        """Which (K,) have no detection of the first one."""
+        return np.asarray(~np.isin(self.best, self.best[:1][self.best[:1] >= 0]).any(axis=1))
+
     def strongest(self, most: int) -> Hypotheses:
         """The ``most`` hypotheses of highest evidence, or fewer, strongest first."""
         return self.take(np.argsort(-self.evidence, kind="stable")[:most])

@@ -320,7 +320,8 @@ class Search:
     def assignments(self) -> Integers:
         """Assignments (K, n) of the hypotheses, each once, those of the highest evidence first.
 
-        Where one is beyond chance, it and its rivals.
+        Where one is beyond chance, it and its rivals; if other images tell, also the best that shares none of its
+        detections.
         """
         _, _, hypotheses = self._cluster_hypotheses()
         level, evidence = self._false_alarm_level(), hypotheses.evidence
@@ -329,7 +330,9 @@ class Search:
             near |= (evidence > level) & hypotheses.differs_from_first()
         if len(evidence) and evidence[0] > level:
             near &= self._rivals(evidence)
-        return hypotheses.assignments(near, self.options.hypotheses)
+        told = hypotheses.assignments(near, self.options.hypotheses)
+        apart = hypotheses.apart_from_first()
+        return np.concatenate([told, hypotheses.assignments(apart, int(self.options.stopping.in_part))])
 
     def _rivals(self, evidence: Floats) -> Bools:
         """Which hypotheses, strongest first, come near the first one."""
