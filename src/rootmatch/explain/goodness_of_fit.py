@@ -26,6 +26,10 @@ FREEDOM_OF_RIG = 5.0
 another. A round value."""
 
 
+ANOTHER = "something else with a point elsewhere, such as a kind of the body that is to be given with `bodies=` as well"
+"""What advice says if `Misfit.another` is most of the doubt."""
+
+
 class Misfit(NamedTuple):
     """How much larger the noise looks than it was given, by the residuals of an assignment about its best pose."""
 

@@ -28,6 +28,7 @@ from rootmatch.explain.zoom_hypotheses import has_image_model, make_candidate
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import likeliest_lit_points, swap_to_likeliest
+from rootmatch.model.copy_or_alike import log_odds_of_points_elsewhere
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.elsewhere import log_odds_of_another
 from rootmatch.model.evidence import residual_statistics, settle_poses
@@ -157,7 +158,7 @@ def image_finding(
         whole, asked = asked, False
         with last.within():
             fault = fault._replace(alike=alike_log_odds(model, modes, k, of_others))
-            fault = fault._replace(another=log_odds_of_another(model, modes, k, of_others))
+            fault = fault._replace(another=something_else_log_odds(model, told, k, of_others))
             asked = whole
     # what there was no time to ask may be so
     missed = (missed_as_known if holds else missed) if asked else 1.0
@@ -216,10 +217,25 @@ def is_alike_possible(found: Finding, of_others: NDArray[np.bool_] | None) -> bo
     told, model = found.posterior, found.model
     if told is None or model is None or found.noise_factor is None or not told.probabilities.sum() >= LIKELY:
         return False
-    at = model, told.modes, found.mode, of_others
+    k = found.mode
     with final_deadline().within():
-        return alike_log_odds(*at) is not None or log_odds_of_another(*at) > -math.inf
+        if alike_log_odds(model, told.modes, k, of_others) is not None:
+            return True
+        return something_else_log_odds(model, told, k, of_others) > -math.inf
     return True
+
+
+def something_else_log_odds(
+    model: DetectionModel, told: Posterior, k: int, of_others: NDArray[np.bool_] | None
+) -> float:
+    """Log-odds of something else with points elsewhere, of the body in one of its modes.
+
+    In one image not about a predicted pose: the body was there a moment ago.
+    """
+    if len(model.images) > 1:
+        return log_odds_of_another(model, told.modes, k, of_others)
+    predicted = model.prior.least < LEAST and told.origins is not None and told.origins[k] >= 0
+    return -math.inf if predicted else log_odds_of_points_elsewhere(model, told.modes, k, of_others)
 
 
 def allow_few_shown(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.goodness_of_fit import Misfit
+from rootmatch.explain.goodness_of_fit import ANOTHER, Misfit
 from rootmatch.explain.inexact_points import alike_error
 from rootmatch.explain.predicted_poses import agrees_with_prior, contradicts_vertical, is_against_prior
 from rootmatch.explain.silent_cameras import camera_advice
@@ -156,11 +156,11 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
         )
     if _is_maybe_chance(finding):
         chance, least = _format_distinct(facts.probability or 0.0, facts.min_probability)
-        of, to_check = _contradiction_texts(finding)
-        against = f"it contradicts {of} and is much more probable without; {to_check}, or "
+        what = "chance" if 2.0 * math.exp(min(finding.another, 0.0)) < 1.0 - (facts.probability or 0.0) else ANOTHER
+        against = "it contradicts {} and is much more probable without; {}, or ".format(*_contradiction_texts(finding))
         to_give = _enumerate_inputs([*_missing_inputs(task), "fewer stray detections"])
         return (
-            f"no trustworthy match: what was found could be chance (probability {chance}, `min_probability` {least}); "
+            f"no trustworthy match: what was found could be {what} (probability {chance}, `min_probability` {least}); "
             f"{against if is_against_prior(finding) else ''}{to_give}"
         )
     if stopped_early:

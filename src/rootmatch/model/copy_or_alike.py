@@ -6,6 +6,8 @@ is more probably something alike; and where the body is, there is only what an e
 
 All points of what is alike are off, as `rootmatch.model.image_alike` has it, or some of them are somewhere else. The
 body may be so as well, if seldom: then it is what stands there.
+
+In a single place something else may stand as well, with a detection beside the place of a point that has no match.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from rootmatch.model.image_alike import (
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes
 from rootmatch.model.prediction import HIDDEN
-from rootmatch.model.priors import COPY, INEXACT
+from rootmatch.model.priors import COPY, INEXACT, WRONG_MODEL
 
 LOG_OFF = math.log(INEXACT / len(ERRORS))
 """Log-odds that one of a body's points is off by each of `ERRORS`, of those that all are as given."""
@@ -54,13 +56,42 @@ def log_alike_factor(model: DetectionModel, modes: Modes, k: int, taken: Bools) 
         log (1 + E / I), with the odds E of something alike against an exact copy, and I those of a copy that is as
         exact as the body, against an exact one.
     """
-    prior = LOG_ALIKE - math.log(COPY)
     all_off, (given, some_off) = log_odds_all_off(model, modes, k, taken), log_odds_some_off(model, modes, k, taken)
-    body, alike = [max(given, 0.0), *(all_off[:OWN] + LOG_INEXACT)], [*(all_off + prior)]
-    for more, odds in enumerate(some_off):
-        body.extend(odds + LOG_OFF + more * math.log(INEXACT))
-        alike.extend(odds + prior + (more + 1) * math.log(ANOTHER))
-    return float(np.logaddexp(0.0, np.logaddexp.reduce(alike) - np.logaddexp.reduce(body)))
+    own, other = _with_priors(some_off)
+    body, alike = [max(given, 0.0), *(all_off[:OWN] + LOG_INEXACT), *own], [*(all_off + LOG_ALIKE), *other]
+    odds = np.logaddexp.reduce(alike) - math.log(COPY) - np.logaddexp.reduce(body)
+    return float(np.logaddexp(0.0, odds))
+
+
+def log_odds_of_points_elsewhere(model: DetectionModel, modes: Modes, k: int, taken: Bools | None = None) -> float:
+    """Log-odds of something else that has points elsewhere, of the body as it is or with its own points there.
+
+    In one image, by the detections that are near the points without a match; −∞ without any. Parameters are those of
+    `rootmatch.model.image_alike.alike_log_odds`.
+    """
+    matched = modes.assignments[k][modes.assignments[k] >= 0]
+    taken = np.zeros(model.shape[1], np.bool_) if taken is None else taken
+    free = ~taken
+    free[matched] = False
+    (missed,) = ((modes.assignments[k] < 0) & (modes.visible[k] > HIDDEN)).nonzero()
+    if not len(missed) or not free.any() or not np.isfinite(modes.covariance[k]).all():
+        return -math.inf
+    at = model.linearise_about(modes.rotation[k : k + 1], modes.position[k : k + 1])
+    jacobian, by_point = at.jacobian[0, missed], FAR[-1] * model.radius * at.by_position[0, missed]
+    variance = ((jacobian @ modes.covariance[k]) * jacobian).sum(axis=(1, 2)) + (by_point**2).sum(axis=(1, 2))
+    squared = ((model.target[free] - at.pixels[0, missed, None]) ** 2).sum(axis=2)
+    near = missed[squared.min(axis=1) < REACH**2 * (variance + model.sigma[free].max() ** 2)]
+    if not len(near):
+        return -math.inf
+    given, some_off = log_odds_some_off(model, modes, k, taken, tuple(near.tolist()))
+    own, other = _with_priors(some_off)
+    return float(np.logaddexp.reduce(other) - np.logaddexp.reduce([max(given, 0.0), *own])) if len(other) else -math.inf
+
+
+def _with_priors(some_off: Floats) -> tuple[Floats, Floats]:
+    """Log-odds (m,) of the body, and of something alike, with one, two … points off; by those (m, W) of each size."""
+    odds, count = np.logaddexp.reduce(some_off, axis=1) - math.log(len(ERRORS)), 1.0 + np.arange(len(some_off))
+    return odds + count * math.log(INEXACT), odds + math.log(WRONG_MODEL) + count * math.log(ANOTHER)
 
 
 def log_odds_all_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> Floats:
@@ -75,25 +106,32 @@ def log_odds_all_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) 
     return np.asarray(matched if near is None else np.maximum(matched, near))
 
 
-def log_odds_some_off(model: DetectionModel, modes: Modes, k: int, taken: Bools) -> tuple[float, Floats]:
+def log_odds_some_off(
+    model: DetectionModel, modes: Modes, k: int, taken: Bools, tried: tuple[int, ...] = ()
+) -> tuple[float, Floats]:
     """Log-odds (m, W) of a body of which one, two … points are off by each of `FAR`, about the pose of a mode.
 
     Any point may be the one, and any two the two, of which the best stand for the sum. Over the body as given, with all
     changes of the mode. Before them, those of the body as given with what is nearest to these points in its place: what
     another labelling explains does not tell that points are off. No rows where points are joined in blobs, or where so
-    few tell the pose that none can be left out. Parameters are those of `log_alike_factor`.
+    few tell the pose that none can be left out. Parameters are those of `log_alike_factor`; ``tried``: points that may
+    be off, all if there are none.
     """
     if model.resolution:
         return -math.inf, np.empty((0, len(FAR)))
     mode = modes.assignments[k], modes.rotation[k : k + 1], modes.position[k : k + 1]
-    given, off = cache_answer(_weigh_some_off, model, mode, ~taken)
+    given, off = cache_answer(_weigh_some_off, model, mode, ~taken, tried)
     return float(given - modes.log_mass[k]), np.asarray(off - modes.log_mass[k])
 
 
-def _weigh_some_off(model: DetectionModel, mode: tuple[Integers, Floats, Floats], free: Bools) -> tuple[float, Floats]:
+def _weigh_some_off(
+    model: DetectionModel, mode: tuple[Integers, Floats, Floats], free: Bools, tried: tuple[int, ...]
+) -> tuple[float, Floats]:
     """Log-odds against clutter alone, as of `log_odds_some_off`; ``free`` (n',): what may be matched."""
     n = model.shape[0] // max(len(model.images), 1)
-    order, each = _weigh_sets_off(model, mode, np.eye(n, dtype=np.bool_), free)
+    points = np.array(tried or range(n))
+    order, each = _weigh_sets_off(model, mode, np.eye(n, dtype=np.bool_)[points], free)
+    order = points[order]
     if not len(order):
         return -math.inf, np.empty((0, len(FAR)))
     out = [np.logaddexp.reduce(each, axis=0) - math.log(n)]
