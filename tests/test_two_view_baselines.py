@@ -83,16 +83,15 @@ def images_with_measured_axes(seed: int, degrees: float):  # type: ignore[no-unt
     return *pixels, rm.ThreePlusOne(CAMERA, axis=axes[0], axis2=axes[1], axis_noise=noise)
 
 
-@pytest.mark.parametrize(("degrees", "least"), [(0.2, 9), (1.0, 8)])
-def test_a_pose_is_met_though_the_axes_are_off_by_many_pixels(degrees: float, least: int) -> None:
+def test_a_pose_is_met_though_the_axes_are_off_by_many_pixels() -> None:
     """An axis noise of 1° is 20 pixels: taken for noise of the detections, it hid the pose among accidental ones."""
     met = 0
     for seed in range(1000, 1010):
-        first, second, problem = images_with_measured_axes(seed, degrees)
+        first, second, problem = images_with_measured_axes(seed, 1.0)
         own = rm.match(first, second, problem, noise=0.3).assignment
         matched = np.flatnonzero(own >= 0)
         met += len(matched) >= 12 and np.count_nonzero(own[matched] == matched) >= len(matched) - 1
-    assert met >= least
+    assert met >= 8
 
 
 def test_refined_tilts_are_those_of_the_axes() -> None:
@@ -109,7 +108,8 @@ def test_refined_tilts_are_those_of_the_axes() -> None:
     variance = np.full(20, sigma**2)
     judge = np.full(20, 0.1), np.ones((20, 20))
     pose = np.array([[np.cos(0.1), np.sin(0.1), *t, 0.1]])
-    ratios = refine_tilted(TwoViews(*bearings, variance, variance, False), judge, tilt**2, 0.1, 0.2, pose)[0]
+    views = TwoViews(*bearings, variance, variance, False)
+    ratios = refine_tilted(views, judge, pose, tilt2=tilt**2, last=0.1, breadth2=0.2)[0]
     assert (ratios.argmax(axis=1) == np.arange(20)).sum() >= 18
 
 

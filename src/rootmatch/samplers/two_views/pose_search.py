@@ -261,7 +261,7 @@ class PoseSearch:
         """Likelihood ratios (K, n, n') at poses (K, FIELDS), refined on all points."""
         if self.tilt2 > 0.0:
             alone = self.views._replace(source_variance=self.views.source_variance - UNABSORBED * self.tilt2)
-            return refine_tilted(alone, self.judge[:2], self.tilt2, BLURS[-1], BREADTH**2, poses)
+            return refine_tilted(alone, self.judge[:2], poses, tilt2=self.tilt2, last=BLURS[-1], breadth2=BREADTH**2)
         poses = np.ascontiguousarray(poses)
         ratios = np.zeros((len(poses), self.n, self.n_target))
         blurs = np.array(BLURS) * self.noise

@@ -50,7 +50,7 @@ class Tilted(NamedTuple):
 
 
 def refine_tilted(
-    views: TwoViews, judge: tuple[Floats, Floats], tilt2: float, last: float, breadth2: float, poses: Floats
+    views: TwoViews, judge: tuple[Floats, Floats], poses: Floats, *, tilt2: float, last: float, breadth2: float
 ) -> Floats:
     """Likelihood ratios (K, n, n') of all pairs at poses (K, FIELDS), refined with tilts of variance ``tilt2``.
 
@@ -61,8 +61,8 @@ def refine_tilted(
     least = last * float(np.median(views.source_variance) + np.median(views.target_variance))
     steps = math.ceil(math.log(tilt2 / least) / math.log(SHRINKS))
     for blur in np.geomspace(tilt2, least, steps + 1):
-        at = _step(views, judge, tilt2, blur, breadth2, at)
-    at = _step(views, judge, tilt2, least, breadth2, at)
+        at = _step(views, judge, at, tilt2=tilt2, blur=blur, breadth2=breadth2)
+    at = _step(views, judge, at, tilt2=tilt2, blur=least, breadth2=breadth2)
     return _ratios(views, judge, least, at)[0]
 
 
@@ -92,7 +92,7 @@ def _ratios(views: TwoViews, judge: tuple[Floats, Floats], blur: float, at: Tilt
 
 
 def _step(
-    views: TwoViews, judge: tuple[Floats, Floats], tilt2: float, blur: float, breadth2: float, at: Tilted
+    views: TwoViews, judge: tuple[Floats, Floats], at: Tilted, *, tilt2: float, blur: float, breadth2: float
 ) -> Tilted:
     """Poses moved once, by pairs with their shares of the ratios, as `pose_refinement.refinement_step` does."""
     ratios, every = _ratios(views, judge, blur, at)
