@@ -7,6 +7,8 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.algebra.rotation import one_rotation_matrix, rotation_vector
+from rootmatch.problems.points import TwoViews
+from rootmatch.samplers.two_views.tilted_refinement import refine_tilted
 
 CAMERA = rm.Camera(900, 900, 640, 480)
 
@@ -61,3 +63,62 @@ def test_a_measured_common_direction_is_met_among_clutter() -> None:
         wrong += bool(match) and bool(((own >= 0) & (own != np.arange(12))).any())
     assert wrong == 0
     assert right >= 18
+
+
+def images_with_measured_axes(seed: int, degrees: float):  # type: ignore[no-untyped-def]
+    """Twenty-six points of two cameras that look around with measured axes, few of them in both, and clutter."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform((-4.0, -3.0, 5.0), (4.0, 3.0, 13.0), (26, 3))
+    rotation = one_rotation_matrix(0.12 * rng.standard_normal(3))
+    t = rng.standard_normal(3) * [1.0, 0.4, 0.6]
+    t *= 3.0 / np.linalg.norm(t)
+    noise = np.radians(degrees)
+    down = np.array([0.0, 1.0, 0.0])
+    axes = [tuple(one_rotation_matrix(noise * rng.standard_normal(3)) @ one) for one in (down, rotation @ down)]
+    pixels = []
+    for seen, lost in ((points, range(22, 26)), (points @ rotation.T + t, range(18, 22))):
+        image = CAMERA.project(seen)
+        image[list(lost)] = rng.uniform((0.0, 0.0), (1280.0, 960.0), (4, 2))
+        pixels.append(image + 0.3 * rng.standard_normal(image.shape))
+    return *pixels, rm.ThreePlusOne(CAMERA, axis=axes[0], axis2=axes[1], axis_noise=noise)
+
+
+def test_a_pose_is_met_though_the_axes_are_off_by_many_pixels() -> None:
+    """An axis noise of 1° is 20 pixels: taken for noise of the detections, it hid the pose among accidental ones."""
+    met = 0
+    for seed in range(1000, 1010):
+        first, second, problem = images_with_measured_axes(seed, 1.0)
+        own = rm.match(first, second, problem, noise=0.3).assignment
+        matched = np.flatnonzero(own >= 0)
+        met += len(matched) >= 12 and np.count_nonzero(own[matched] == matched) >= len(matched) - 1
+    assert met >= 8
+
+
+def test_refined_tilts_are_those_of_the_axes() -> None:
+    """From the pose without them: the right pairs are the likeliest, by the noise of the detections alone."""
+    rng = np.random.default_rng(1000)
+    points = rng.uniform((-4.0, -3.0, 5.0), (4.0, 3.0, 13.0), (20, 3))
+    t, tilt, sigma = np.array([0.8, 0.0, 0.6]), 0.02, 3e-4
+    turn = one_rotation_matrix(np.array([0.0, 0.1, 0.0]))
+    moved = points @ (one_rotation_matrix(np.array([tilt, 0.0, -tilt])) @ turn).T + t
+    bearings = []
+    for seen in (points, moved):
+        rays = seen / np.linalg.norm(seen, axis=1, keepdims=True) + sigma * rng.standard_normal(seen.shape)
+        bearings.append(np.ascontiguousarray((rays / np.linalg.norm(rays, axis=1, keepdims=True)).T))
+    variance = np.full(20, sigma**2)
+    judge = np.full(20, 0.1), np.ones((20, 20))
+    pose = np.array([[np.cos(0.1), np.sin(0.1), *t, 0.1]])
+    views = TwoViews(*bearings, variance, variance, False)
+    ratios = refine_tilted(views, judge, pose, tilt2=tilt**2, last=0.1, breadth2=0.2)[0]
+    assert (ratios.argmax(axis=1) == np.arange(20)).sum() >= 18
+
+
+@pytest.mark.parametrize(("degrees", "vague"), [(0.0, False), (0.1, False), (1.0, True)])
+def test_vague_axes_are_told_where_nothing_was_found(degrees: float, vague: bool) -> None:
+    rng = np.random.default_rng(1000)
+    first, second = rng.uniform((0.0, 0.0), (1280.0, 960.0), (2, 12, 2))
+    axes = {"axis": (0.0, 1.0, 0.0), "axis2": (0.0, 1.0, 0.0), "axis_noise": np.radians(degrees)}
+    match = rm.match(first, second, rm.ThreePlusOne(CAMERA, **axes), noise=0.3)
+    assert not match
+    assert ("may have missed the pose" in match.advice) == vague
+    assert ("no pose explains" in match.advice) != vague

@@ -16,6 +16,7 @@ from rootmatch.explain.predicted_poses import agrees_with_prior, contradicts_ver
 from rootmatch.explain.silent_cameras import camera_advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.usual_mistakes import TOGETHER, is_detected_twice, obvious_fault
+from rootmatch.explain.vague_axes import has_vague_axes, nothing_found_text
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import are_targets_disjoint
 from rootmatch.model.priors import PRESENT_ODDS, probability
@@ -149,11 +150,12 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
                 f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given, "
                 f"or else the pose is wrong; give {told}, and check {problem.to_check}{_unit_text(finding) or causes}"
             )
-        return (
-            "no trustworthy match: no pose fits, and even with "
-            f"{factor:.1f} times the stated noise, which the residuals suggest, this could be chance; "
-            f"check {problem.to_check}; set {told} only if that is realistic{causes}"
-        )
+        if not has_vague_axes(problem):
+            return (
+                "no trustworthy match: no pose fits, and even with "
+                f"{factor:.1f} times the stated noise, which the residuals suggest, this could be chance; "
+                f"check {problem.to_check}; set {told} only if that is realistic{causes}"
+            )
     if _is_maybe_chance(finding):
         chance, least = _format_distinct(facts.probability or 0.0, facts.min_probability)
         what = "chance" if 2.0 * math.exp(min(finding.another, 0.0)) < 1.0 - (facts.probability or 0.0) else ANOTHER
@@ -177,12 +179,11 @@ def _untrusted_text(finding: Finding, stopped_early: bool) -> str:
         seen = "" if task.rig is None else "; `diagnose` tries the usual mistakes about a rig"
         to_give = _enumerate_inputs([*_missing_inputs(task), "more points or detections"])
         return (
-            "no trustworthy match: no pose explains more of the points than chance would; "
+            f"no trustworthy match: {nothing_found_text(problem)}; "
             f"check the noise, {problem.to_check}, or {to_give}{seen}"
         )
-    if task.affinity.residual.kind not in NOISE_KINDS:  # σ has no part in these
-        return general_advice(Status.UNTRUSTED, problem, to_change="try another `rho`")
-    return general_advice(Status.UNTRUSTED, problem)
+    in_noise = task.affinity.residual.kind in NOISE_KINDS  # σ has no part in the others
+    return general_advice(Status.UNTRUSTED, problem, to_change="raise the noise" if in_noise else "try another `rho`")
 
 
 def _contradiction_texts(finding: Finding) -> tuple[str, str]:
@@ -208,8 +209,7 @@ def _is_there(finding: Finding) -> bool:
 
 def _is_maybe_chance(finding: Finding) -> bool:
     """Whether what was found may be there, with less than the probability that was asked for."""
-    facts, chance = finding.facts, finding.facts.probability or 0.0
-    return facts.present is not None and not _is_there(finding) and chance >= NOTED
+    return finding.facts.present is not None and not _is_there(finding) and (finding.facts.probability or 0.0) >= NOTED
 
 
 def _format_distinct(less: float, more: float) -> tuple[str, str]:

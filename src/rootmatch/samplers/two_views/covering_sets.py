@@ -30,6 +30,14 @@ WIDER_PART = 0.5
 LOST = 0.25
 """Probability that a set leads to nothing though all of it is shown: .02 to .21 in the twelve kinds of scenes of
 benchmarks/two_views.py up to 20 + 20 (seeds 1000 to 1011, four sets each). On the safe side."""
+HALF_LOST = math.radians(0.9)
+"""σ of the common direction of one view against the other's with which half of the sets lead to nothing though all of
+them is shown, of 28 at each: .25 at an axis noise of .2°, .32 at .5°, .64 at 1°, nearly all at 2° (seeds from 1000)."""
+
+
+def lost_with_tilt(tilt2: float) -> float:
+    """`LOST` where the common direction is one of a variance, radians²."""
+    return max(LOST, math.sqrt(tilt2) / (math.sqrt(tilt2) + HALF_LOST))
 
 
 class CoveringSets:
@@ -88,12 +96,15 @@ class CoveringSets:
         """Record that sets (S, size) were tried with all their images."""
         self._tried.extend(self._last(sets).T)
 
-    def missed(self, matched: int) -> float:
-        """Probability that none of the sets tried led to a pose with so many matches, whichever points those are."""
+    def missed(self, matched: int, lost: float = LOST) -> float:
+        """Probability that none of the sets tried led to a pose with so many matches, whichever points those are.
+
+        ``lost``: probability that a set does not though all of it is shown.
+        """
         if not self._tried:
             return 1.0
         met = (np.array(self._tried) < matched).sum(axis=0)
-        return float((LOST**met).mean())
+        return float((lost**met).mean())
 
     def _last(self, sets: Integers) -> NDArray[np.int32]:
         """Place (ORDERS, S) of the last point of sets (S, size) in each order."""

@@ -19,11 +19,12 @@ from rootmatch.problems.points import TwoViews
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.detection_grid import mean_basis
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
-from rootmatch.samplers.two_views.covering_sets import CoveringSets
+from rootmatch.samplers.two_views.covering_sets import CoveringSets, lost_with_tilt
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, RelativeHypothesis
 from rootmatch.samplers.two_views.set_kernels import search_pairs, search_triples
+from rootmatch.samplers.two_views.tilted_refinement import refine_tilted
 
 BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 """Variance that the pose's error adds in the steps of a refinement, in those of the noise."""
@@ -37,6 +38,8 @@ SECONDS_PER_RATIO = 2e-7
 """Time to compute one likelihood ratio in a step of a refinement."""
 REFINED = 4_000_000
 """Likelihood ratios of the poses that are refined together: 32 MB."""
+TILTED = 8
+"""Time and memory with tilts over those without. A round value."""
 RARE = 0.1
 """Ratio to the likeliest detection of a point from which another one is a candidate too."""
 
@@ -73,10 +76,24 @@ SPREAD = 6.0
 """Largest ratio of the inverse distances of a minimal set: of one order of magnitude."""
 SET_BLUR = 1.5
 """Deviation, in σ, that the error of a minimal set's pose adds."""
+UNABSORBED = 0.15**2
+"""Part of the variance of a measured common direction that still counts as noise when a minimal set's pose is judged:
+the pose takes up most of a tilt. With all of it, accidental poses fit as well as the right one."""
 BREADTH = math.pi / math.sqrt(48.0)
 """Standard deviation of the logarithm of the inverse distances: that of their log-logistic density."""
 LEAST_COSINE = 0.05
 """Cosine to the mean bearing below which a detection is off the plane on which densities are measured: 87°."""
+
+
+def _narrow_tilt(views: TwoViews, tilt2: float) -> tuple[TwoViews, float]:
+    """Bearings with the part of the tilts' variance that judges minimal sets, and that variance.
+
+    If the bearings alone are noisier, the direction is taken for exact, and its variance for noise of theirs.
+    """
+    alone = views.source_variance - tilt2
+    if tilt2 <= float(np.median(alone) + np.median(views.target_variance)):
+        return views, 0.0
+    return views._replace(source_variance=alone + UNABSORBED * tilt2), tilt2
 
 
 class PoseSearch:
@@ -94,7 +111,9 @@ class PoseSearch:
     def __init__(self, task: SamplingTask, deadline: Deadline = NEVER, budget: int = BUDGET) -> None:
         if task.views is None:
             raise ValueError("the task is not of two views")
-        self.task, self.views, self.deadline = task, task.views, deadline
+        self.task, self.deadline = task, deadline
+        self.views, self.tilt2 = _narrow_tilt(task.views, float(getattr(task.tables, "tilt_variance", np.zeros(1))[0]))
+        """Bearings, and the variance of the common direction that a refinement finds; 0 if it is exact or nearly so."""
         self.budget = min(budget, BUDGET)
         self.n, self.n_target = task.shape
         self.rng = np.random.default_rng([task.seed, *task.shape])
@@ -109,6 +128,7 @@ class PoseSearch:
         self.covering = CoveringSets(
             np.ascontiguousarray(self.views.source.T), np.flatnonzero(possible.any(axis=1)), self.minimal, self.rng
         )
+        self.lost = lost_with_tilt(self.tilt2)
         self.hypotheses: list[RelativeHypothesis] = []
         self.sets = 0
         self.solved = self.tested = self.evaluated = 0
@@ -136,7 +156,7 @@ class PoseSearch:
 
     def _unmet_probability(self) -> float:
         """Probability that a pose which explains as many points as the likeliest one was not met, if there is one."""
-        return self.covering.missed(int((self.hypotheses[0].assignment >= 0).sum()))
+        return self.covering.missed(int((self.hypotheses[0].assignment >= 0).sum()), self.lost)
 
     def _is_spent(self) -> bool:
         spent = self.sets >= MOST_SETS or self.solved >= self.budget
@@ -156,7 +176,8 @@ class PoseSearch:
 
     def _chance_evidence(self) -> float:
         """Evidence that one of the poses tested reaches by chance."""
-        return math.log(max(self.tested, 1))
+        tilts = max(self.tilt2 / (self.noise - UNABSORBED * self.tilt2), 1.0)  # that a refinement may tell apart
+        return math.log(max(self.tested, 1)) + math.log(tilts)
 
     @property
     def repeated(self) -> bool:
@@ -225,10 +246,11 @@ class PoseSearch:
 
     def _take(self, poses: Floats, which: Integers) -> None:
         """Refine poses (K, FIELDS) of minimal sets (K,), and keep the likeliest, some at a time to bound the memory."""
-        step = max(1, REFINED // (self.n * self.n_target))
+        more = TILTED if self.tilt2 > 0.0 else 1
+        step = max(1, REFINED // (more * self.n * self.n_target))
         for first in range(0, len(poses), step):
             some = slice(first, first + step)
-            checkpoint(SECONDS_PER_RATIO * len(poses[some]) * self.n * self.n_target)
+            checkpoint(more * SECONDS_PER_RATIO * len(poses[some]) * self.n * self.n_target)
             for ratios, number in zip(self._refine_ratios(poses[some]), which[some].tolist(), strict=True):
                 checkpoint()
                 value, assignment = self._assign_likeliest(ratios)
@@ -239,6 +261,9 @@ class PoseSearch:
 
     def _refine_ratios(self, poses: Floats) -> Floats:
         """Likelihood ratios (K, n, n') at poses (K, FIELDS), refined on all points."""
+        if self.tilt2 > 0.0:
+            alone = self.views._replace(source_variance=self.views.source_variance - UNABSORBED * self.tilt2)
+            return refine_tilted(alone, self.judge[:2], poses, tilt2=self.tilt2, last=BLURS[-1], breadth2=BREADTH**2)
         poses = np.ascontiguousarray(poses)
         ratios = np.zeros((len(poses), self.n, self.n_target))
         blurs = np.array(BLURS) * self.noise
@@ -288,7 +313,7 @@ class PoseSearch:
             enough[matched, 0] = True
             lists[g] = np.where(np.logical_and.accumulate(enough, axis=1), order, -1)
         evidence = np.array([one.evidence for one in leaders])
-        return HypothesisClusters(lists, evidence, math.log(max(self.tested, 1)))
+        return HypothesisClusters(lists, evidence, self._chance_evidence())
 
 
 def detection_density(views: TwoViews) -> Floats:
