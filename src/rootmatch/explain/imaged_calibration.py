@@ -9,7 +9,6 @@ still that of the camera as it was given, with the covariance of all of its erro
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,7 +21,6 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import mode_pose
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.uncertain_calibration import allow_for_calibration
 from rootmatch.frozen import copy_with
 from rootmatch.model.priors import PRESENT_ODDS, probability
 from rootmatch.problems.noise import add_detection_noise
@@ -45,7 +43,7 @@ class ImagedCalibration(NamedTuple):
     found : Finding
         By the camera as it was given.
     task : MatchingTask
-        Its errors are those that the image leaves.
+        The camera is exact then.
     log_cost : float
         Logarithm of how much less probable what fits then is over all errors, than with those that fit it best.
     """
@@ -71,12 +69,11 @@ class ImagedCalibration(NamedTuple):
         if fit is None or not (np.abs(fit[0]) < STATED).all():
             return None
         errors, covariance = fit
-        known, left = _with_errors(camera, errors), math.sqrt(covariance[0, 0])
-        known = replace(known, focal_noise=left * camera.focal_noise)
-        problem = replace(task.problem, camera=known)  # type: ignore[type-var]
-        points, noise = allow_for_calibration(problem, alone)
+        # exact: by n matches, what is left of its errors is as 1 / √(2 n) of the noise
+        known = replace(_with_errors(camera, errors), focal_noise=0.0, centre_noise=0.0)
+        exact = replace(task, problem=replace(task.problem, camera=known), points=alone, calibration_noise=None)  # type: ignore[type-var]
         cost = 0.5 * float(errors @ errors - np.linalg.slogdet(covariance)[1])
-        return cls(found, replace(task, problem=problem, points=points, calibration_noise=noise), cost)
+        return cls(found, exact, cost)
 
     def better(self, again: Finding) -> Finding:
         """What is told: the second judgement, as a finding by the camera that was given, if it explains more."""
