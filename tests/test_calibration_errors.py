@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -15,6 +16,10 @@ import rootmatch as rm
 from instances import random_rotation
 from rootmatch.cameras.calibration_errors import calibration_jacobian
 from rootmatch.cameras.rig_image import RigImage
+from rootmatch.explain import imaged_calibration
+from rootmatch.explain.image_decision import assess_image
+from rootmatch.explain.imaged_calibration import ImagedCalibration
+from rootmatch.explain.sampling import sample
 from rootmatch.io.calibrations.native import camera_entry, camera_from_entry
 
 Floats = NDArray[np.float64]
@@ -23,6 +28,7 @@ BODY = np.random.default_rng(12).uniform(-0.2, 0.2, (10, 3))
 PINHOLE = rm.Camera(900.0, 900.0, 640.0, 480.0, focal_noise=1.8, centre_noise=0.5)
 LENS = replace(rm.Camera.from_opencv(PINHOLE.matrix, [-0.1, 0.02, 0.0, 0.0]), focal_noise=1.8, centre_noise=0.5)
 TURNS = [Rotation.from_euler("yx", [90.0 * k, -25.0], degrees=True).as_matrix() for k in range(4)]
+HAND_HELD = rm.Camera(2400.0, 2400.0, 2000.0, 1500.0, size=(4000, 3000), focal_noise=48.0)
 NOISE: dict[str, Any] = {"rotation_noise": [0.0, 1e-3, 1e-3, 2e-3], "position_noise": 1e-3}
 RIG = rm.Rig([(LENS, turn, (0.0, 0.0, 4.0)) for turn in TURNS], sizes=[(1280, 960)] * 4, **NOISE)
 EXACT = rm.Rig([(replace(LENS, focal_noise=0.0, centre_noise=0.0), R, t) for _, R, t in RIG.views], RIG.sizes)
@@ -193,3 +199,58 @@ def test_a_camera_file_keeps_what_is_stated() -> None:
 
     for camera in (PINHOLE, RIG):
         assert camera_from_entry(Path("camera.json"), camera_entry(camera), ()) == camera
+
+
+def room(seed: int, off: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Points of a room 8 m wide, their pixels in shuffled order by a focal length that is off, and whose each is."""
+    rng = np.random.default_rng([seed, 31])
+    points = rng.uniform((-4.0, -2.0, -2.0), (4.0, 2.0, 2.0), (20, 3))
+    turn = Rotation.from_euler("yx", rng.uniform(-15.0, 15.0, 2), degrees=True).as_matrix()
+    pixels = off_camera(HAND_HELD, np.array([off, 0.0, 0.0])).project(points @ turn.T + (0.0, 0.0, 7.5))
+    order = rng.permutation(20)
+    strays = rng.uniform((0.0, 0.0), (4000.0, 3000.0), (5, 2))
+    return points, np.vstack([(pixels + rng.normal(0.0, 0.3, pixels.shape))[order], strays]), np.argsort(order)
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_focal_length_that_is_off_by_what_was_stated_is_no_larger_noise(seed: int) -> None:
+    points, target, truth = room(seed, off=[-1.0, 1.5, -0.5, 1.0][seed - 1])
+    match = rm.match(points, target, rm.P3P(HAND_HELD), noise=0.3)
+    assert match
+    np.testing.assert_array_equal(match.assignment, truth)
+    assert match.noise_factor is not None
+    assert 0.6 < match.noise_factor < 1.4
+    assert match.task.problem.camera == HAND_HELD  # of which the pose is told, with all of its errors
+    unstated = rm.match(points, target, rm.P3P(replace(HAND_HELD, focal_noise=0.0)), noise=0.3)
+    assert unstated.noise_factor is not None
+    assert unstated.noise_factor > 1.3 * match.noise_factor
+
+
+def test_an_image_tells_the_errors_of_its_camera_as_dense_least_squares_do() -> None:
+    points, target, truth = room(0, off=1.0)
+    found = rm.match(points, target, rm.P3P(HAND_HELD), noise=0.3).finding
+    first = assess_image(found.task, sample(found.task))
+    told = ImagedCalibration.of(first)
+    assert told is not None
+    used = np.flatnonzero(first.assignment >= 0)
+    np.testing.assert_array_equal(first.assignment[used], truth[used])
+    assert first.pose is not None
+
+    def deviations(values: Floats) -> Floats:
+        moved = points[used] @ (Rotation.from_rotvec(values[:3]).as_matrix() @ first.pose.R).T + values[3:6]
+        off = off_camera(HAND_HELD, np.array([values[6], 0.0, 0.0])).project(moved) - target[truth[used]]
+        return np.append(off.ravel() / 0.3, values[6])
+
+    best = least_squares(deviations, np.array([0.0, 0.0, 0.0, *first.pose.t, 0.0]), x_scale="jac")
+    assert told.task.problem.camera.focal == pytest.approx(2400.0 + 48.0 * best.x[6], abs=0.05)  # type: ignore[attr-defined]
+    variance = np.linalg.inv(best.jac.T @ best.jac)[6, 6]
+    assert told.log_cost == pytest.approx(0.5 * (best.x[6] ** 2 - np.log(variance)), rel=0.01)
+
+
+def test_a_calibration_that_contradicts_what_was_stated_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, target, _ = room(0, off=1.0)
+    found = rm.match(points, target, rm.P3P(HAND_HELD), noise=0.3).finding
+    first = assess_image(found.task, sample(found.task))
+    assert ImagedCalibration.of(first) is not None
+    monkeypatch.setattr(imaged_calibration, "STATED", 0.5)
+    assert ImagedCalibration.of(first) is None

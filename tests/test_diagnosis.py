@@ -19,6 +19,7 @@ from rig_scenes import four_about
 from rootmatch.cli import app
 from rootmatch.deadline import Deadline
 from rootmatch.explain import displaced_cameras, kept_searches
+from rootmatch.explain.mistake import scale_noise
 from rootmatch.explain.usual_mistakes import usual_mistakes
 
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -318,6 +319,16 @@ def test_a_wrong_calibration_is_named_with_one_that_fits(given: rm.Camera, seed:
     assert first.matched == 10
 
 
+def test_a_focal_length_is_fitted_beside_a_model_that_is_not_exact() -> None:
+    given = scene(1, count=14)
+    wrong = rm.P3P(replace(CAMERA, fx=0.97 * CAMERA.fx, fy=0.97 * CAMERA.fy))
+    match = rm.match(**given | {"problem": wrong, "source_noise": 1e-4})
+    assert not match
+    first = match.diagnose(SECONDS).fits[0].mistake
+    assert first.startswith("the focal length is wrong: fx is about ")
+    assert float(first.split()[8]) == pytest.approx(CAMERA.fx, rel=0.01)
+
+
 def test_a_calibration_is_not_fitted_to_few_points() -> None:
     match = rm.match(**scene(2, count=6) | {"problem": rm.P3P(rm.Camera(630.0, 630.0, 640.0, 480.0))})
     assert not [one.mistake for one in match.diagnose(SECONDS).fits if "focal" in one.mistake]
@@ -393,6 +404,15 @@ def test_a_larger_noise_is_that_of_all_axes_of_both_sets() -> None:
     before, after = match.task.points, changed(match.task).points
     for name in ("source_covariance", "target_covariance"):
         np.testing.assert_allclose(getattr(after, name), 100.0 * getattr(before, name))
+
+
+def test_a_larger_noise_of_detections_is_not_that_of_the_model() -> None:
+    task = rm.match(**scene(2) | {"source_noise": 1e-3}).task
+    before, after = task.points, scale_noise(task.points, 1.0, 3.0)
+    np.testing.assert_allclose(after.detection_noise, 3.0 * before.detection_noise)
+    of_model = [one.target_noise**2 - one.detection_noise**2 for one in (before, after)]
+    assert (of_model[0] > 0.0).all()
+    np.testing.assert_allclose(*of_model)
 
 
 def test_on_the_command_line(tmp_path: Path) -> None:

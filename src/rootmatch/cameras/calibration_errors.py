@@ -6,7 +6,9 @@ numbers that do not change from one image to the next.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
@@ -93,7 +95,8 @@ def calibration_noise(
             looking.append(k)
     if not looking:
         return out
-    arms = np.concatenate([np.eye(3), -np.eye(3)])
+    # corners of a cube: from points on three axes, a change of distance would leave nothing of a focal length's error
+    arms = np.array(list(product((-1.0, 1.0), repeat=3))) / math.sqrt(3.0)
     about = np.tile(arms, (len(known.views), 1))
     image = RigImage(known, len(arms), np.zeros((len(known.views), 2)), np.zeros(0, np.int64))
     away = np.reshape(distances, (-1, 1, 1))

@@ -10,6 +10,8 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 
+import numpy as np
+
 from rootmatch.deadline import OutOfTime
 from rootmatch.errors import InputWarning
 from rootmatch.explain.assessment import assess
@@ -20,6 +22,7 @@ from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.image_bodies import match_bodies_in_image
 from rootmatch.explain.image_decision import assess_image as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
+from rootmatch.explain.imaged_calibration import ImagedCalibration
 from rootmatch.explain.in_time import TOO_LATE, explain_in_time
 from rootmatch.explain.inexact_points import allow_point_errors
 from rootmatch.explain.judged_motions import find_motions_in_turn, judge_motions
@@ -39,7 +42,8 @@ from rootmatch.explain.two_view_decision import assess_two_views as judged_by_vi
 from rootmatch.explain.two_view_decision import make_two_view_model as two_view_model
 from rootmatch.explain.two_view_motions import match_motions
 from rootmatch.explain.unseen_detections import explain_seen
-from rootmatch.solvers.base import solve_tensor
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.solvers.base import Solution, solve_tensor
 
 SOLVED = 0.6
 """Share of the time left at a deadline, after sampling, that the solver may take; the rest is for the assessment."""
@@ -158,6 +162,21 @@ def _explain_motions(task: MatchingTask) -> Finding:
     return judge_motions(assess(task, pack_motions(task, sampled), sampled), solve)
 
 
+def _judge_image(task: MatchingTask, sampled: SampledTensor, solution: Solution | None, *, judging: bool) -> Finding:
+    """What was sampled, judged by the model of an image; again by the calibration that it tells, if that is inexact."""
+    found = judged_by_image(task, sampled, solution, judging=judging)
+    told = ImagedCalibration.of(found) if judging else None
+    if told is not None:
+        named = found.assignment[None]
+        if sampled.assignments is not None:
+            named = np.concatenate([named, sampled.assignments])
+        again = judged_by_image(told.task, sampled._replace(assignments=named), solution)
+        again = allow_point_errors(again, told.task, missed=sampled.missed)
+        if (better := told.better(again)) is not found:
+            return better
+    return allow_point_errors(found, task, missed=sampled.missed)
+
+
 def _explain_motion(task: MatchingTask, judging: bool) -> Finding:
     """Sampled hyper-edges, solved and judged; all of them if a quick search finds no match to trust."""
     sampled = sample(task)
@@ -169,8 +188,7 @@ def _explain_motion(task: MatchingTask, judging: bool) -> Finding:
         solver = task.options.choose_solver(named is not None)
         solution = solve_tensor(solver, keep_affordable(sampled.tensor, deadline), task.options.seed, deadline)
     if by_image:
-        found = judged_by_image(task, sampled, solution, judging=judging)
-        found = allow_point_errors(found, task, missed=sampled.missed)
+        found = _judge_image(task, sampled, solution, judging=judging)
     elif views is not None:
         found = judged_by_views(task, views, sampled, solution)
     else:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.points import PointSets
 
@@ -31,10 +33,12 @@ def scale_noise(points: PointSets, source: float, target: float) -> PointSets:
         None if known is None else factor**2 * known
         for known, factor in ((points.source_covariance, source), (points.target_covariance, target))
     ]
+    of_model = points.target_noise**2 - points.detection_noise**2  # which no noise of detections enlarges
     return replace(
         points,
         source_noise=source * points.source_noise,
-        target_noise=target * points.target_noise,
+        target_noise=np.sqrt((target * points.detection_noise) ** 2 + of_model),
+        noise_alone=None if points.noise_alone is None else target * points.noise_alone,
         source_covariance=covariances[0],
         target_covariance=covariances[1],
     )

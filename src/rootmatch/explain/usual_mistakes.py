@@ -123,7 +123,7 @@ def usual_mistakes(given: MatchingTask) -> Iterator[Mistake]:
         if any(isinstance(camera, UnitRays) for camera in cameras.values()):
             unit = math.radians(1.0)
             remedy = "give the noise of rays in radians: np.radians(...)"
-            yield Mistake("the noise is in degrees", remedy, pointed(target_noise=unit * points.target_noise))
+            yield Mistake("the noise is in degrees", remedy, make_change(points=scale_noise(points, 1.0, unit)))
         of_both = problem.noisy_source
         for mistake, factor in NOISIER.items():
             remedy = f"give noise={_format_scaled(given.noise, factor)}"
@@ -228,7 +228,10 @@ def _coordinate_mistakes(
             known, factor = getattr(points, f"{name}_covariance"), scale if sigma_too else np.ones_like(scale)
             if known is not None:
                 changed[f"{name}_covariance"] = known * factor[:, :, None] * factor[:, None, :]
-            changed[f"{name}_noise"] = getattr(points, f"{name}_noise") * np.sqrt(factor.prod(axis=1))
+            size = np.sqrt(factor.prod(axis=1))
+            changed[f"{name}_noise"] = getattr(points, f"{name}_noise") * size
+            if name == "target" and points.noise_alone is not None:
+                changed["noise_alone"] = points.noise_alone * size
         return pointed(**changed)
 
     rays = {name: _scales(view, getattr(points, name)) for name, view in views.items()}

@@ -205,13 +205,18 @@ def add_calibration_noise(points: PointSets, camera: CameraModel, axes: Floats) 
     least = size / spread if spread > 0.0 else size
     distances = sorted({max(distance, apart) for distance in (least, FARTHER * least)})
     more = calibration_noise(camera, points.target, size, distances, axes)
+    return add_detection_noise(points, more**2), more
+
+
+def add_detection_noise(points: PointSets, variances: Floats) -> PointSets:
+    """Points whose detections have so much (n',) more variance on each axis, or less."""
     alone, known = points.noise_alone, points.target_covariance
     return replace(
         points,
-        target_noise=np.hypot(points.target_noise, more),
-        noise_alone=None if alone is None else np.hypot(alone, more),
-        target_covariance=None if known is None else known + more[:, None, None] ** 2 * np.eye(2),
-    ), more
+        target_noise=np.sqrt(points.target_noise**2 + variances),
+        noise_alone=None if alone is None else np.sqrt(alone**2 + variances),
+        target_covariance=None if known is None else known + variances[:, None, None] * np.eye(2),
+    )
 
 
 def _shown_size(source: Floats) -> float:
