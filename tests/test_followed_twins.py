@@ -100,3 +100,23 @@ def test_visibility_is_its_mean_over_the_directions_that_a_pose_leaves_open(tilt
     np.testing.assert_allclose(told, mean, atol=0.02)
     likely = mean > 0.02
     np.testing.assert_allclose(np.log(told[likely]), np.log(mean[likely]), atol=0.7)
+
+
+def test_poses_that_are_equal_stay_equal_however_long_they_are_followed() -> None:
+    """A board that looks the same in four poses, with a hand before it now and then; rounding must not add up."""
+    board = np.array([[30.0 * x, 30.0 * y, 0.0] for y in range(5) for x in range(7)])
+    rng, tracker = np.random.default_rng(3), rm.Tracker(board, rm.P3P(CAMERA), noise=0.2)
+    for k in range(60):
+        turn = Rotation.from_euler("xyz", [0.4 * np.sin(k / 12.0), 0.3 * np.cos(k / 9.0), 0.03 * k])
+        middle = np.array([60.0 * np.sin(k / 11.0), 30.0, 500.0 + 60.0 * np.cos(k / 13.0)])
+        pixels = CAMERA.project(turn.apply(board - board.mean(axis=0)) + middle)
+        seen = rng.random(len(board)) > 0.03
+        if k % 20 > 11:
+            seen &= pixels[:, 0] > np.quantile(pixels[:, 0], 0.45)
+        target = pixels[seen] + rng.normal(0.0, 0.2, (np.count_nonzero(seen), 2))
+        match = tracker.update(np.concatenate([target, rng.uniform((0.0, 0.0), (640.0, 480.0), (3, 2))]))
+        assert match.status is rm.Status.AMBIGUOUS
+        belief = tracker._bodies[None].belief
+        assert belief.shares == pytest.approx(np.full(4, 0.25), abs=1e-6)
+        for one in belief.poses:
+            np.testing.assert_allclose(one.filter.R.T @ one.filter.R, np.eye(3), atol=1e-12)

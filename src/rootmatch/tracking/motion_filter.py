@@ -149,7 +149,8 @@ class MotionFilter:
         It is that of the same place in the camera frame, which is another one of the body: so both expect the same.
         """
         other, (R, t) = self.copy(), motion_in_space(R, t)
-        other.R, other.centre, other.middle = self.R @ R, R.T @ (self.centre - t), R.T @ (self.middle - t)
+        other.R = _remove_rounding(self.R @ R)
+        other.centre, other.middle = R.T @ (self.centre - t), R.T @ (self.middle - t)
         other._ahead = None
         return other
 
@@ -331,3 +332,12 @@ def _extents(source: Floats) -> tuple[Floats, float, float]:
     source = points_in_space(source)
     middle = source.mean(axis=0)
     return middle, float(np.linalg.norm(source - middle, axis=1).max()), body_radius(source)
+
+
+def _remove_rounding(R: Floats) -> Floats:
+    """A rotation (3, 3) without what rounding adds, to first order.
+
+    The motion between two poses is told with Rᵀ as the inverse of R, and turns one of them in every frame: an error of
+    R would be twice as large in the next one or more, and two poses that are equal would differ within a second.
+    """
+    return np.asarray(R @ (1.5 * np.eye(3) - 0.5 * R.T @ R))
