@@ -301,7 +301,7 @@ def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely_a_camera_a_frame
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Of two bodies one is followed; the other is not there."""
-    scene = frame(2, 0, RIG, hands=1)
+    scene = frame(2, 0, RIG, hands=1, clutter=6)
     tracker = rm.Tracker(POINTS, rm.P3P(RIG), bodies=NAMES, **KNOWN | {"normals": NORMALS})
     parts = []
     search = image_bodies._Body.search

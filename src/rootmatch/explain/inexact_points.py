@@ -74,10 +74,12 @@ def _assume_point_errors(found: Finding, task: MatchingTask, missed: float, befo
     assert misfit is not None
     error = float(ERRORS[which]) * body_radius(task.points.source)
     body = _make_inexact_body(found, task, error)
-    again = image_finding(copy_with(found, task=body.task), body.alone(), body, missed=missed)
+    # in one image `_inexact_probability` counts what is beside points without a match
+    several = len(model.images) > 1
+    again = image_finding(copy_with(found, task=body.task), body.alone(), body, missed=missed, beside=several)
     if again.status is Status.UNTRUSTED or again.posterior is None:
         return found
-    if len(model.images) > 1 and is_misfit(mode_misfit(model, again.posterior.modes, again.mode)):
+    if several and is_misfit(mode_misfit(model, again.posterior.modes, again.mode)):
         return found  # the pose has taken up more of such errors than its residuals tell
     own = _inexact_probability(found, again, before, which)
     present = None if again.facts.present is None else own * again.facts.present

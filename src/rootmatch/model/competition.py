@@ -73,16 +73,19 @@ def joint_posterior(
         by_first = dict(zip(distinct, found, strict=True))
         return [by_first[k] for k in leaders]
 
-    modes = of_each(lambda k: _sort_by_gains(models[k], every[k], None if copies is None else copies[k]))
+    has_gains = copies is not None or len(models[0].images) > 1
+    alike_to: Sequence[Copies | None] = [None] * len(models) if copies is None else copies
+    modes = of_each(lambda k: _sort_by_gains(models[k], every[k], alike_to[k])) if has_gains else every
     best = of_each(lambda k: modes[k].uses(count)[:KEPT])
     parts = of_each(lambda k: _add_partial_modes(models[k], modes[k], k, best))
     uses = of_each(lambda k: best[k] if len(best[k]) == len(parts[k].log_odds) else parts[k].uses(count))
     masses = of_each(lambda k: parts[k].log_mass + PRESENT_ODDS)
     origins = of_each(lambda k: _prediction_indices(models[k], parts[k]))
     as_copies = of_each(lambda k: _copy_log_odds(models[k], parts[k], uses[k], origins[k]))
-    gains = of_each(lambda k: _log_gains(models[k], parts[k], origins[k], None if copies is None else copies[k]))
-    masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
-    as_copies = [None if mass is None else mass + gain for mass, gain in zip(as_copies, gains, strict=True)]
+    if has_gains:
+        gains = of_each(lambda k: _log_gains(models[k], parts[k], origins[k], alike_to[k]))
+        masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
+        as_copies = [None if mass is None else mass + gain for mass, gain in zip(as_copies, gains, strict=True)]
     named = [(k, mass) for k, mass in enumerate(as_copies) if mass is not None]
 
     def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
