@@ -61,8 +61,7 @@ class Packing:
         else:
             price, part = np.maximum(-solved.ineqlin.marginals, 0.0), solved.x
         loss = np.maximum(matrix.T @ price - values, 0.0)
-        bound = float(price @ limits)
-        return cls(matrix=matrix, limits=limits, values=values, bound=bound, loss=loss, part=part)
+        return cls(matrix, limits, values, float(price @ limits), loss, part)
 
     def rounded(self) -> Bools:
         """Disjoint sets (G,), those first that the relaxation gives the largest part."""
