@@ -10,8 +10,9 @@ import rootmatch as rm
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.up2p.group_fit import extend_upright_groups, grow_upright_groups, upright_chi2
 from rootmatch.simulation import Scene, up2p_scene
-from rootmatch.solvers.packing.exact_packing import Packing
+from rootmatch.solvers.packing.exact_packing import best_packing, find_packing_above, relaxation, round_relaxation
 from rootmatch.solvers.packing.solver import GroupPacking, weight_inside_groups
+from rootmatch.solvers.packing.tabu_search import search_packing
 
 
 def best_by_trying(elements: np.ndarray, values: np.ndarray, most: int) -> float:
@@ -42,19 +43,20 @@ def are_disjoint(sets: np.ndarray) -> bool:
 
 
 @pytest.mark.parametrize("most", [1, 3, 12])
-def test_the_best_of_few_is_found(most: int) -> None:
+def test_both_searches_find_the_best_of_few(most: int) -> None:
     for seed in range(15):
         elements, values = few_sets(np.random.default_rng(seed))
         best = best_by_trying(elements, values, min(most, 10))
-        packing = Packing.of(elements, values, 10, most)
-        assert packing.bound >= best - 1e-9
-        for chosen in (packing.rounded(), packing.best_above(0.0)):
+        relaxed = relaxation(elements, values, 10, most)
+        assert relaxed.bound >= best - 1e-9
+        for chosen in (
+            search_packing(elements, values, 10, most, np.zeros(12, bool), 300),
+            find_packing_above(0.0, elements, relaxed, most, 100_000),  # from nothing
+        ):
             assert are_disjoint(elements[chosen])
             assert chosen.sum() <= most
-        assert values[chosen].sum() == pytest.approx(best)
-        assert not packing.best_above(best + 1e-6).any()
-        others = ~chosen
-        assert not (packing.best_above(0.0, others) & chosen).any()
+            assert values[chosen].sum() == pytest.approx(best)
+        assert not find_packing_above(best + 1e-6, elements, relaxed, most, 100_000).any()
 
 
 def some_motions(seed: int, groups: int) -> tuple[np.ndarray, np.ndarray]:
@@ -72,8 +74,8 @@ def some_motions(seed: int, groups: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("most", [7, 60])
 def test_best_packing_is_that_of_an_integer_programme(seed: int, most: int) -> None:
     elements, values = some_motions(seed, 100)
-    packing = Packing.of(elements, values, 60, most)
-    chosen = packing.best_above(float(values[packing.rounded()].sum()) - 1e-3)
+    relaxed = relaxation(elements, values, 60, most)
+    chosen = best_packing(elements, values, relaxed, most, round_relaxation(elements, values, relaxed, most), 1_000_000)
     matrix = np.zeros((61, len(values)))
     for g, row in enumerate(elements):
         matrix[row[row >= 0], g] = 1.0
@@ -87,14 +89,13 @@ def test_best_packing_is_that_of_an_integer_programme(seed: int, most: int) -> N
     assert values[chosen].sum() == pytest.approx(-solved.fun, rel=1e-6)
 
 
-def test_a_selection_without_time_is_one_of_disjoint_sets() -> None:
+def test_a_search_that_ends_early_keeps_what_it_began_with() -> None:
     elements, values = some_motions(9, 400)
-    packing = Packing.of(elements, values, 60, 60, seconds=0.0)
-    start = packing.rounded()
-    assert are_disjoint(elements[start])
-    better = packing.best_above(float(values[start].sum()), seconds=0.0)
-    assert not better.any() or values[better].sum() > values[start].sum()
-    assert are_disjoint(elements[better])
+    relaxed = relaxation(elements, values, 60, 60)
+    start = round_relaxation(elements, values, relaxed, 60)
+    chosen = best_packing(elements, values, relaxed, 60, start, 1)
+    assert values[chosen].sum() >= values[start].sum()
+    assert are_disjoint(elements[chosen])
 
 
 def residuals_of_pose(parameters: np.ndarray, points: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> np.ndarray:

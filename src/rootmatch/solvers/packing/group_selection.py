@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers
 from rootmatch.deadline import NEVER, Deadline
-from rootmatch.solvers.packing.exact_packing import Packing
+from rootmatch.solvers.packing.exact_packing import best_packing, find_packing_above, relaxation, round_relaxation
 
 RELAXED = 0.5
 """Share of the time left at a deadline that each step of the selection may take."""
+SECONDS_PER_NODE = 2e-5
+"""Time of a node of branch and bound, at most."""
+NODES_OF_LARGE, NODES, NODES_OF_RIVALS = 400_000, 50_000, 5_000
+"""Nodes for the best large groups, of which some thousand are usual, with the small groups too, and for the replacement
+of one group."""
 RIVAL_OVERLAP = 0.5
 """Fraction of the smaller of two groups in common from which they are the same one."""
 RIVAL_VALUE = 0.5
@@ -34,23 +38,32 @@ class GroupSelection:
         self.groups, self.values, self.shape = groups, values, shape
         self.sizes = (groups >= 0).sum(axis=1)
         self.most = len(groups) if motions == "auto" else int(motions)
-
-    @cached_property
-    def packing(self) -> Packing:
-        """The groups as sets of points and images."""
-        elements = np.full((len(self.groups), 2 * int(self.sizes.max(initial=1))), -1)
-        for row, group in zip(elements, self.groups, strict=True):
+        self.elements = np.full((len(groups), 2 * int(self.sizes.max(initial=1))), -1)
+        for row, group in zip(self.elements, groups, strict=True):
             points = np.flatnonzero(group >= 0)
-            row[: 2 * len(points)] = np.concatenate([points, self.shape[0] + group[points]])
-        return Packing.of(elements, self.values, sum(self.shape), self.most, self.deadline.part(RELAXED).left())
+            row[: 2 * len(points)] = np.concatenate([points, shape[0] + group[points]])
 
-    def best(self) -> Bools:
-        """The selected groups."""
-        if not len(self.groups):
-            return np.zeros(0, np.bool_)
-        start = self.packing.rounded()
-        better = self.packing.best_above(float(self.values[start].sum()), seconds=self.deadline.part(RELAXED).left())
-        return better if better.any() else start
+    def best(self, least: int) -> Bools:
+        """The selected groups.
+
+        Chance makes so many of the smallest groups that the search would begin poorly among them. So the best groups of
+        at least so many points are selected first, and all compete with those.
+        """
+        chosen = np.zeros(len(self.groups), np.bool_)
+        large, every = np.flatnonzero(self.sizes >= least), np.arange(len(self.groups))
+        for allowed, nodes in ((large, NODES_OF_LARGE), (every, NODES)):
+            if len(allowed) == 0:
+                continue
+            elements, values = self.elements[allowed], self.values[allowed]
+            self.relaxed = relaxation(elements, values, sum(self.shape), self.most, self.deadline.part(RELAXED).left())
+            start = round_relaxation(elements, values, self.relaxed, self.most)
+            if values[start].sum() < self.values[chosen].sum():
+                start = chosen[allowed]
+            nodes = self.deadline.part(RELAXED).affordable(nodes, SECONDS_PER_NODE)
+            found = best_packing(elements, values, self.relaxed, self.most, start=start, nodes=nodes)
+            chosen = np.zeros(len(self.groups), np.bool_)
+            chosen[allowed[found]] = True
+        return chosen
 
     def solution(self, chosen: Bools) -> tuple[Integers, Integers]:
         """Assignment and labels of selected groups, the largest first."""
@@ -74,10 +87,15 @@ class GroupSelection:
         for number in np.flatnonzero(chosen):
             if self.deadline.passed():
                 return others, 0.0  # what could take its place is not known
+            nodes = self.deadline.part(RELAXED).affordable(NODES_OF_RIVALS, SECONDS_PER_NODE)
             shared = ((self.groups == self.groups[number]) & (self.groups >= 0)).sum(axis=1)
-            others_than = shared < RIVAL_OVERLAP * np.minimum(self.sizes, self.sizes[number])
-            least = float(self.values[chosen].sum() - RIVAL_VALUE * self.values[number])
-            found = self.packing.best_above(least, others_than, self.deadline.part(RELAXED).left())
+            same = RIVAL_OVERLAP * np.minimum(self.sizes, self.sizes[number])
+            allowed = np.flatnonzero(shared < same)
+            least = self.values[chosen].sum() - RIVAL_VALUE * self.values[number]
+            found = np.zeros(len(chosen), np.bool_)
+            found[allowed] = find_packing_above(
+                least, self.elements[allowed], self.relaxed.of(allowed), self.most, nodes
+            )  # fmt: skip
             other, labels = self.solution(found)
             if ((other >= 0) & (other != best)).any():
                 others.append((other, labels))

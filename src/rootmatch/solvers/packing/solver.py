@@ -22,6 +22,8 @@ SECONDS_PER_GROUP = 1e-5
 """Time for a group that competes, at most (benchmarks/matches.py --only motions)."""
 COLUMNS = 6_000
 """Maximum number of groups that compete, those of the highest evidence. Accuracy: benchmarks/accuracy.py."""
+LARGE = 2
+"""Members beyond the order of a large group, which are selected before all compete."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class GroupPacking(Options):
         few = deadline.part(GROWN).cut(len(groups), SECONDS_PER_GROUP)
         groups, values = groups[:few], values[:few]
         packing = GroupSelection(groups, values, tensor.shape, self.motions, deadline)
-        chosen = packing.best()
+        chosen = packing.best(tensor.order + LARGE)
         alternatives, lead = packing.solutions_without_each(chosen)
         assignment, labels = self._enlarge(*packing.solution(chosen), source, deadline)
         soft = np.zeros(tensor.shape)
