@@ -72,7 +72,8 @@ class TrackSummary:
         if self._reasons:
             kind, count = self._reasons.most_common(1)[0]
             total = self._reasons.total()
-            of = f"{count} of the {total} that are not matched".removeprefix(f"{total} of ")
+            share = f"{count} of the {total}" if count < total else f"the {total}"
+            of = f"{share} that are not matched"
             of = "the one that is not matched" if total == 1 else of
             yield f"{of}: {rephrase_advice(self._examples[kind])}"
         yield from self._slow_frames()
