@@ -381,6 +381,19 @@ def test_poses_with_a_known_rotation_are_scored_until_the_deadline(monkeypatch: 
     most = count[0] - 1
     assert most > 5
     clock.now, count[0] = 0.0, 0
-    with Deadline(3.5, clock=clock).enforce(), pytest.raises(OutOfTime):
-        known_rotation.propose_by_rotation(task, known, body.model)
-    assert count == [4]
+    deadline = Deadline(3.5, clock=clock)
+    with deadline.enforce():
+        some = known_rotation.propose_by_rotation(task, known, body.model)
+    assert some is not None  # of the poses that were compared in half of the time
+    assert count == [2]
+    assert deadline.stopped_early
+
+
+def test_of_pairs_of_matches_some_are_looked_at_where_time_is_short() -> None:
+    few = Deadline(1000 * known_rotation.SECONDS_PER_PAIR / known_rotation.LISTED, clock=Clock())
+    for deadline, count in ((NEVER, 4950), (few, 1000)):
+        with deadline.enforce():
+            first, second = known_rotation.list_match_pairs(np.arange(100), np.arange(100), np.random.default_rng(0))
+        assert len(first) == count
+        assert (first != second).all()
+        assert deadline.stopped_early == (count < 4950)

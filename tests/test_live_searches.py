@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.explain import explain, predicted_pose
-from rootmatch.samplers.guided.model_views import model_views
+from rootmatch.samplers.guided.model_views import EVALUATIONS, ModelViews, model_views
+from rootmatch.samplers.guided.triangle_shapes import NARROW
 from rootmatch.tracking.followed_body import LONGEST
 from rootmatch.tracking.tracker import TrackingOptions
 from test_tracker import frame, tracker
@@ -73,10 +75,31 @@ def test_all_waves_together_are_the_waves_one_after_another() -> None:
     seen, facing, pixels, _ = view(5, 0)
     tables = rm.P3P(CAMERA).prepare(seen, pixels, NOISE, facing)
     views = model_views(points, normals)
-    whole = views.whole(tables)
-    assert views.whole(tables) is whole
+    whole, every = views.every(tables, 10**9, NEVER, wide=True)
+    assert every
+    assert views.every(tables, 1, NEVER, wide=True)[0] is whole
     np.testing.assert_array_equal(whole.prepared.points, views.ordered)
     for number, (first, last) in enumerate(views.edges):
         wave = views.wave(number, tables)
         np.testing.assert_array_equal(whole.shapes[first:last], wave.shapes)
         np.testing.assert_array_equal(whole.prepared.coordinates[first:last], wave.prepared.coordinates)
+
+
+def test_waves_are_prepared_as_frames_have_time() -> None:
+    points, normals = ball(5)
+    seen, facing, pixels, _ = view(5, 0)
+    tables, views = rm.P3P(CAMERA).prepare(seen, pixels, NOISE, facing), ModelViews(points, normals)
+    for count in range(1, 4):
+        some, whole = views.every(tables, 1, NEVER, wide=False)
+        assert not whole
+        assert len(some.shapes) == views.edges[count - 1][1]
+    late = Deadline(0.0)
+    assert len(views.every(tables, 10**9, late, wide=False)[0].shapes) == views.edges[3][1]
+    assert late.stopped_early
+    ready = views.prepare(tables, 100 * EVALUATIONS, NEVER, wide=False)
+    assert 100 <= views.edges[ready - 1][1] - views.edges[3][1] < 150
+    # an image that is wide asks for more of each triple, and of all of them anew
+    narrow, wide = views.wave(0, tables, wide=False).shapes.copy(), views.wave(0, tables, wide=True).shapes
+    np.testing.assert_array_equal(narrow[:, :NARROW], wide[:, :NARROW])
+    assert wide[:, NARROW:].sum() > narrow[:, NARROW:].sum()
+    assert len(views.every(tables, 1, NEVER, wide=True)[0].shapes) == views.edges[0][1]

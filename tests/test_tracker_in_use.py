@@ -79,6 +79,20 @@ def test_a_frame_that_is_refused_leaves_the_tracker_as_it_was() -> None:
         np.testing.assert_array_equal(match.pose.matrix, other.pose.matrix)  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_a_frame_of_too_few_detections_is_answered_whenever_it_comes(cameras: int) -> None:
+    """Also while a search that other frames began goes on."""
+    rng, size = np.random.default_rng(7), (640, 480)
+    camera, shift = rm.Camera(500.0, 500.0, 320.0, 240.0, size=size), np.array([-0.1, 0.0, 0.0])
+    rig = rm.Rig([(camera, np.eye(3), np.zeros(3)), (camera, np.eye(3), shift)])
+    tracker = rm.Tracker(rng.uniform(-1.0, 1.0, (20, 3)), rm.P3P(camera if cameras == 1 else rig), noise=0.3)
+    for k in range(9):
+        each = [rng.uniform((0.0, 0.0), size, (1 if k % 3 == 2 else 25, 2)) for _ in range(cameras)]
+        match = tracker.update(each if cameras > 1 else each[0])
+        assert match.status is rm.Status.UNTRUSTED
+        assert ("at least 4 needed" in match.advice) is (k % 3 == 2)
+
+
 def test_threads_take_turns_with_a_tracker() -> None:
     tracker = following()
     with ThreadPoolExecutor(3) as threads:

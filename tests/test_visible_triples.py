@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
+from rootmatch.deadline import NEVER
 from rootmatch.samplers.guided.detection_grid import build_grid
 from rootmatch.samplers.guided.listed_triples import make_rings, run_listed_tests
 from rootmatch.samplers.guided.model_views import ModelViews, model_views
@@ -54,7 +55,7 @@ def seen_from_random(
 def test_a_wave_and_all_of_them_are_of_one_type() -> None:
     """Those of a wave were read-only: where later frames took all, a kernel was loaded, or compiled, once more."""
     views, tables = views_of(*ball(5)), tables_of(5, 0)[0]
-    one, every = views.wave(3, tables).prepared, views.whole(tables).prepared
+    one, every = views.wave(3, tables).prepared, views.every(tables, 10**9, NEVER, wide=True)[0].prepared
     assert [numba.typeof(part) for part in one] == [numba.typeof(part) for part in every]
 
 
@@ -95,13 +96,13 @@ def test_a_triple_seen_from_nearest_is_of_any_shape() -> None:
 
 
 def test_only_triples_that_face_a_camera_amid_them_are_of_any_shape() -> None:
-    whole = views_of(*ball(5)).whole(tables_of(5, 0)[0])
+    whole = views_of(*ball(5)).every(tables_of(5, 0)[0], 10**9, NEVER, wide=True)[0]
     assert whole.shapes[:, ANY].mean() < 0.2  # who is inside of a ball sees no point's front
     rng = np.random.default_rng(2)
     plate = np.column_stack([rng.uniform(-1.0, 1.0, (8, 2)), np.zeros(8)])
     normals = np.tile([0.0, 0.0, 1.0], (8, 1))
     tables = rm.P3P(CAMERA).prepare(plate, rng.uniform(0.0, 400.0, (8, 2)), NOISE, normals)
-    whole = views_of(plate, normals).whole(tables)
+    whole = views_of(plate, normals).every(tables, 10**9, NEVER, wide=True)[0]
     assert whole.shapes[:, ANY].all()
 
 

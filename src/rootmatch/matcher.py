@@ -185,8 +185,8 @@ max_hyperedges, max_evaluations
         """
         options = options or self.options
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
-        alone = searching is not True or (prior is not None and self.labels is None and self.problem.takes_prior)
-        reason = self._detection_fault(detections, 1 if alone else self.problem.order)
+        predicted = prior is not None and self.problem.takes_prior and (self.labels is None or searching is not True)
+        reason = self._detection_fault(detections, 1 if predicted else self.problem.order)
         if reason is not None:
             return self._empty_finding(detections, reason)
         told: dict[str, Any] = {"more_images": more_images, "log_inexact": log_inexact}

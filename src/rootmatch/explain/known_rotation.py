@@ -15,7 +15,7 @@ import numpy as np
 
 from rootmatch.algebra.rotation import rotation_from_vector, rotation_vector
 from rootmatch.arrays import Bools, Floats, Integers
-from rootmatch.deadline import OutOfTime, checkpoint
+from rootmatch.deadline import OutOfTime, Pace, active_deadline
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.known_density import Known
@@ -40,6 +40,11 @@ LAG = 12.0
 """Log-odds, to first order, by which a pose may lag behind the best one. A round value."""
 SAME = 3.0
 """Standard deviations on each axis within which poses are the same. A round value."""
+LISTED, RANKED, FIRST = 0.25, 0.5, 64
+"""Shares of the time left, where it is limited, in which pairs are looked at and poses are compared, and how many of
+these are the first. Round values."""
+SECONDS_PER_PAIR = 4e-7
+"""Time to look at a pair of matches."""
 
 
 def propose_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionModel) -> Proposals | None:
@@ -116,9 +121,10 @@ def _find_agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generato
 
 
 def list_match_pairs(row: Integers, j: Integers, rng: np.random.Generator) -> tuple[Integers, Integers]:
-    """Pairs (K,), (K,) of matches of different points and detections, `MOST_PAIRS` of all pairs if there are more."""
+    """Pairs (K,), (K,) of matches of different points and detections: some, if there are many or the time is short."""
     first, second = np.triu_indices(len(j), 1)
-    some = draw_some(len(first), MOST_PAIRS, rng)
+    most = active_deadline().part(LISTED).cut(min(len(first), MOST_PAIRS), SECONDS_PER_PAIR)
+    some = draw_some(len(first), most, rng)
     first, second = first[some], second[some]
     different = (j[first] != j[second]) & (row[first] != row[second])
     return first[different], second[different]
@@ -161,12 +167,15 @@ def _rank_poses(
     model: DetectionModel, prior: Known, pairs: Integers, poses: tuple[Floats, Floats]
 ) -> list[tuple[Floats, Floats, Floats]]:
     """The poses of pairs whose predictions explain most, with their covariances: different ones, the best first."""
-    size = max(BATCH // (model.shape[0] * max(model.shape[1], 1)), 1)
-    parts = []
-    for start in range(0, len(pairs), size):
-        checkpoint()
-        some = slice(start, start + size)
+    size, deadline, parts = max(BATCH // (model.shape[0] * max(model.shape[1], 1)), 1), active_deadline(), []
+    order, pace = np.arange(len(pairs)), Pace(deadline.part(RANKED), FIRST)
+    if deadline.is_set:  # which may pass before all are compared
+        order = np.random.default_rng(0).permutation(order)
+    while len(order) and (count := pace.block(min(size, len(order)))):
+        some, order = order[:count], order[count:]
         parts.append(_score(model, prior, pairs[some], (poses[0][some], poses[1][some])))
+    if not parts:
+        return []
     score, R, place, covariance = (np.concatenate(column) for column in zip(*parts, strict=True))
     kept: list[int] = []
     for k in np.argsort(-score, kind="stable")[:MOST_RANKED].tolist():

@@ -288,8 +288,8 @@ def _missing_inputs(task: MatchingTask) -> list[str]:
     problem, lacking = task.problem, []
     if problem.takes_normals and task.points.normals is None:
         lacking.append("normals")
-    upright = task.prior_pose is not None or (task.known is not None and task.known.vertical is not None)
-    if isinstance(problem, P3P) and not upright:
+    told = task.prior_pose is not None or (task.known is not None and (task.known.vertical or task.known.rotation))
+    if isinstance(problem, P3P) and not told:
         lacking.append("the vertical to `UP2P`")
     if (problem.takes_prior or problem.takes_motion_prior) and not task.has_prior:
         lacking.append(PRIOR)

@@ -185,8 +185,8 @@ def estimate_clutter(target: Floats, sigma: Floats, areas: Floats, image_of: Int
         Image of each detection: they crowd within an image. One by default.
     """
     label = np.zeros(len(target), np.int64) if image_of is None else image_of
-    mean = float(areas.sum()) / len(areas)
-    return _fit_clutter(target, sigma, 1.0 / areas[label], np.full(2, math.sqrt(mean)), label, crowds=PSEUDO)
+    side = math.sqrt(areas.sum() / len(areas))
+    return _fit_clutter(target, sigma, 1.0 / areas[label], np.array([side, side]), label, crowds=PSEUDO)
 
 
 @cache_by_values(8, frozen=False)

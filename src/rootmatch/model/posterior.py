@@ -84,11 +84,8 @@ class Posterior:
     def confidence_in(self, assignment: Integers) -> Floats:
         """`confidence` in any assignment (n,)."""
         unmatched = assignment < 0
-        otherwise = np.where(unmatched, self.modes.unmatched, 0.0)
-        each = np.where(self.modes.assignments == assignment, self.modes.local, otherwise)
-        return np.asarray(
-            self.probabilities @ each + np.where(unmatched, self.clutter * self.undetected_probability, 0.0)
-        )
+        each = np.where(self.modes.assignments == assignment, self.modes.local, unmatched * self.modes.unmatched)
+        return np.asarray(self.probabilities @ each + unmatched * (self.clutter * self.undetected_probability))
 
     def present(self, mode: int = 0) -> float:
         """Probability that the body is in view, or that one of its copies is where one of its modes has it."""

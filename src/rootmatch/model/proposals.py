@@ -106,9 +106,8 @@ def solve_minimal_sets(model: DetectionModel, assignments: Integers, most: int) 
         most,
         (of, members, rotation, position),
     )
-    of = of[:count].copy()
-    proposals = Proposals(assignments[of], rotation[:count].copy(), position[:count].copy())
-    return MinimalSets(of, members[:count].copy(), proposals)
+    proposals = Proposals(assignments[of[:count]], rotation[:count], position[:count])
+    return MinimalSets(of[:count], members[:count], proposals)
 
 
 def fit_assignments(model: DetectionModel, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rootmatch.arrays import Bools, Floats, Integers, cache_by_values
+from rootmatch.deadline import Deadline
 from rootmatch.samplers.guided.listed_triples import VisibleSets
 from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE, nearest_neighbours, nearest_other_points, width
 from rootmatch.samplers.guided.sequential_test import PreparedSets, prepare_sets
@@ -22,8 +23,11 @@ from rootmatch.samplers.guided.visibility import (
     sphere,
 )
 
-PREPARED = 4096
-"""Triples that are prepared for images to come: some 60 µs and 5 kB each."""
+PREPARED, EVALUATIONS = 4096, 4000
+"""Triples that are prepared for images to come, and evaluations that take as long as one of them: .1 ms, .9 of a room
+that is seen from inside. Round values."""
+PREPARING = 0.5
+"""Share of the time left, where it is limited, in which they are prepared. A round value."""
 NEIGHBOURS, LOOKED_UP = 6, 24
 """Neighbours of a point that its local triples are taken from, and that these predict. Round values."""
 LARGEST_WAVE = 32
@@ -55,20 +59,32 @@ class ModelViews:
         least = np.zeros(len(normals)) if view_cosine is None else view_cosine
         self.least_cosine = np.where(normals.any(axis=1), least, -1.0)
         self._waves: dict[int, VisibleSets] = {}
-        self._whole: VisibleSets | None = None
+        self._wide = set[int]()
+        self._ready, self._joined = [0, 0], dict[tuple[bool, int], VisibleSets]()
         self._views: dict[int, Bools] = {}
         self._met: dict[int, list[Integers]] = {}
         self._local_waves: dict[int, VisibleSets] = {}
         self._local_met: dict[int, Integers] = {}
 
-    def prepare(self, tables: Any) -> None:
-        """Prepare all waves of up to `PREPARED` triples: late ones are needed in few images, and take long together."""
-        for number, (_, last) in enumerate(self.edges):
-            if last <= PREPARED:
-                self.wave(number, tables)
+    def prepare(self, tables: Any, budget: int, deadline: Deadline, *, wide: bool, most: int = PREPARED) -> int:
+        """Prepare the next waves of up to so many triples, and return how many waves are: late ones take long together.
 
-    def wave(self, number: int, tables: Any) -> VisibleSets:
-        """The triples of a wave; ``tables`` hold the same points and normals."""
+        At least one more, and as many as a ``budget`` of evaluations and the deadline allow. ``wide``: see `wave`.
+        """
+        stage, done = deadline.part(PREPARING), 0
+        for number in range(self._ready[wide], len(self.edges)):
+            first, last = self.edges[number]
+            if last > most or (done and (done * EVALUATIONS > budget or stage.passed())):
+                break
+            self.wave(number, tables, wide=wide)
+            self._ready[wide], done = number + 1, done + last - first
+        return self._ready[wide]
+
+    def wave(self, number: int, tables: Any, *, wide: bool = True) -> VisibleSets:
+        """The triples of a wave; ``tables`` hold the same points and normals.
+
+        ``wide``: whether any image is wider than one from afar; only then it is asked how a triple looks from near it.
+        """
         if number not in self._waves:
             first, last = self.edges[number]
             points = self.ordered[first:last].copy()  # what is read-only is another type to a kernel
@@ -76,12 +92,15 @@ class ModelViews:
             np.put_along_axis(together, points, -1.0, axis=1)
             others = np.argsort(-together, axis=1, kind="stable")[:, : together.shape[1] - 3]
             prepared = prepare_sets(tables, points, np.ascontiguousarray(others), np.zeros(len(points), np.int64))
-            shapes = shape_tables(self.positions, self.cameras, self.seen, points)
+            self._waves[number] = VisibleSets(prepared, shape_tables(self.positions, self.cameras, self.seen, points))
+        sets = self._waves[number]
+        if wide and number not in self._wide:
             add_near_shapes(
-                shapes, points, self.positions, self.normals, least=self.least_cosine, directions=self.directions
-            )
-            self._waves[number] = VisibleSets(prepared, shapes)
-        return self._waves[number]
+                sets.shapes, sets.prepared.points, self.positions, self.normals, least=self.least_cosine,
+                directions=self.directions,
+            )  # fmt: skip
+            self._wide.add(number)
+        return sets
 
     def local_wave(self, number: int, tables: Any) -> VisibleSets:
         """So many of the `local` triples, whose others are near them; ``tables`` as in `wave`."""
@@ -125,13 +144,15 @@ class ModelViews:
             self._local_met[matched] = np.add.reduceat(inside, starts, axis=1, dtype=np.int64).cumsum(axis=1).T
         return self._local_met[matched]
 
-    def whole(self, tables: Any) -> VisibleSets:
-        """The triples of all waves; see `wave`."""
-        if self._whole is None:
-            waves = [self.wave(number, tables) for number in range(len(self.edges))]
+    def every(self, tables: Any, budget: int, deadline: Deadline, *, wide: bool) -> tuple[VisibleSets, bool]:
+        """The triples of all waves, as far as they can be prepared, and whether these are all; see `prepare`."""
+        ready = self.prepare(tables, budget, deadline, wide=wide, most=len(self.ordered))
+        if (wide, ready) not in self._joined:
+            waves = [self.wave(number, tables, wide=wide) for number in range(ready)]
             prepared = (np.concatenate(part) for part in zip(*(sets.prepared for sets in waves), strict=True))
-            self._whole = VisibleSets(PreparedSets(*prepared), np.concatenate([sets.shapes for sets in waves]))
-        return self._whole
+            joined = VisibleSets(PreparedSets(*prepared), np.concatenate([sets.shapes for sets in waves]))
+            self._joined = {(wide, ready): joined}
+        return self._joined[wide, ready], ready == len(self.edges)
 
     def missed(self, matched: int, waves: int) -> float:
         """Probability that no set of the first waves met a pose with ``matched`` detected points."""

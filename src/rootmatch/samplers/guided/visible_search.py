@@ -24,7 +24,7 @@ from rootmatch.samplers.guided.rivals import RIVAL_MISSED, allowed_pairs
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
-from rootmatch.samplers.guided.triangle_shapes import CELLS, image_cells
+from rootmatch.samplers.guided.triangle_shapes import CELLS, NARROW, image_cells
 from rootmatch.samplers.guided.visibility import DETECTED, FACING, FAILURE, MISSED, covisible_share
 
 MOST_DETECTIONS = 256
@@ -111,8 +111,6 @@ class VisibleSearch(Search):
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
         self.views = model_views(self.positions, self.facing, self.view_cosine)
-        if task.more_images:
-            self.views.prepare(self.tables)
         self.least_cosine = FACING if self.view_cosine is None else 0.0
         self.cells = image_cells(np.ascontiguousarray(self.grid.rays))
         same, met = np.eye(self.n_target, dtype=np.bool_), np.zeros(CELLS, np.bool_)
@@ -120,6 +118,9 @@ class VisibleSearch(Search):
         self.every = make_rings(np.arange(self.n_target), self.grid.positions, [self.n_target - 1])[0]
         self.met = np.flatnonzero(met)
         """The shapes that any image triple has."""
+        self.is_wide = bool(met[NARROW:].any())
+        if task.more_images:
+            self.views.prepare(self.tables, options.budget, self.deadline, wide=self.is_wide)
 
     def _steps(self) -> Iterator[None]:
         """See `Search`: triples of points that are visible together, with all images of a shape that they can have."""
@@ -150,7 +151,7 @@ class VisibleSearch(Search):
             if not open_turns:
                 return
             turn = min(open_turns, key=lambda one: (one.spent + one.ring.cost) / one.share)
-            sets = self.views.wave(turn.wave, self.tables)
+            sets = self.views.wave(turn.wave, self.tables, wide=self.is_wide)
             last = min(len(sets.shapes), turn.done + pace.block(max(1, batch // turn.ring.cost)))
             if last == turn.done:
                 return
@@ -216,7 +217,7 @@ class VisibleSearch(Search):
         Those first whose poses explain most of the other detections; and whether these are all.
         """
         test = self._test(0)._replace(floor=-math.inf, least=self.minimal)
-        sets = self.views.whole(self.tables)
+        sets, every = self.views.every(self.tables, self.budget, self.deadline, wide=self.is_wide)
         survivors, ratios, counts = run_listed_tests(
             self.tables, self.grid, test, sets.prepared, self.every, shapes=sets.shapes, cells=self.cells,
             allowed=self.allowed, keep=max(most // 8, 1), chunks=CHUNKS,
@@ -226,7 +227,7 @@ class VisibleSearch(Search):
         images = found.images[:, 1:]
         same = found.sets * self.n_target**3 + images @ self.n_target ** np.arange(3)  # but for the root
         first = np.sort(np.unique(same, return_index=True)[1])
-        whole = len(first) <= most and bool((ratios.min(axis=1) == -np.inf).all())
+        whole = every and len(first) <= most and bool((ratios.min(axis=1) == -np.inf).all())
         return found.points[first[:most]], images[first[:most]], whole
 
     def _test(self, wave: int, seen: float = math.inf) -> SequentialTest:
