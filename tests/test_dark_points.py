@@ -60,7 +60,9 @@ def test_a_hidden_point_is_not_taken_for_a_neighbour_in_frame_after_frame() -> N
 
 def finding(assignment: list[int], confidence: list[float], probability: float = 0.99) -> Any:
     """What `DarkPoints` looks at."""
-    told = SimpleNamespace(probabilities=np.ones(1), clutter=0.001, modes=SimpleNamespace(visible=np.ones((1, 3))))
+    unmatched = np.where(np.array(assignment) < 0, confidence, 1.0 - np.array(confidence))
+    modes = SimpleNamespace(visible=np.ones((1, 3)), assignments=np.array([assignment]), unmatched=unmatched[None])
+    told = SimpleNamespace(probabilities=np.ones(1), clutter=0.001, modes=modes, unmatched=unmatched)
     options = SimpleNamespace(detection_rate=0.9)
     return SimpleNamespace(
         assignment=np.array(assignment), confidence=np.array(confidence), posterior=told, probability=probability,
@@ -96,3 +98,35 @@ def test_what_is_found_again_is_no_surer_than_that_the_body_is_in_view() -> None
     assert dark.holds == pytest.approx(present**2 * 0.97 / 0.98)
     dark.take(pair, 0.06)
     assert dark.holds == pytest.approx(present**2 * 0.97 / 0.98), "a match is at most as probable as when it was met"
+
+
+@pytest.mark.parametrize(("columns", "poses"), [(3, 4), (4, 2)])
+def test_equal_poses_stay_as_probable_as_each_other(columns: int, poses: int) -> None:
+    """Matches that only some of the poses have are not doubtful, given one of these, nor are points dark by that."""
+    x, y = np.meshgrid(0.1 * np.arange(columns), 0.1 * np.arange(3))
+    board, rng = np.column_stack([x.ravel(), y.ravel(), 0.0 * x.ravel()]), np.random.default_rng(3)
+    normals = np.tile([0.0, 0.0, -1.0], (len(board), 1))
+    tracker, told = rm.Tracker(board, rm.P3P(CAMERA), noise=0.3, normals=normals), list[float]()
+    for k in range(20):
+        R = Rotation.from_rotvec([0.5 + 0.01 * k, 0.2, 0.02 * k]).as_matrix()
+        pixels = CAMERA.project(board @ R.T + (0.01 * k - 0.2, 0.0, 1.0))
+        shown = pixels[rng.random(len(board)) < 0.93]
+        match = tracker.update(np.concatenate([shown, rng.uniform((0.0, 0.0), (640.0, 100.0), (2, 2))]))
+        told.append(match.probability or 0.0)
+        assert match.status is rm.Status.AMBIGUOUS
+    assert np.median(told) == pytest.approx(1.0 / poses, rel=0.1)
+    assert min(told) > 0.3 / poses
+
+
+def test_two_points_whose_detections_may_be_exchanged_are_not_dark() -> None:
+    """Each has the detection of the other, if not its own: it is detected either way."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-0.15, 0.15, (8, 3))
+    points[1] = points[0] + (0.0004, 0.0, 0.0)
+    tracker, told = rm.Tracker(points, rm.P3P(CAMERA), noise=0.3), list[float]()
+    for k in range(30):
+        R = Rotation.from_rotvec([0.3, 0.01 * k, 0.1]).as_matrix()
+        pixels = CAMERA.project(points @ R.T + (0.01 * k - 0.1, 0.0, 1.0))
+        match = tracker.update(pixels + rng.normal(0.0, 0.3, pixels.shape))
+        told.append(match.probability or 0.0)
+    assert min(told) > 0.4

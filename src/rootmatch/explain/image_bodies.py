@@ -98,13 +98,11 @@ class _Body(SearchedBody):
 
     @property
     def is_new(self) -> bool:
-        """Whether it is most probably where no prediction expects it."""
-        modes, prior = self.told.modes, self.candidate.model.prior
-        if self.pose < LIKELY:
-            return False
-        return not isinstance(prior, Doubted) or bool(
-            prior.prediction_indices(modes.rotation[:1], modes.position[:1]) < 0
-        )
+        """Whether it is most probably where no prediction expects it, in one place or another."""
+        modes, prior, chances = self.told.modes, self.candidate.model.prior, self.told.probabilities
+        if isinstance(prior, Doubted):
+            chances = chances[prior.prediction_indices(modes.rotation, modes.position) < 0]
+        return bool(chances.sum() >= LIKELY)
 
     @property
     def is_lost(self) -> bool:
@@ -220,7 +218,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, choice: Choice | Non
             search(body, budget, of_part)
             for rival in bodies:
                 if body.candidate is not before and body.is_new and rival.is_lost:
-                    rival.free = body.told.modes.uses(task.shape[1])[0]
+                    rival.free = body.told.used(task.shape[1]) > 1.0 - SURE  # in each of its places
                     search(rival, budget, _with_remaining_budget(of_part, bodies))
     return _finding(task, bodies)
 

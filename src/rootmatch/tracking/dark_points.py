@@ -21,7 +21,7 @@ from rootmatch.model.elsewhere import MOST, seen_elsewhere
 from rootmatch.model.image_alike import REACH
 from rootmatch.model.priors import WRONG_MODEL
 from rootmatch.tracking.followed_places import return_factor
-from rootmatch.tracking.foreign_lights import LIT, ForeignLights, missed, rates
+from rootmatch.tracking.foreign_lights import LIT, ForeignLights, missed
 from rootmatch.tracking.mistaken_identity import FLOOR, TEMPER
 from rootmatch.tracking.two_states import later_chance
 
@@ -78,18 +78,16 @@ class DarkPoints:
         """A finding whose matches are less probable by what the frames before tell of their points."""
         lit, matched = self.at(time), found.assignment >= 0
         sure, chance = found.confidence, found.probability
-        if lit is None or sure is None or chance is None or not matched.any() or len(lit) != len(matched):
+        if lit is None or sure is None or chance is None or len(lit) != len(matched):
             return found
-        whole, local = _match_credibility(sure, matched)
-        dark = (1.0 - local) * missed(found, lit)
-        told = local * lit / np.maximum(local * lit + dark, 1e-300)
-        told = np.minimum(told, self.foreign.most(found, lit, time))[matched]
-        less = float((told / np.maximum(local[matched], 1e-300)).prod())
+        assert found.posterior is not None
+        whole, local = _match_credibility(found, sure)
+        dark = np.minimum(found.posterior.modes.unmatched[found.mode], 1.0 - local)  # the rest is of other detections
+        told = np.minimum(local * _lit_factor(dark, lit, missed(found, lit)), self.foreign.most(found, lit, time))
+        less = float((told[matched] / np.maximum(local[matched], 1e-300)).prod())
         if less > 1.0 - WRONG_MODEL:
             return found
-        confidence = sure.copy()
-        confidence[matched] = whole * told
-        return found.lower_probability(chance * less, confidence)
+        return found.lower_probability(chance * less, np.where(matched, whole * told, sure))
 
     def take(self, found: Finding, time: float, log_back: float = 0.0) -> None:
         """Learn from a frame, if the body is more probably in it than not; ``log_back``: see `Belief.returned`.
@@ -105,11 +103,14 @@ class DarkPoints:
         before, matched = self.at(time), found.assignment >= 0
         if before is None or len(before) != len(sure):
             before, self.foreign = np.full(len(sure), LIT), ForeignLights(len(sure))
-        chance = np.where(matched, sure, 1.0 - sure)  # that it was detected
-        self.lit = np.where(rates(found) < FACING, before, chance + (1.0 - chance) * before / missed(found, before))
+        dark, less = told.unmatched, missed(found, before)
+        own = self.foreign.most(found, before, time)
+        chance = np.minimum((1.0 - dark) * _lit_factor(dark, before, less), own)  # that it was detected
+        is_turned_away = told.modes.visible[found.mode] < FACING
+        self.lit = np.where(is_turned_away, before, chance + (1.0 - chance) * before / less)
         if log_back < 0.0:
             self.foreign.since = time
-        self.foreign.take(found, present * _match_credibility(sure, matched)[1], before, time)
+        self.foreign.take(found, present * _match_credibility(found, sure)[1], before, time)
         if found.model is not None and len(found.model.images) > 1 and found.status is Status.MATCHED:
             seen = matched.reshape(len(found.model.images), -1).sum(axis=0) > 1
             self.placed = seen if self.placed is None else self.placed | seen
@@ -182,7 +183,24 @@ def _count_about(found: Finding) -> int:
     return int(np.count_nonzero((off * off).sum(axis=1) < (reach / shown[:, 0])[of]))
 
 
-def _match_credibility(confidence: Floats, matched: Bools) -> tuple[float, Floats]:
-    """Probability that the pose is right, and of each match (n,) given that it is."""
-    whole = max(float(confidence[matched].max(initial=0.0)), 1e-300)
-    return whole, np.minimum(confidence / whole, 1.0)
+def _lit_factor(dark: Floats, lit: Floats, less: Floats) -> Floats:
+    """Factor (n,) on the probabilities of each point's detections, as it is ``lit`` with a probability.
+
+    ``dark``: probability of none if it were lit for certain; ``less``: `missed`.
+    """
+    return lit / np.maximum((1.0 - dark) * lit + dark * less, 1e-300)
+
+
+def _match_credibility(found: Finding, confidence: Floats) -> tuple[Floats, Floats]:
+    """Probability (n,) that one of the poses with each match is right, and of the match given that.
+
+    That a body has several poses makes no match doubtful, given one of them.
+    """
+    told, matched = found.posterior, found.assignment >= 0
+    assert told is not None
+    same = told.modes.assignments == found.assignment
+    whole = told.probabilities @ same
+    whole[~same[found.mode]] = told.probabilities[found.mode]  # of a blob's likeliest point
+    given = confidence / np.maximum(whole, 1e-300)
+    most = max(float(given[matched].max(initial=0.0)), 1e-300)
+    return most * whole, np.minimum(given / most, 1.0)
