@@ -162,7 +162,7 @@ FEW = {  # and the number of motions that map all of its points
     "low tetrahedron": (ring(3, 0.8), 2),
     "bipyramid": (ring(3, 1.2, -1.2), 5),
     "pyramid": (ring(4, 0.9), 3),
-    "half turn": (np.concatenate([OBLONG[:2] + (0.0, 0.0, 0.3), -OBLONG[:2] + (0.0, 0.0, 0.3), [[0.0, 0.0, 1.0]]]), 1),
+    "half turn": (np.array([[1, 0.2, 0.3], [-1, -0.2, 0.3], [0.4, -0.7, 0], [-0.4, 0.7, 0], [0, 0, 1]], float), 1),
     "irregular": (np.random.default_rng(3).uniform(-1.0, 1.0, (5, 3)), 0),
 }
 
