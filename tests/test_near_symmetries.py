@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
+import rootmatch as rm
 from rootmatch.model.bit_rows import choose_bits, clear_bits, pack_words
 from rootmatch.model.near_symmetries import (
     ANGLE,
     APART,
     DISTINCT,
     FACING,
+    LAW,
     MOST,
     MOST_POINTS,
     TOLERANCE,
@@ -51,7 +53,7 @@ def neighbours(source: Floats) -> Floats:
 
 
 def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool = False) -> list[tuple[int, Floats]]:
-    """Mapped points and rotation, or reflection, of every near symmetry, those that map most first."""
+    """Mapped points, `LAW` at least, and rotation, or reflection, of every near symmetry, those that map most first."""
     hand = np.diag([1.0, 1.0, -1.0 if mirrored else 1.0])
     n, distance = len(source), cdist(source, source)
     near, middle = tolerance(source), source.mean(axis=0)
@@ -72,7 +74,7 @@ def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool
                 turn, _ = Rotation.align_vectors(source[image] - second, (source[own] - first) @ hand)
                 R = turn.as_matrix() @ hand
                 pairs_of = images(source, normals, R, second - R @ first)
-                if len(pairs_of) < 6:
+                if len(pairs_of) < LAW:
                     break
             place = R @ (middle - first) + second
             same = any(
@@ -81,7 +83,7 @@ def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool
             )
             # next to no motion is none, and what is flat is its own reflection
             moved = 4 * sum(i != j for i, j in pairs_of.items()) > len(pairs_of)
-            if len(pairs_of) >= max(6, n / 4) and moved and not same:
+            if len(pairs_of) >= max(LAW, n / 4) and moved and not same:
                 found.append((len(pairs_of), R))
                 places.append(place)
                 maps.append(pairs_of)
@@ -128,7 +130,7 @@ BODIES = {
 def test_those_of_all_triples_are_found(name: str, mirrored: bool) -> None:
     source = BODIES[name]
     expected = all_symmetries(source, mirrored=mirrored)
-    found = find_symmetries(source, None, mirrored)
+    found = [one for one in find_symmetries(source, None, mirrored) if one.mapped_count >= LAW]
     assert [one.mapped_count for one in found] == [count for count, _ in expected][:MOST]
     for one in found:
         alike = [Rotation.from_matrix(one.rotation @ R.T).magnitude() < 0.02 for _, R in expected]
@@ -139,6 +141,51 @@ def test_those_of_all_triples_are_found(name: str, mirrored: bool) -> None:
     turned = {"half turn": [8], "moved": [8], "nearly": [8], "hexagon": [6] * 11, "brick": [8] * 7}
     reflected = {"mirror": [8], "mirror, moved": [8], "hexagon": [6] * 11, "brick": [8] * 8}
     assert [one.mapped_count for one in found] == (reflected if mirrored else turned).get(name, [])
+
+
+def ring(count: int, *heights: float) -> Floats:
+    """Points about an axis, and some on it."""
+    angle = 2.0 * np.pi / count * np.arange(count)
+    axis = [(0.0, 0.0, height) for height in heights]
+    return np.array([*np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)]), *axis])
+
+
+TETRAHEDRON = CUBE[[0, 3, 5, 6]]
+OBLONG = ring(4) @ np.diag([1.0, 0.6, 1.0])
+FEW = {  # and the number of motions that map all of its points
+    "square": (ring(4), 7),
+    "rhombus": (OBLONG, 3),
+    "pentagon": (ring(5), 9),
+    "cross": (ring(4, 0.0), 7),
+    "star": (ring(3, 0.0), 5),
+    "tetrahedron": (TETRAHEDRON, 11),
+    "low tetrahedron": (ring(3, 0.8), 2),
+    "bipyramid": (ring(3, 1.2, -1.2), 5),
+    "pyramid": (ring(4, 0.9), 3),
+    "half turn": (np.array([[1, 0.2, 0.3], [-1, -0.2, 0.3], [0.4, -0.7, 0], [-0.4, 0.7, 0], [0, 0, 1]], float), 1),
+    "irregular": (np.random.default_rng(3).uniform(-1.0, 1.0, (5, 3)), 0),
+}
+
+
+@pytest.mark.parametrize("name", list(FEW))
+def test_few_points_are_as_symmetric_as_they_are(name: str) -> None:
+    source, count = FEW[name]
+    found = find_symmetries(source, None)
+    assert [one.mapped_count for one in found[:count]] == [len(source)] * count
+    assert all(one.mapped_count < len(source) for one in found[count:])
+
+
+@pytest.mark.parametrize("name", [name for name, (_, count) in FEW.items() if count])
+def test_a_rig_cannot_tell_which_way_round_few_points_are(name: str) -> None:
+    """No search need have met the other ways round: each camera shows all points."""
+    source, camera, shift = 50.0 * FEW[name][0], rm.Camera(900.0, 900.0, 640.0, 480.0), np.array([-150.0, 0.0, 0.0])
+    rig = rm.Rig([(camera, np.eye(3), np.zeros(3)), (camera, np.eye(3), shift)])
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        placed = source @ Rotation.random(random_state=rng).as_matrix().T + (20.0, -10.0, 700.0)
+        pixels = np.concatenate([camera.project(placed), camera.project(placed + shift)])
+        target = pixels + rng.normal(0.0, 0.3, pixels.shape), np.repeat([0, 1], len(source))
+        assert not rm.match(source, target, rm.P3P(rig), noise=0.3)
 
 
 def test_a_reflection_reverses_what_faces_the_camera() -> None:
@@ -221,7 +268,7 @@ def test_points_that_are_near_each_other_are_told_apart_where_most_are_not() -> 
 
 
 def test_what_is_never_symmetric_and_that_each_body_is_asked_once() -> None:
-    assert find_symmetries(CUBE[:5], None) == ()
+    assert find_symmetries(CUBE[:3], None) == ()
     assert find_symmetries(np.tile(np.arange(MOST_POINTS + 1.0)[:, None], 3), None) == ()
     assert find_symmetries(np.arange(8.0)[:, None] * [1.0, 2.0, 3.0], None) == ()  # in line: no triple has a plane
     assert find_symmetries(CUBE, None) is find_symmetries(CUBE.copy(), None)

@@ -12,7 +12,7 @@ import rootmatch as rm
 from rootmatch.arrays import Floats, Integers
 from rootmatch.explain.image_hypotheses import Candidate, make_detection_model
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.near_symmetries import LEAST, same_point_tolerance
+from rootmatch.model.near_symmetries import LAW, same_point_tolerance
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.successive_symmetries import (
@@ -60,11 +60,11 @@ def test_all_shifts_of_a_lattice_are_among_them() -> None:
     assert len(motions.image) == len({one.tobytes() for one in motions.image}) < 2 * MOST_MOTIONS
     for step in itertools.product(range(-6, 7), range(-4, 5)):
         image = lamp_at(points, points + np.array([*step, 0.0]) * (*SPACING, 0.0))
-        if max(map(abs, step)) > 3 and (image >= 0).sum() >= LEAST:
+        if max(map(abs, step)) > 3 and (image >= 0).sum() >= LAW:
             assert image.tobytes() in images
     moved = points @ motions.rotation.swapaxes(1, 2) + motions.shift[:, None]
     which, own = np.nonzero(motions.image >= 0)
-    assert len(which) >= LEAST * len(motions.image)
+    assert len(which) >= LAW * len(motions.image)
     assert np.linalg.norm(moved[which, own] - points[motions.image[which, own]], axis=1).max() < same_point_tolerance(
         points
     )

@@ -24,7 +24,7 @@ from rootmatch.model.compiled.occluder import LEAST_HIDDEN, LOG_FREE, LOG_ODDS
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.modes import Modes
-from rootmatch.model.near_symmetries import LEAST, SHARE, TOLERANCE, find_symmetries, same_point_tolerance
+from rootmatch.model.near_symmetries import LAW, SHARE, TOLERANCE, find_symmetries, same_point_tolerance
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE, Settled, settle_assignment
 from rootmatch.model.priors import PRESENT_ODDS
@@ -108,7 +108,7 @@ def _continuing_motions(source: Floats, normals: Floats | None) -> tuple[Floats,
     mapped = (off < near).reshape(images.shape[:2]).sum(axis=1)
     kept = list[int]()
     for k in np.argsort(-mapped, kind="stable").tolist():
-        if len(kept) == MOTIONS or mapped[k] < max(LEAST, SHARE * len(source)):
+        if len(kept) == MOTIONS or mapped[k] < max(LAW, SHARE * len(source)):
             break
         if all(np.linalg.norm(images[k] - images[one], axis=1).max() > near for one in kept):
             kept.append(k)

@@ -30,6 +30,7 @@ from rootmatch.explain.bodies import (
 )
 from rootmatch.explain.body_findings import join_findings
 from rootmatch.explain.body_labels import twin_points
+from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.image_decision import image_finding, is_alike_possible
 from rootmatch.explain.image_hypotheses import (
@@ -55,7 +56,7 @@ from rootmatch.model.proposals import Proposals, join_proposals
 
 IN_VIEW, DOUBTED = 0.95, 0.9
 """Probabilities that a body is in view, and of its pose: if the first is higher and the second lower, a longer search
-would add nothing, because several poses explain as much. Round values."""
+would add nothing, because several poses explain as much, unless it missed one that explains more. Round values."""
 OF_IMAGE = "areas", "clutter", "image_indices", "images", "rays", "_in_each_image", "_log_counts"
 """What a model works out of the detections alone: the same for all bodies."""
 LEAST_LEFT = 0.1
@@ -132,7 +133,8 @@ class _Body(SearchedBody):
         torn = float(self.told.probabilities.sum()) >= IN_VIEW and self.pose < DOUBTED
         if torn and not (self.told.used(len(self.free)) * self.free).any():
             return False  # it has one of the places that bodies of its shape were found in
-        return fewer or (self.cut and budget > self.budget and not torn)
+        met = torn and self.found.facts.missed <= TRUST.missed
+        return fewer or (self.cut and budget > self.budget and not met)
 
     def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
         """Search among the free detections of the task of all bodies, and add what is found."""

@@ -27,9 +27,6 @@ from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE
 from rootmatch.problems.points import mutual_nearest
 
-LEAST = 4
-"""Number of points that a law has to map: two pairs determine half a turn. Few as they are, laws that hold by chance
-lead to no place that others lead to."""
 LACKING = 0.02
 """Odds that a body lacks a point, before its law is asked. A stated value, not measured."""
 
@@ -49,7 +46,7 @@ def lacking_points(source: Floats, normals: Floats | None) -> Lacking:
 
     Where the laws make a point less probable than anywhere, as that of a landmark half a turn away, is no place.
     """
-    near, found = same_point_tolerance(source), find_symmetries(source, normals, least=LEAST)
+    near, found = same_point_tolerance(source), find_symmetries(source, normals)
     known = np.concatenate([source, continue_body(source, normals).points]) if found else source
     places, facing, odds = np.empty((0, 3)), list[Floats](), np.empty(0)
     for laws in _groups(found, source, near):

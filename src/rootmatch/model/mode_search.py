@@ -40,9 +40,8 @@ from rootmatch.model.proposals import Proposals
 NO_STEP = np.zeros(6)
 SECONDS_PER_DENSITY = 3e-10
 """To weigh and settle a proposal, for each detection and centre of a crowd (benchmarks/deadlines.py, task 785)."""
-GROWN, ROUNDS = 6, 6
-"""Number of modes, the best ones, that grow by their best changes and whose changes are summed, and largest number of
-changes by which one grows. Round values."""
+ROUNDS = 6
+"""Largest number of changes by which a mode grows. A round value."""
 WEIGHED = 32
 """Number of changes of a mode that are weighed with the pose they lead to; the others count to first order. A round
 value."""
@@ -117,30 +116,10 @@ def find_modes(
                 continue
         mode = _Mode.of(assignments[k], found, poses, k)
         grows = max(min(rivals[0].log_mass - near, enough), least) if rivals else least
-        kept = _add_proposal(kept, mode, model, (at, k), least=grows, rivals=rivals)
+        if mode.log_odds > grows and not _is_known(mode, kept):
+            mode = _grow(model, mode, at.one(k))
+        kept = _add_mode(kept, mode)
     return known if known is not None and kept is before else _stack_modes(kept, model.shape[0])
-
-
-def _add_proposal(
-    kept: list[_Mode],
-    mode: _Mode,
-    model: DetectionModel,
-    place: tuple[Linearised, int],
-    *,
-    least: float,
-    rivals: list[_Mode],
-) -> list[_Mode]:
-    """Modes with another one, grown if it may count, unless it is one of them.
-
-    ``place``: images in several poses, and which of them is its own; ``least``: log-odds from which it may count.
-    """
-    if _is_known(mode, kept):
-        return kept
-    better = sum(other.log_mass > mode.log_odds for other in rivals)
-    if better < GROWN and mode.log_odds > least:
-        at, k = place
-        return _add_mode(kept, _grow(model, mode, at.one(k)))
-    return _insert_mode(kept, mode)
 
 
 def _add_mode(kept: list[_Mode], mode: _Mode) -> list[_Mode]:

@@ -31,9 +31,11 @@ nearer than most. A round value."""
 ERRORS = 6.0
 """The same in standard deviations of a coordinate of points that were measured, if that is more: of two such points one
 in a thousand is farther from the other. A round value."""
-LEAST, SHARE = 6, 0.25
-"""Number of points that have to be mapped, and share of all: with fewer, hardly any side shows only mapped points.
-Round values."""
+LEAST, SHARE = 4, 0.25
+"""Number of points that have to be mapped, as fewer matches are never trusted; and share of all: with fewer, hardly any
+side shows only mapped points. The share is a round value."""
+LAW = 6
+"""Number of points that have to be mapped by what a body may go on by, or has one after another. A round value."""
 ANGLE, APART = 0.2, 4.0
 """Angle, in radians, and distance of where the middle of the body goes, in tolerances, up to which two motions are one.
 Round values."""
@@ -114,7 +116,6 @@ def find_symmetries(
     normals: Floats | None,
     mirrored: bool = False,
     *,
-    least: int = LEAST,
     covariance: Floats | None = None,
 ) -> tuple[NearSymmetry, ...]:
     """The near symmetries of a body, those that map most points first; computed once for each body.
@@ -130,15 +131,13 @@ def find_symmetries(
         as depth is reversed with it; zero if unknown.
     mirrored : bool
         Reflections, with or without a rotation, instead of motions.
-    least : int
-        Least number of points that are mapped.
     covariance : (n, 3, 3) array, optional
         Of the points, if they were measured.
     """
     if not LEAST <= len(source) <= MOST_POINTS:
         return ()
     noise = None if covariance is None else _noise_tolerance(source, covariance)
-    return _cache_symmetries(source, normals, mirrored, max(least, math.ceil(SHARE * len(source))), noise)
+    return _cache_symmetries(source, normals, mirrored, noise)
 
 
 @cache_by_values(128)
@@ -153,10 +152,10 @@ def _noise_tolerance(source: Floats, covariance: Floats) -> Floats | None:
 
 @cache_by_values(128)
 def _cache_symmetries(
-    source: Floats, normals: Floats | None, mirrored: bool, least: int, noise: Floats | None
+    source: Floats, normals: Floats | None, mirrored: bool, noise: Floats | None
 ) -> tuple[NearSymmetry, ...]:
     """See `find_symmetries`."""
-    found = _search_symmetries(_Body.of(source, normals, -1.0 if mirrored else 1.0, noise), least)
+    found = _search_symmetries(_Body.of(source, normals, -1.0 if mirrored else 1.0, noise))
     for one in found:
         for array in one:
             array.setflags(write=False)
@@ -205,7 +204,8 @@ class _Body(NamedTuple):
         return np.asarray(same & (np.linalg.norm(apart, axis=-1) < APART * self.near))
 
 
-def _search_symmetries(body: _Body, least: int) -> list[NearSymmetry]:
+def _search_symmetries(body: _Body) -> list[NearSymmetry]:
+    least = max(LEAST, math.ceil(SHARE * len(body.source)))
     laid = [_align_triples(body, triples) for triples in _choose_triples(body)]
     rotations, shifts = (np.concatenate(one) for one in zip(*laid, strict=True))
     counts = _count_mapped(body, rotations, shifts)
@@ -265,8 +265,9 @@ def _choose_triples(body: _Body) -> tuple[Integers, Integers]:
     spread = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1:]
     across = min(math.sqrt(2.0 * float(spread @ spread) / n), radius)  # the radius itself of a round body
     fair = (sides.min(axis=0) > WIDE * radius) & (area > HIGH * across * sides.max(axis=0))
-    beside = np.argpartition(body.distance, LEAST - 1, axis=1)[:, :LEAST]
-    local = np.sort(beside[:, list(itertools.combinations(range(LEAST), 3))], axis=2)
+    few = min(LAW, n)
+    beside = np.argpartition(body.distance, few - 1, axis=1)[:, :few]
+    local = np.sort(beside[:, list(itertools.combinations(range(few), 3))], axis=2)
     widest = _sides_and_areas(source, local.reshape(-1, 3))[1].reshape(n, -1).argmax(axis=1)
     local = np.unique(local[np.arange(n), widest], axis=0)
     local = local[_sides_and_areas(source, local)[1] > 0.0]

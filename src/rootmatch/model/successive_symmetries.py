@@ -14,7 +14,7 @@ import numpy as np
 
 from rootmatch.arrays import Floats, Integers, cache_by_identity, cache_by_values
 from rootmatch.deadline import checkpoint
-from rootmatch.model.near_symmetries import LEAST, find_symmetries, same_point_tolerance
+from rootmatch.model.near_symmetries import LAW, find_symmetries, same_point_tolerance
 from rootmatch.model.pose_density import Doubted, Gaussian
 from rootmatch.model.prediction import GATE
 from rootmatch.model.proposals import Proposals, empty_proposals, join_proposals
@@ -58,7 +58,7 @@ class Displacements(NamedTuple):
 def compose_symmetries(source: Floats, normals: Floats | None) -> Succession:
     """What near symmetries of a body (n, 3), and their inverses, are one after another, without these themselves.
 
-    Those of the fewest steps first, which put at least as many points onto others as a near symmetry has to.
+    Those of the fewest steps first, which put `LAW` points onto others at least.
     """
     found, n, near = find_symmetries(source, normals), len(source), same_point_tolerance(source)
     rotation, shift = np.array([np.eye(3), *(one.rotation for one in found)]), np.zeros((1 + len(found), 3))
@@ -82,7 +82,7 @@ def compose_symmetries(source: Floats, normals: Floats | None) -> Succession:
         turned, moved, last = turned[first], moved[first], len(image)
         off, to = tree.query(source @ turned.swapaxes(1, 2) + moved[:, None], distance_upper_bound=near)
         to = np.where(off < near, to, -1)
-        images = {to[k].tobytes(): k for k in np.flatnonzero((to >= 0).sum(axis=1) >= LEAST).tolist()}
+        images = {to[k].tobytes(): k for k in np.flatnonzero((to >= 0).sum(axis=1) >= LAW).tolist()}
         kept = sorted(k for one, k in images.items() if one not in known)
         known.update(images)
         rotation, shift = np.concatenate([rotation, turned[kept]]), np.concatenate([shift, moved[kept]])
