@@ -54,6 +54,17 @@ def test_what_repeats_nothing_or_turns_into_itself_has_no_places() -> None:
     assert not len(continue_body(both, None).points)
 
 
+def test_what_is_nearly_regular_leads_to_each_place_once() -> None:
+    """Each motion leads a little beside where another one does; there were up to three points in a place."""
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.meshgrid(np.arange(6) * 5.0, np.arange(8) * 3.0, [0.0]), axis=3).reshape(-1, 3)
+    trees = grid + rng.normal(0.0, 0.03, grid.shape) * (1.0, 1.0, 0.0)
+    places = continue_body(trees[rng.random(len(trees)) > 0.1], None).points
+    distance = np.linalg.norm(places[:, None] - places, axis=2) + 10.0 * np.eye(len(places))
+    assert len(places) > len(trees)
+    assert distance.min() > 0.7  # a quarter of the distance of two trees
+
+
 def test_another_board_on_the_same_squares_is_not_trusted() -> None:
     """Before, 7 of 8 were: the border of the board told its place, though rows go on beyond it."""
     told = []

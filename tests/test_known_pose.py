@@ -203,6 +203,19 @@ def test_wrong_knowledge_is_noticed() -> None:
     assert "this pose contradicts the prior and was found without it" in match.advice
 
 
+def test_wrong_knowledge_is_noticed_before_a_telephoto_lens() -> None:
+    """Ten radii from it nothing of the body would be in view, and what is would be a copy of it."""
+    scene = Scene(5, visible=9, clutter=2)
+    far = rm.Camera(30.0 * CAMERA.fx, 30.0 * CAMERA.fy, CAMERA.cx, CAMERA.cy, size=(1280, 960))
+    away = np.array([0.0, 0.0, 30.0]) - scene.R @ scene.body.mean(axis=0)
+    target = far.project(scene.body @ scene.R.T + away) + scene.rng.normal(0.0, SIGMA, (9, 2))
+    wrong = Rotation.from_euler("z", 60.0, degrees=True).as_matrix() @ scene.R
+    match = rm.match(scene.body, target, rm.P3P(far), noise=SIGMA, prior=rm.PosePrior(rotation=(wrong, TURN)))
+    assert match.assignment.tolist() == list(range(9))
+    assert match
+    assert match.prior_holds is False
+
+
 def test_an_upright_camera_with_a_rotation_or_a_position() -> None:
     for seed in range(6):
         scene = Scene(seed)

@@ -24,7 +24,14 @@ from rootmatch.model.compiled.occluder import LEAST_HIDDEN, LOG_FREE, LOG_ODDS
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_poses
 from rootmatch.model.modes import Modes
-from rootmatch.model.near_symmetries import LAW, SHARE, TOLERANCE, find_symmetries, same_point_tolerance
+from rootmatch.model.near_symmetries import (
+    LAW,
+    SHARE,
+    TOLERANCE,
+    find_symmetries,
+    neighbour_tolerance,
+    same_point_tolerance,
+)
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import GATE, Settled, settle_assignment
 from rootmatch.model.priors import PRESENT_ODDS
@@ -53,6 +60,7 @@ def continue_body(source: Floats, normals: Floats | None) -> Places:
     """Places that near symmetries of a body (n, 3) lead to from its points, and from there again; none mostly.
 
     A symmetry leads on from a point that it puts another one onto; so what does not repeat itself is not continued.
+    Where several lead to one place, each a little off, it is one place.
     """
     n, radius = len(source), body_radius(source)
     rotations, shifts, near = _continuing_motions(source, normals)
@@ -60,21 +68,22 @@ def continue_body(source: Floats, normals: Floats | None) -> Places:
         return Places(source[:0], None, np.zeros(0, np.bool_))
     from scipy.spatial import cKDTree  # slow to import
 
+    apart = max(near, float(np.median(neighbour_tolerance(source))))
     points, unit = source, np.zeros(source.shape) if normals is None else np.asarray(normals, float)
     centre = source.mean(axis=0)
     reach = FAR * float(np.linalg.norm(source - centre, axis=1).max())
     for _ in range(ROUNDS):
         images = points @ rotations.swapaxes(1, 2) + shifts[:, None]
-        off, to = cKDTree(points).query(images.reshape(-1, 3), distance_upper_bound=near)
+        off, to = cKDTree(points).query(images.reshape(-1, 3), distance_upper_bound=apart)
         off, to = off.reshape(images.shape[:2]), to.reshape(images.shape[:2])
         led = np.zeros((len(rotations), len(points) + 1), np.bool_)  # no point is the last place
-        np.put_along_axis(led, to, values=True, axis=1)
-        which, own = np.nonzero(led[:, :-1] & ~(off < near))
+        np.put_along_axis(led, np.where(off < near, to, len(points)), values=True, axis=1)
+        which, own = np.nonzero(led[:, :-1] & ~(off < apart))
         away = np.linalg.norm(images[which, own] - centre, axis=1)
         order = np.argsort(away, kind="stable")
         order = order[away[order] < reach]
         which, own = which[order], own[order]
-        kept = _drop_repeated(images[which, own], near)[: MOST_PLACES - len(points)]
+        kept = _drop_repeated(images[which, own], apart)[: MOST_PLACES - len(points)]
         if not len(kept):
             break
         facing = (rotations[which[kept]] @ unit[own[kept], :, None])[..., 0]

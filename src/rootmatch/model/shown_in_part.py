@@ -34,7 +34,8 @@ FEW_TURNS = 8
 ANY = 10**9
 """Detections of which there are so many that their number tells nothing."""
 RADII = 10.0
-"""Distance of a body in its radii at which its normals are looked at. A round value between 1 and 100."""
+"""Distance of a body in its radii at which it is looked at, before an image that is as wide as its focal length, or
+wider. A round value between 1 and 100."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +196,9 @@ def _typical_visibility(model: DetectionModel, turns: int = TURNS) -> Floats:
 
 
 def positions_ahead(model: DetectionModel, count: int) -> Floats:
-    """Positions (count, 3) of the body's centre before each camera in turn."""
+    """Positions (count, 3) of the body's centre before each camera in turn, from where a narrow image shows it all."""
     rotations, translations = camera_frames(model.camera)
     which = np.arange(count) % len(rotations)
-    place = np.array([0.0, 0.0, RADII * model.radius]) - translations[which]
+    narrow = np.maximum(model.camera.focal / np.sqrt(model.areas), 1.0)[which]
+    place = np.outer(RADII * model.radius * narrow, [0.0, 0.0, 1.0]) - translations[which]
     return np.asarray((place[:, None] @ rotations[which])[:, 0])
