@@ -25,7 +25,7 @@ from rootmatch.model.modes import Modes, empty_changes_each, is_same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, COUNTS, PRESENT_ODDS, WRONG_MODEL
-from rootmatch.model.strays import stray_log_gains
+from rootmatch.model.strays import stray_log_gains, unpredicted
 from rootmatch.model.unrecognised import odds_of_unrecognised
 
 Value = TypeVar("Value")
@@ -82,11 +82,11 @@ def joint_posterior(
     masses = of_each(lambda k: parts[k].log_mass + PRESENT_ODDS)
     origins = of_each(lambda k: _prediction_indices(models[k], parts[k]))
     as_copies = of_each(lambda k: _copy_log_odds(models[k], parts[k], uses[k], origins[k]))
-    if has_gains:
-        gains = of_each(lambda k: _log_gains(models[k], parts[k], origins[k], alike_to[k]))
-        masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
-        as_copies = [None if mass is None else mass + gain for mass, gain in zip(as_copies, gains, strict=True)]
     named = [(k, mass) for k, mass in enumerate(as_copies) if mass is not None]
+
+    def add(gains: Sequence[Floats | float]) -> None:
+        masses[:] = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
+        named[:] = [(k, mass + gains[k]) for k, mass in named]
 
     def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
         return joint_marginals(
@@ -94,7 +94,16 @@ def joint_posterior(
             images=models[0].image_indices, given=[*(-1 for _ in parts), *(k for k, _ in named)], same=same,
         )  # fmt: skip
 
+    if copies is not None:
+        add(of_each(lambda k: exact_shape_log_gains(models[k], parts[k], copies[k])))
     shares = weighed(named)
+    # strays in space only make less of what no prediction told
+    if len(models[0].images) > 1 and any(
+        share[:-1][unpredicted(*of)].max(initial=0.0) >= WRONG_MODEL
+        for of, share in zip(zip(models, parts, origins, strict=True), shares, strict=False)
+    ):
+        add(of_each(lambda k: stray_log_gains(models[k], parts[k], origins[k])))
+        shares = weighed(named)
     # a body may be in another place than that of its best mode
     probable = [(k, shares[k][:-1]) for k, _ in named]
     if disputed := {k for k, of in probable if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL}:

@@ -34,7 +34,8 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
         "it may be another one that looks like it and came into view": probability(-math.log(COPY) - absent),
     }
     if belief.poses:  # where it was followed, or as a jump from there
-        returned = return_factor(1.0 if told is None else told.clutter, belief.presence_after_return(time))
+        stays = 1.0 if told is None else told.clutter - told.copy
+        returned = return_factor(stays, belief.presence_after_return(time))
         sure["it was not in view a moment ago, and little shows it now"] = returned
     origins = None if told is None else told.origins
     goes_on = -1 if not holds else 0 if origins is None else max(int(origins[found.mode]), 0)

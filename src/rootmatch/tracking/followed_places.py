@@ -204,10 +204,13 @@ def log_returned(seconds: float) -> float:
     return math.log(chance) - math.log1p(-chance) - PRESENT_ODDS
 
 
-def return_factor(clutter: float, log_odds: float) -> float:
-    """Factor on the probabilities of poses, of which clutter alone is the rest, by `log_returned`."""
+def return_factor(stays: float, log_odds: float) -> float:
+    """Factor on the probabilities of poses by `log_returned`, where clutter that ``stays`` has that probability.
+
+    That of a copy is no part of it: a copy comes into view as seldom as the body does.
+    """
     odds = math.exp(log_odds)
-    return odds / (odds * (1.0 - clutter) + clutter)
+    return odds / (odds * (1.0 - stays) + stays)
 
 
 class LastFrame(NamedTuple):
