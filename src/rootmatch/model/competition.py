@@ -97,12 +97,14 @@ def joint_posterior(
     if copies is not None:
         add(of_each(lambda k: exact_shape_log_gains(models[k], parts[k], copies[k])))
     shares = weighed(named)
-    # strays in space only make less of what no prediction told
-    if len(models[0].images) > 1 and any(
+    # strays in space, and a copy of a body that is hidden, only make less of what no prediction told
+    if any(
         share[:-1][unpredicted(*of)].max(initial=0.0) >= WRONG_MODEL
         for of, share in zip(zip(models, parts, origins, strict=True), shares, strict=False)
     ):
         add(of_each(lambda k: stray_log_gains(models[k], parts[k], origins[k])))
+        hidden = of_each(lambda k: _hidden_log_odds(models[k], parts[k], origins[k]))
+        named[:] = [(k, mass + hidden[k]) for k, mass in named]
         shares = weighed(named)
     # a body may be in another place than that of its best mode
     probable = [(k, shares[k][:-1]) for k, _ in named]
@@ -153,9 +155,8 @@ def _copy_log_odds(model: DetectionModel, modes: Modes, uses: Bools, of: Integer
 
     A copy that nobody named, of which what is known of the body tells nothing; or, where a tracker follows the body in
     several places, what it follows in the others: whether that is a copy or clutter that stays, it is expected there.
-    (M,), or (M + 1, M) whose rows are of the body's own mode, the last one of no mode, and columns of the other: the
-    body is absent then, or where it is expected and shows too little. ``uses`` (M, n'): the detections of each mode;
-    ``of``: as of `_origins`.
+    (M,), or (M + 1, M) whose rows are of the body's own mode, the last one of no mode, and columns of the other.
+    ``uses`` (M, n'): the detections of each mode; ``of``: as of `_prediction_indices`.
     """
     mass, prior, together = modes.log_mass, own_prior(model.prior), ~(uses @ uses.T)
     if (of is None or (of >= 0).all()) and not together.any():
@@ -165,11 +166,6 @@ def _copy_log_odds(model: DetectionModel, modes: Modes, uses: Bools, of: Integer
     at = model.linearise_about(modes.rotation, modes.position)
     anywhere = weigh_assignments(model, modes.assignments, at, prior.without).log_odds
     as_copy = np.asarray(mass - modes.log_odds + anywhere + math.log(COPY))
-    if (elsewhere := np.flatnonzero(of < 0)).size:
-        more = np.zeros((len(of) + 1, len(of)))
-        hidden = odds_of_unrecognised(model, prior, modes.take(elsewhere))
-        more[-1, elsewhere] = np.log1p((1.0 - prior.doubt) * math.exp(PRESENT_ODDS) * hidden)
-        as_copy = as_copy + more
     if len(prior.predictions) == 1:
         return _exclude_same_place(model, modes, together, as_copy)
     places = np.array(prior.places)
@@ -179,6 +175,20 @@ def _copy_log_odds(model: DetectionModel, modes: Modes, uses: Bools, of: Integer
         (is_same_place(uses) & (of >= 0)).any(axis=1), False
     )  # of what is followed, maybe in another pose
     return _exclude_same_place(model, modes, together, np.where((of >= 0) & known[:, None], expected, as_copy))
+
+
+def _hidden_log_odds(model: DetectionModel, modes: Modes, of: Integers | None) -> Floats | float:
+    """What is added to the log-odds (M + 1, M) of copies as of `_copy_log_odds`, as the body may be hidden.
+
+    It is absent where it has no mode, or where it is expected and shows too little.
+    """
+    prior = own_prior(model.prior)
+    if of is None or not isinstance(prior, Doubted) or not (of < 0).any():
+        return 0.0
+    more, elsewhere = np.zeros((len(of) + 1, len(of))), np.flatnonzero(of < 0)
+    hidden = odds_of_unrecognised(model, prior, modes.take(elsewhere))
+    more[-1, elsewhere] = np.log1p((1.0 - prior.doubt) * math.exp(PRESENT_ODDS) * hidden)
+    return more
 
 
 def _exclude_same_place(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats) -> Floats:
