@@ -98,9 +98,8 @@ def joint_posterior(
         add(of_each(lambda k: exact_shape_log_gains(models[k], parts[k], copies[k])))
     shares = weighed(named)
     # strays in space, and a copy of a body that is hidden, only make less of what no prediction told
-    if any(
-        share[:-1][unpredicted(*of)].max(initial=0.0) >= WRONG_MODEL
-        for of, share in zip(zip(models, parts, origins, strict=True), shares, strict=False)
+    if (has_gains or named) and any(
+        shares[k][:-1][unpredicted(models[k], parts[k], origins[k])].max(initial=0.0) >= WRONG_MODEL for k in distinct
     ):
         add(of_each(lambda k: stray_log_gains(models[k], parts[k], origins[k])))
         hidden = of_each(lambda k: _hidden_log_odds(models[k], parts[k], origins[k]))

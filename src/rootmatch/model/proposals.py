@@ -61,8 +61,10 @@ def propose_few_matched(model: DetectionModel, assignments: Integers) -> Proposa
     see three of the points, these have one place in space, and the body one pose.
     """
     seen = (assignments >= 0).reshape(len(assignments), max(len(model.images), 1), -1)
-    each, cameras = seen.sum(axis=2), seen.sum(axis=1)
-    few = (each.max(axis=1) >= LEAST) & ((cameras > 0).sum(axis=1) <= FEW) & ((cameras > 1).sum(axis=1) < LEAST)
+    each = seen.sum(axis=2)
+    few = (each.max(axis=1) >= LEAST) & (seen.any(axis=1).sum(axis=1) <= FEW)
+    if seen.shape[1] > 1:
+        few &= (seen.sum(axis=1) > 1).sum(axis=1) < LEAST
     if not few.any():
         return empty_proposals(assignments.shape[1])  # rays of a lens take longer than all the rest
     some = assignments[few]

@@ -89,8 +89,9 @@ def stray_log_gains(model: DetectionModel, modes: Modes, predicted: Integers | N
 
 def unpredicted(model: DetectionModel, modes: Modes, predicted: Integers | None) -> Bools:
     """Which modes (M,) are about no predicted pose; ``predicted``: see `stray_log_gains`."""
-    known = predicted is not None and model.prior.least < LEAST
-    return predicted < 0 if known else np.ones(len(modes.log_mass), np.bool_)
+    if predicted is None or model.prior.least >= LEAST:
+        return np.ones(len(modes.log_mass), np.bool_)
+    return predicted < 0
 
 
 def _log_odds_of_all(

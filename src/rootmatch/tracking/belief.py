@@ -35,6 +35,7 @@ from rootmatch.tracking.followed_places import (
     GonePlaces,
     LastFrame,
     absence_chance,
+    clutter_after,
     copy_chance,
     log_absence,
     log_return,
@@ -222,11 +223,12 @@ class Belief:
             assert told.origins is not None
             origin, doubt = told.origins[:LOOKED_AT], model.prior.doubt
         log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
-        came, stays = told.copy, (told.clutter - told.copy) * math.exp(-self.presence_after_return(time))
-        nothing = float(log_chance(np.array(came + stays)))  # a copy comes into view as seldom as the body does
-        # what is less probable than that the frame does not show the body continues no hypothesis
-        goes_on = log_chance(told.probabilities[: len(origin)]) >= nothing + log_shares[origin]
-        first = int(((origin >= 0) & goes_on).argmax())
+        back = self.presence_after_return(time)
+        nothing = math.log(max(clutter_after(told, back), 1e-300)) - back
+        continued = origin >= 0
+        if len(origin) > 1:  # what is less probable than that the frame does not show the body continues nothing
+            continued &= log_chance(told.probabilities[: len(origin)]) >= nothing + log_shares[origin]
+        first = int(continued.argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
         weighed, self.most = weigh_modes(
             found, origin, log_shares, (first, often), poses=self.poses, most=self.most, time=time

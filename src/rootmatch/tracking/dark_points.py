@@ -99,7 +99,7 @@ class DarkPoints:
         told, sure = found.posterior, found.confidence
         if told is None or sure is None or not len(told.probabilities):
             return
-        present = return_factor(told.clutter - told.copy, log_back)
+        present = return_factor(told.clutter, log_back)
         if (1.0 - told.clutter) * present < 0.5:
             return
         before, matched = self.at(time), found.assignment >= 0
