@@ -226,7 +226,7 @@ class Belief:
         back = self.presence_after_return(time)
         nothing = math.log(max(clutter_after(told, back), 1e-300)) - back
         continued = origin >= 0
-        if len(origin) > 1:  # what is less probable than that the frame does not show the body continues nothing
+        if origin.size > 1:  # what is less probable than that the frame does not show the body continues nothing
             continued &= log_chance(told.probabilities[: len(origin)]) >= nothing + log_shares[origin]
         first = int(continued.argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
