@@ -104,6 +104,8 @@ class Brown(Lens):
             for _ in range(STEPS):
                 left = np.abs(error).max(axis=1, initial=0.0)
                 settled = left <= EXACT * (1.0 + distance)
+                if settled.all():
+                    break
                 determinant = slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0]
                 step = (
                     np.stack(

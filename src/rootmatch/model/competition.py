@@ -25,7 +25,7 @@ from rootmatch.model.modes import Modes, empty_changes_each, is_same_place
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.priors import COPY, COUNTS, PRESENT_ODDS, WRONG_MODEL
-from rootmatch.model.strays import stray_log_gains
+from rootmatch.model.strays import stray_log_gains, unpredicted
 from rootmatch.model.unrecognised import odds_of_unrecognised
 
 Value = TypeVar("Value")
@@ -82,11 +82,11 @@ def joint_posterior(
     masses = of_each(lambda k: parts[k].log_mass + PRESENT_ODDS)
     origins = of_each(lambda k: _prediction_indices(models[k], parts[k]))
     as_copies = of_each(lambda k: _copy_log_odds(models[k], parts[k], uses[k], origins[k]))
-    if has_gains:
-        gains = of_each(lambda k: _log_gains(models[k], parts[k], origins[k], alike_to[k]))
-        masses = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
-        as_copies = [None if mass is None else mass + gain for mass, gain in zip(as_copies, gains, strict=True)]
     named = [(k, mass) for k, mass in enumerate(as_copies) if mass is not None]
+
+    def add(gains: Sequence[Floats | float]) -> None:
+        masses[:] = [mass + gain for mass, gain in zip(masses, gains, strict=True)]
+        named[:] = [(k, mass + gains[k]) for k, mass in named]
 
     def weighed(named: Sequence[tuple[int, Floats]]) -> list[Floats]:
         return joint_marginals(
@@ -94,7 +94,17 @@ def joint_posterior(
             images=models[0].image_indices, given=[*(-1 for _ in parts), *(k for k, _ in named)], same=same,
         )  # fmt: skip
 
+    if copies is not None:
+        add(of_each(lambda k: exact_shape_log_gains(models[k], parts[k], copies[k])))
     shares = weighed(named)
+    # strays in space, and a copy of a body that is hidden, only make less of what no prediction told
+    if (has_gains or named) and any(
+        shares[k][:-1][unpredicted(models[k], parts[k], origins[k])].max(initial=0.0) >= WRONG_MODEL for k in distinct
+    ):
+        add(of_each(lambda k: stray_log_gains(models[k], parts[k], origins[k])))
+        hidden = of_each(lambda k: _hidden_log_odds(models[k], parts[k], origins[k]))
+        named[:] = [(k, mass + hidden[k]) for k, mass in named]
+        shares = weighed(named)
     # a body may be in another place than that of its best mode
     probable = [(k, shares[k][:-1]) for k, _ in named]
     if disputed := {k for k, of in probable if of[~(uses[k] @ uses[k][int(of.argmax())])].sum() >= WRONG_MODEL}:
@@ -144,9 +154,8 @@ def _copy_log_odds(model: DetectionModel, modes: Modes, uses: Bools, of: Integer
 
     A copy that nobody named, of which what is known of the body tells nothing; or, where a tracker follows the body in
     several places, what it follows in the others: whether that is a copy or clutter that stays, it is expected there.
-    (M,), or (M + 1, M) whose rows are of the body's own mode, the last one of no mode, and columns of the other: the
-    body is absent then, or where it is expected and shows too little. ``uses`` (M, n'): the detections of each mode;
-    ``of``: as of `_origins`.
+    (M,), or (M + 1, M) whose rows are of the body's own mode, the last one of no mode, and columns of the other.
+    ``uses`` (M, n'): the detections of each mode; ``of``: as of `_prediction_indices`.
     """
     mass, prior, together = modes.log_mass, own_prior(model.prior), ~(uses @ uses.T)
     if (of is None or (of >= 0).all()) and not together.any():
@@ -156,11 +165,6 @@ def _copy_log_odds(model: DetectionModel, modes: Modes, uses: Bools, of: Integer
     at = model.linearise_about(modes.rotation, modes.position)
     anywhere = weigh_assignments(model, modes.assignments, at, prior.without).log_odds
     as_copy = np.asarray(mass - modes.log_odds + anywhere + math.log(COPY))
-    if (elsewhere := np.flatnonzero(of < 0)).size:
-        more = np.zeros((len(of) + 1, len(of)))
-        hidden = odds_of_unrecognised(model, prior, modes.take(elsewhere))
-        more[-1, elsewhere] = np.log1p((1.0 - prior.doubt) * math.exp(PRESENT_ODDS) * hidden)
-        as_copy = as_copy + more
     if len(prior.predictions) == 1:
         return _exclude_same_place(model, modes, together, as_copy)
     places = np.array(prior.places)
@@ -170,6 +174,20 @@ def _copy_log_odds(model: DetectionModel, modes: Modes, uses: Bools, of: Integer
         (is_same_place(uses) & (of >= 0)).any(axis=1), False
     )  # of what is followed, maybe in another pose
     return _exclude_same_place(model, modes, together, np.where((of >= 0) & known[:, None], expected, as_copy))
+
+
+def _hidden_log_odds(model: DetectionModel, modes: Modes, of: Integers | None) -> Floats | float:
+    """What is added to the log-odds (M + 1, M) of copies as of `_copy_log_odds`, as the body may be hidden.
+
+    It is absent where it has no mode, or where it is expected and shows too little.
+    """
+    prior = own_prior(model.prior)
+    if of is None or not isinstance(prior, Doubted) or not (of < 0).any():
+        return 0.0
+    more, elsewhere = np.zeros((len(of) + 1, len(of))), np.flatnonzero(of < 0)
+    hidden = odds_of_unrecognised(model, prior, modes.take(elsewhere))
+    more[-1, elsewhere] = np.log1p((1.0 - prior.doubt) * math.exp(PRESENT_ODDS) * hidden)
+    return more
 
 
 def _exclude_same_place(model: DetectionModel, modes: Modes, together: Bools, as_copy: Floats) -> Floats:

@@ -57,11 +57,14 @@ def propose_few_matched(model: DetectionModel, assignments: Integers) -> Proposa
     """Every pose of two minimal sets of each assignment (K, n) of up to `FEW` points, at least three in a camera.
 
     Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them. A
-    pose that fits in several cameras is one of those that fit in the one with the most matches.
+    pose that fits in several cameras is one of those that fit in the one with the most matches; if two cameras or more
+    see three of the points, these have one place in space, and the body one pose.
     """
     seen = (assignments >= 0).reshape(len(assignments), max(len(model.images), 1), -1)
     each = seen.sum(axis=2)
     few = (each.max(axis=1) >= LEAST) & (seen.any(axis=1).sum(axis=1) <= FEW)
+    if seen.shape[1] > 1:
+        few &= (seen.sum(axis=1) > 1).sum(axis=1) < LEAST
     if not few.any():
         return empty_proposals(assignments.shape[1])  # rays of a lens take longer than all the rest
     some = assignments[few]

@@ -60,20 +60,18 @@ def stray_log_gains(model: DetectionModel, modes: Modes, predicted: Integers | N
     """By how much the log-odds (M,) of a body's modes change as clutter has strays in space.
 
     What a mode takes of a stray is no stray then, and what it leaves is one as far as two cameras see it. Nothing
-    changes for one camera, or where all modes that count are about predicted poses, which tell where a point is:
-    ``predicted`` (M,) says which, −1 for none.
+    changes for one camera, for modes about predicted poses, which tell where a point is, or where no other mode counts:
+    ``predicted`` (M,) says which are, −1 for none.
     """
     if not isinstance(model.camera, RigImage) or len(model.images) < 2 or model.resolution:
         return 0.0
-    counts = modes.log_mass > math.log(WRONG_MODEL)
-    if predicted is not None and model.prior.least < LEAST:
-        counts &= predicted < 0
-    if not counts.any():
+    elsewhere = unpredicted(model, modes, predicted)
+    if not (elsewhere & (modes.log_mass > math.log(WRONG_MODEL))).any():
         return 0.0
     strays = find_strays(model)
     if not len(strays.log_odds):
         return 0.0
-    uses = modes.uses(model.shape[1])
+    uses, gains = modes.uses(model.shape[1])[elsewhere], np.zeros(len(elsewhere))
     own = np.append(uses, np.zeros((len(uses), 1), np.bool_), axis=1)[:, strays.detections]
     left = np.where(own, -1, strays.detections)
     shared = own.any(axis=2)
@@ -85,7 +83,15 @@ def stray_log_gains(model: DetectionModel, modes: Modes, predicted: Integers | N
     every = np.ones((1, len(strays.log_odds)), np.bool_)
     whole = _log_odds_of_all(model, strays.detections[None], strays.log_odds[None], every)[0]
     each = _log_odds_of_all(model, left, log_odds, there, uses)
-    return np.asarray(np.logaddexp(each, 0.0) - np.logaddexp(whole, 0.0))
+    gains[elsewhere] = np.logaddexp(each, 0.0) - np.logaddexp(whole, 0.0)
+    return gains
+
+
+def unpredicted(model: DetectionModel, modes: Modes, predicted: Integers | None) -> Bools:
+    """Which modes (M,) are about no predicted pose; ``predicted``: see `stray_log_gains`."""
+    if predicted is None or model.prior.least >= LEAST:
+        return np.ones(len(modes.log_mass), np.bool_)
+    return predicted < 0
 
 
 def _log_odds_of_all(

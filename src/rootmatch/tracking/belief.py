@@ -35,6 +35,7 @@ from rootmatch.tracking.followed_places import (
     GonePlaces,
     LastFrame,
     absence_chance,
+    clutter_after,
     copy_chance,
     log_absence,
     log_return,
@@ -222,12 +223,16 @@ class Belief:
             assert told.origins is not None
             origin, doubt = told.origins[:LOOKED_AT], model.prior.doubt
         log_shares = log_chance(np.concatenate([shares * (1.0 - doubt), [doubt]]))  # the last is that of a new one
-        first = int((origin >= 0).argmax())
+        back = self.presence_after_return(time)
+        nothing = math.log(max(clutter_after(told, back), 1e-300)) - back
+        continued = origin >= 0
+        if origin.size > 1:  # what is less probable than that the frame does not show the body continues nothing
+            continued &= log_chance(told.probabilities[: len(origin)]) >= nothing + log_shares[origin]
+        first = int(continued.argmax())
         often = TEMPER if origin[first] >= 0 else 1.0  # what was not there before is no evidence that frames repeat
         weighed, self.most = weigh_modes(
             found, origin, log_shares, (first, often), poses=self.poses, most=self.most, time=time
         )
-        nothing = float(log_chance(np.array(told.clutter))) - self.presence_after_return(time)
         go_on = weighed.steps(found, model, nothing, log_shares)
         own = (log_chance(shares) if doubt == 1.0 else log_shares[:-1] - math.log1p(-doubt)).tolist()
         stay = [self._keep_unmatched(k, often * nothing, go_on, own) for k in range(len(self.poses))]

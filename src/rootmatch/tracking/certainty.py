@@ -10,7 +10,7 @@ from rootmatch.explain.point_set_decision import matches_pose
 from rootmatch.model.priors import COPY, PRESENT_ODDS, probability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
-from rootmatch.tracking.followed_places import log_return, return_factor, share_unseen, sole_odds_of
+from rootmatch.tracking.followed_places import clutter_after, log_return, return_factor, share_unseen, sole_odds_of
 from rootmatch.tracking.followed_pose import FollowedPose
 
 ALIKE = "it may be something else of nearly its shape, as not every frame fitted"
@@ -34,7 +34,8 @@ def pose_certainty(belief: Belief, found: Finding, time: float) -> Certainty:
         "it may be another one that looks like it and came into view": probability(-math.log(COPY) - absent),
     }
     if belief.poses:  # where it was followed, or as a jump from there
-        returned = return_factor(1.0 if told is None else told.clutter, belief.presence_after_return(time))
+        back = belief.presence_after_return(time)
+        returned = return_factor(1.0 if told is None else clutter_after(told, back), back)
         sure["it was not in view a moment ago, and little shows it now"] = returned
     origins = None if told is None else told.origins
     goes_on = -1 if not holds else 0 if origins is None else max(int(origins[found.mode]), 0)

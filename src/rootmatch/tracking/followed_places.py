@@ -31,7 +31,8 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import weigh_assignments
 from rootmatch.model.modes import Modes, is_same_place
 from rootmatch.model.pose_density import Doubted
-from rootmatch.model.priors import COPY, IN_VIEW, PRESENT_ODDS
+from rootmatch.model.posterior import Posterior
+from rootmatch.model.priors import COPY, IN_VIEW, PRESENT_ODDS, probability
 from rootmatch.tracking.followed_pose import FollowedPose
 from rootmatch.tracking.mistaken_identity import FLOOR
 from rootmatch.tracking.two_states import later_chance
@@ -208,6 +209,14 @@ def return_factor(clutter: float, log_odds: float) -> float:
     """Factor on the probabilities of poses, of which clutter alone is the rest, by `log_returned`."""
     odds = math.exp(log_odds)
     return odds / (odds * (1.0 - clutter) + clutter)
+
+
+def clutter_after(told: Posterior, log_odds: float) -> float:
+    """Probability of clutter for `return_factor`, where a copy that it has must have come into view as well."""
+    if not told.copy:
+        return told.clutter
+    came = probability(log_odds + PRESENT_ODDS) / IN_VIEW
+    return told.clutter - (1.0 - came) * told.copy
 
 
 class LastFrame(NamedTuple):
