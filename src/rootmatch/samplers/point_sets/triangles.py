@@ -24,6 +24,8 @@ SHAPES = 32
 """Triples whose shapes are looked up at once. A round value."""
 SECONDS_PER_PAIR, SECONDS_PER_SHAPE, SECONDS_PER_SIDE = 3e-7, 8e-7, 4e-7
 """Time to sort a pair of points by distance, twice, and a triangle by its shape; to compare a pair with a side."""
+PATIENCE = 0.25
+"""Part of the time for a table of shapes that comparing sides takes before there is one. A round value."""
 RESERVE = 4.0
 """How many times as much time has to be left to sort them: a search takes most of it. A round value."""
 
@@ -119,14 +121,14 @@ class Triangles:
     def _lists_shapes(self, near: Floats) -> bool:
         """Whether shapes are looked up in a table, which is the same and quicker, but takes time to make.
 
-        It is made once comparing sides has taken as long: most motions are met before.
+        It is made once comparing sides has taken a part of that: of large sets most motions are met before.
         """
         number = math.comb(len(self.variance), 3)
         if not self.scaled or number > MOST or near.max() <= 0.0:
             return False
         takes = SECONDS_PER_SHAPE * number
         return self._shapes is not None or (
-            SECONDS_PER_SIDE * self._compared >= takes and active_deadline().left() > RESERVE * takes
+            SECONDS_PER_SIDE * self._compared >= PATIENCE * takes and active_deadline().left() > RESERVE * takes
         )
 
     def _look_up_shapes(
