@@ -83,8 +83,10 @@ def test_triangles_that_are_alike(problem: rm.Similarity, masked: bool) -> None:
                 expected.append((k, l, m))
         of_source, of_target = search.triangles
         triple = np.array([[c, a, b], [a, b, c]])
-        found = of_target.alike(triple, of_source.far, clouds.source_variance, allowed, search.rng)
-        assert_same_triangles(found, expected)
+        for _ in range(4):  # side by side at first, then by a table of shapes
+            found = of_target.alike(triple, of_source.far, clouds.source_variance, allowed, search.rng)
+            assert_same_triangles(found, expected)
+    assert (of_target._shapes is not None) is clouds.scaled
 
 
 def assert_same_triangles(found: triangles.Alike, expected: list[tuple[int, int, int]]) -> None:

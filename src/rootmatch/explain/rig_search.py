@@ -42,7 +42,8 @@ from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
-from rootmatch.samplers.guided.stopping import StoppingOptions, false_alarm_level
+from rootmatch.samplers.guided.stopping import TRUSTED, StoppingOptions, false_alarm_level
+from rootmatch.samplers.guided.visibility import MISSED
 
 LIMITS, LIMITS_OF_BOUNDED, LIMITS_OF_FRAME = (100, 16), (100, 8), (100, 3)
 """Hypotheses of each camera, those of the highest evidence, that are verified in all, and of all of them those kept, by
@@ -59,6 +60,9 @@ IN_PART = StoppingOptions(in_part=True)
 LITTLE, PART, UNMET = 10_000, 4, 0.2
 """Of a search for a copy beside the best pose: evaluations in one camera, or such a part of those before it, if that is
 more; and the odds, in view and not met, from which it goes on. Round values."""
+CUT = 3
+"""Cameras in which the budget ended a search for one of several bodies, though nothing was met, before the others are
+left to the next search for it, which has more, among the detections that other bodies leave. A round value."""
 SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 
@@ -145,14 +149,14 @@ def _search_cameras(
     guided = task.options.sampler
     if not isinstance(guided, Guided):
         guided = make_guided(budget=task.budget or BUDGET, hypotheses=limits[0], stopping=IN_PART)
-    hypotheses, evaluated, whole, missed_by = list[Integers](), 0, True, np.ones(len(task.rig.cameras))
+    hypotheses, evaluated, postponed, missed_by = list[Integers](), 0, False, np.ones(len(task.rig.cameras))
     tensors = [empty_tensor(task)]
     searching = task.deadline.part(SEARCHED)
     views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
     parts = [camera_task(task, k, guided) for k in views]
     # otherwise a tracker's search goes on in the next frames: that takes less than narrowing here, and the tracker
     # knows when it has come to enough cameras to have missed nothing
-    in_all, enough = task.search_camera is None, None
+    in_all, enough, cut = task.search_camera is None, None, 0
     unmet = np.minimum(np.bincount(model.image_indices, minlength=len(missed_by)), n)
     verified, log_odds = _verify_hypotheses(model, [], limits)
     for number, (k, own, part) in enumerate(parts):
@@ -166,9 +170,12 @@ def _search_cameras(
                 continue  # triples tell all: a search for four there meets nothing else
         if len(own) < LEAST:
             continue
+        if postponed := in_all and task.budget is not None and cut >= CUT and not (log_odds > TRUSTED).any():
+            break
         sampled, met = sample_once(part), len(hypotheses)
         evaluated += sampled.evaluated
-        whole, missed_by[k] = whole and sampled.evaluated < guided.budget, sampled.missed
+        cut += sampled.evaluated >= guided.budget and sampled.missed > MISSED
+        missed_by[k] = sampled.missed
         tensors.append(renumber_tensor(sampled.tensor, (np.arange(k * n, (k + 1) * n), own), task.row_shape))
         hypotheses += _in_all_cameras(task, k, own, sampled.assignments)
         unmet[k] = min(unmet[k], LEAST - 1)  # a pose that shows more here was met
@@ -186,7 +193,7 @@ def _search_cameras(
         verified, log_odds = _verify_hypotheses(model, hypotheses, limits, narrowing=in_all)
         if in_all:
             enough = _sufficient_assignments(task, model, verified, evaluated, int(unmet.sum()))
-    if in_all and enough is None:
+    if in_all and enough is None and not postponed:
         met = len(hypotheses)
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
@@ -198,7 +205,7 @@ def _search_cameras(
             verified, _ = _merge((verified, log_odds), _verify_hypotheses(model, hypotheses[met:], limits))
     tensor = concatenate_tensors(tensors, task.row_shape, task.row_weights, task.options.max_hyperedges)
     missed = 0.0 if all_triples or not in_all else _missed_probability(verified, missed_by)
-    return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole, unmet
+    return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), not cut, unmet
 
 
 def _missed_probability(verified: Integers, missed_by: Floats) -> float:

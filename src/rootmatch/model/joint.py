@@ -19,6 +19,8 @@ BEAM = 4096
 """Most joint hypotheses that are kept from one body to the next, see `thin_hypotheses`. A round value."""
 FEW = 64
 """Joint hypotheses that are not looked through for some that can be merged: it would take longer. A round value."""
+IMPOSSIBLE = -20.0
+"""Log-odds that a hypothesis never exceeds, whatever the others take, for it to be left out: 2e-9."""
 LISTED = 128
 """Choices of a mode of each body, or none, up to which all are weighed at once. A round value."""
 
@@ -84,6 +86,18 @@ def joint_marginals(
     count, of_each = uses[0].shape[1], given or [-1] * len(uses)
     if not same and math.prod([len(used) + 1 for used in uses]) <= LISTED:
         return _list_marginals(uses, masses, log_left, of_each)
+    possible = _possible_hypotheses(uses, masses, log_left, of_each)
+    if any(len(some) < len(used) for some, used in zip(possible, uses, strict=True)):
+        left = [
+            mass[some] if mass.ndim == 1 else mass[np.ix_(np.append(possible[of], -1), some)]
+            for mass, some, of in zip(masses, possible, of_each, strict=True)
+        ]
+        taking = [used[some] for used, some in zip(uses, possible, strict=True)]
+        told = joint_marginals(taking, left, log_left, images=images, given=given, same=same)
+        every = [np.zeros(len(used) + 1) for used in uses]
+        for shares, some, of_some in zip(every, possible, told, strict=True):
+            shares[np.append(some, -1)] = of_some
+        return every
     alike = {k: (alike[p - 1] if p else -1, len(alike) - p) for alike in same for p, k in enumerate(alike)}
     asks = [of if mass.ndim > 1 else -1 for of, mass in zip(of_each, masses, strict=True)]
     absent = np.zeros((1, count), np.float32)  # of floats: products of Booleans take longer
@@ -125,6 +139,27 @@ def joint_marginals(
         for each in bodies, [k for k, of in enumerate(of_each) if of in bodies]:  # and what depends on them
             mean = np.sum([found[k] for k in each], axis=0) / max(len(each), 1)
             found = [mean if k in each else one for k, one in enumerate(found)]
+    return found
+
+
+def _possible_hypotheses(
+    uses: Sequence[Bools], masses: Sequence[Floats], log_left: Callable[[Bools], Floats], given: Sequence[int]
+) -> list[Integers]:
+    """Those of each body's hypotheses that may have a probability.
+
+    Each is compared with the body's absence. It is worth the more, the more clutter the others explain: at most all
+    that any of theirs take.
+    """
+    explained = [used.any(axis=0) for used in uses]
+    found = list[Integers]()
+    for k, (used, mass) in enumerate(zip(uses, masses, strict=True)):
+        others = np.any([*explained[:k], *explained[k + 1 :]], axis=0)
+        most = np.atleast_2d(mass).max(axis=0) + log_left(used | others) - log_left(used) - log_left(others & ~used)
+        for of, one in zip(given, masses, strict=True):
+            if of == k and one.ndim > 1 and one.size:
+                with np.errstate(invalid="ignore"):  # what is impossible beside both
+                    most += np.nan_to_num(one[:-1] - one[-1]).max(axis=1).clip(min=0.0)
+        found.append(np.flatnonzero(most > IMPOSSIBLE))
     return found
 
 

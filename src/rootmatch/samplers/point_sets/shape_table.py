@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rootmatch.arrays import Floats, Integers
+from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.samplers.point_sets.kernels import list_alike
 
@@ -20,8 +22,8 @@ VAGUEST = 0.5
 """Deviation of a ratio of sides from which shapes tell nothing, and one cell has all. A round value."""
 NARROWEST = 10.0
 """Part of the size of a point set that the longest side of a triple has at least. A round value."""
-MOST = 300_000
-"""Most triangles that are listed."""
+MOST = 2_000_000
+"""Most triangles that are listed, those of 228 points: their table takes two seconds and .4 GB."""
 SIDES = np.array([[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 0, 1], [1, 2, 0], [2, 1, 0]])
 """Corners of a triangle, those of its first side first."""
 
@@ -42,31 +44,37 @@ class ShapeTable:
     """
 
     def __init__(self, far: Floats, widest: float, other: float, gate: float) -> None:
-        corners = subsets(len(far), 3)
-        sides = np.stack([far[corners[:, p], corners[:, q]] for p, q in ((0, 1), (0, 2), (1, 2))])
-        longest, found = sides.max(axis=0), list[tuple[Integers, Floats, Floats, Floats]]()
-        self.far, self.gate = far, gate
+        every = subsets(len(far), 3).astype(np.int16)
+        sides = np.stack([far[every[:, p], every[:, q]] for p, q in ((0, 1), (0, 2), (1, 2))])
+        longest, found = sides.max(axis=0), list[tuple[Integers, Integers]]()
+        self.far, self.gate, steepest = far, gate, 1.0
         for order in SIDES:
-            first, second, third = (sides[sum(pair) - 1] for pair in (order[:2], order[::2], order[1:]))
-            own = np.flatnonzero(longest <= first + 2.0 * gate * np.sqrt(widest + other * (NARROWEST * first) ** 2))
-            own = own[first[own] > 0.0]
-            found.append((corners[own][:, order], first[own], second[own] / first[own], third[own] / first[own]))
-        corners, first, second, third = (np.concatenate(part) for part in zip(*found, strict=True))
-        largest = float(first.max(initial=1e-300))
+            first = sides[sum(order[:2]) - 1]
+            own = longest <= first + 2.0 * gate * np.sqrt(widest + other * (NARROWEST * first) ** 2)
+            found.append((order, np.flatnonzero(own & (first > 0.0)).astype(np.int32)))
+            steepest = max(steepest, float((longest[found[-1][1]] / first[found[-1][1]]).max(initial=1.0)))
+        largest = float(longest.max(initial=1e-300))
         smallest = 2.0 * gate * math.sqrt(widest) / VAGUEST
         count = max(math.ceil(math.log(max(largest / max(smallest, 1e-6 * largest), 1.0), FINER)), 0)
-        size = np.minimum((np.log(largest / first) / math.log(FINER)).astype(np.int64), count)
         self.shortest = largest * FINER ** -(np.arange(count + 1.0) + 1.0)
         """(classes,) least length of a first side."""
         self.width = np.maximum(2.0 * gate * np.sqrt(widest / self.shortest**2 + other), 1e-9)
         self.shortest[-1], self.width[-1] = max(1e-6 * math.sqrt(widest), 1e-100), 1e6  # all of them in one cell
         """(classes,) width of the cells of a ratio."""
-        self.lift = 2.0 * float(third.max(initial=1.0)) + 1.0
-        cells = np.floor((second.max(initial=1.0)) / self.width).astype(np.int64) + 1
-        self.begin, self.cells = np.cumsum(cells) - cells, cells
-        key = self.lift * (self.begin[size] + np.floor(second / self.width[size])) + third
+        self.lift = 2.0 * steepest + 1.0
+        self.cells = np.floor(steepest / self.width).astype(np.int64) + 1
+        self.begin = np.cumsum(self.cells) - self.cells
+        # one order of corners after the other: all of them at once take three times the memory
+        keys, corners = list[Floats](), list[NDArray[np.int16]]()
+        for order, own in found:
+            checkpoint()
+            first, second, third = (sides[sum(pair) - 1, own] for pair in (order[:2], order[::2], order[1:]))
+            size = np.minimum((np.log(largest / first) / math.log(FINER)).astype(np.int64), count)
+            keys.append(self.lift * (self.begin[size] + np.floor(second / first / self.width[size])) + third / first)
+            corners.append(every[own][:, order])
+        key = np.concatenate(keys)
         order = np.argsort(key, kind="stable")
-        self.rising, self.corners = key[order], np.ascontiguousarray(corners[order].T.astype(np.int32))
+        self.rising, self.corners = key[order], np.ascontiguousarray(np.concatenate(corners)[order].T.astype(np.int32))
 
     def alike(self, sides: Floats, own: Floats, variance: Floats) -> tuple[Integers, Integers, int]:
         """The triangles like triples of sides (T, 3) ab, ac and bc, the first the longest, and variances (T, 3).

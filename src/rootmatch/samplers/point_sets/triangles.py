@@ -22,8 +22,10 @@ TURNED = np.array([[0, 1, 2], [1, 2, 0], [0, 2, 1]])
 """Corners of a triangle in the order in which a side comes first: ab, bc or ac."""
 SHAPES = 32
 """Triples whose shapes are looked up at once. A round value."""
-SECONDS_PER_PAIR, SECONDS_PER_SHAPE = 3e-7, 8e-7
-"""Time to sort a pair of points by distance, twice, and a triangle by its shape."""
+SECONDS_PER_PAIR, SECONDS_PER_SHAPE, SECONDS_PER_SIDE = 3e-7, 8e-7, 4e-7
+"""Time to sort a pair of points by distance, twice, and a triangle by its shape; to compare a pair with a side."""
+PATIENCE = 0.25
+"""Part of the time for a table of shapes that comparing sides takes before there is one. A round value."""
 RESERVE = 4.0
 """How many times as much time has to be left to sort them: a search takes most of it. A round value."""
 
@@ -70,6 +72,7 @@ class Triangles:
         rising = np.take_along_axis(self.far, beside, axis=1) + self.lift * np.arange(n)[:, None]
         self.beside, self.rising = beside.ravel(), rising.ravel()
         self._shapes: ShapeTable | None = None
+        self._compared = 0
 
     def alike(
         self, triples: Integers, near: Floats, variance: Floats, allowed: Bools | None, rng: np.random.Generator
@@ -99,6 +102,7 @@ class Triangles:
             row, pair = row[possible], pair[possible]
         found.append((row[:0], np.empty((0, 3), np.int64)))
         compared += len(row)
+        self._compared += len(row)
         step = max(1, ENTRIES // len(self.variance))
         for start in range(0, len(row), step):
             checkpoint()
@@ -115,11 +119,17 @@ class Triangles:
         return Alike(number, back, share, compared)
 
     def _lists_shapes(self, near: Floats) -> bool:
-        """Whether shapes are looked up in a table, which is quicker and the same, but takes time to make."""
+        """Whether shapes are looked up in a table, which is the same and quicker, but takes time to make.
+
+        It is made once comparing sides has taken a part of that: of large sets most motions are met before.
+        """
         number = math.comb(len(self.variance), 3)
         if not self.scaled or number > MOST or near.max() <= 0.0:
             return False
-        return self._shapes is not None or active_deadline().left() > RESERVE * SECONDS_PER_SHAPE * number
+        takes = SECONDS_PER_SHAPE * number
+        return self._shapes is not None or (
+            SECONDS_PER_SIDE * self._compared >= PATIENCE * takes and active_deadline().left() > RESERVE * takes
+        )
 
     def _look_up_shapes(
         self, which: Integers, triples: Integers, near: Floats, variance: Floats
