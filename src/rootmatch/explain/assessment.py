@@ -15,8 +15,7 @@ from rootmatch.arrays import Floats, Integers
 from rootmatch.deadline import Deadline, OutOfTime, Pace
 from rootmatch.explain.decide import TRUST, Facts
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.motion_labels import label_motions
-from rootmatch.explain.multi_motion import log10_false_alarms_of_groups
+from rootmatch.explain.motion_groups import label_motions, log10_false_alarms_of_groups
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
+from rootmatch.model.posterior import Posterior
+from rootmatch.model.prediction import COMPLETE
 from rootmatch.samplers.guided.sampler import pays
 
 Solve = Callable[[MatchingTask], Finding]
@@ -48,6 +50,37 @@ LISTED = 5
 value."""
 ORDER = (Status.MATCHED, Status.AMBIGUOUS, Status.UNTRUSTED)
 """Statuses in the order in which uncertain bodies get their detections."""
+
+
+class SearchPart(NamedTuple):
+    """The part of a search that one frame takes."""
+
+    body: int
+    camera: int | None = None
+    """Of a rig; None for one image. A single body is searched for in all."""
+    rest: bool = False
+    """Whether among those detections only that its prediction leaves."""
+    share: float = 1.0
+    """Share of its budget that it may take."""
+    tried: tuple[int, ...] = ()
+    """Other bodies on whose detections this one was tried before; what they certainly have is left out."""
+
+    def of(self, task: MatchingTask) -> MatchingTask:
+        """The part of a task."""
+        budget = None if task.budget is None else round(self.share * task.budget)
+        return copy_with(task, search_camera=self.camera, budget=budget)
+
+
+Choice = Callable[[Finding], SearchPart | None]
+"""Says what to search, None for nothing, given the finding about predicted poses."""
+
+
+def is_mostly_shown(told: Posterior, mode: int = 0) -> bool:
+    """Whether a body has detections for most of the points that are visible in one of its poses."""
+    if len(told.probabilities) <= mode:
+        return False
+    matched = np.count_nonzero(told.modes.assignments[mode] >= 0)
+    return bool(matched >= COMPLETE * float(told.modes.visible[mode].sum()))
 
 
 @dataclass(eq=False, kw_only=True)

@@ -21,8 +21,11 @@ from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.explain.bodies import (
     ROUNDS,
     SURE,
+    Choice,
     SearchedBody,
+    SearchPart,
     Solve,
+    is_mostly_shown,
     search_budgets,
     search_order,
     search_rounds,
@@ -44,7 +47,6 @@ from rootmatch.explain.in_time import prediction_deadline
 from rootmatch.explain.known_place import find_pairs_by_angle
 from rootmatch.explain.known_pose import propose_by_knowledge
 from rootmatch.explain.likeness import look_alike_by_errors
-from rootmatch.explain.search_part import Choice, SearchPart, is_mostly_shown
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.model.mode_search import HOPELESS, NEGLIGIBLE, find_modes

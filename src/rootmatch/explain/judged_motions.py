@@ -33,7 +33,7 @@ from rootmatch.explain.missing_motions import (
     restrict_assignments,
     search_rest,
 )
-from rootmatch.explain.multi_motion import pack_motions
+from rootmatch.explain.motion_groups import pack_motions
 from rootmatch.explain.point_set_decision import judge_one_motion, make_point_set_model
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask

@@ -19,7 +19,7 @@ from rootmatch.explain.body_findings import join_hyperedges, restore_columns
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.known_pose import QUICK
-from rootmatch.explain.multi_motion import distinct_hyperedges
+from rootmatch.explain.motion_groups import distinct_hyperedges
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor

@@ -8,15 +8,14 @@ from contextlib import suppress
 import numpy as np
 
 from rootmatch.deadline import OutOfTime
-from rootmatch.explain.bodies import SURE, UNCONFIRMED, why_unsearched
+from rootmatch.explain.bodies import SURE, UNCONFIRMED, Choice, SearchPart, why_unsearched
 from rootmatch.explain.body_findings import restore_columns
 from rootmatch.explain.finding import Finding, make_empty_finding
 from rootmatch.explain.image_decision import image_finding
 from rootmatch.explain.image_hypotheses import NAMED, Candidate, is_search_needless, propose_predicted
 from rootmatch.explain.in_time import prediction_deadline
 from rootmatch.explain.inexact_points import allow_point_errors
-from rootmatch.explain.rivals import NONE
-from rootmatch.explain.search_part import Choice, SearchPart
+from rootmatch.explain.prior_validation import NONE
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 

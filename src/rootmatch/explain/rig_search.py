@@ -17,9 +17,8 @@ from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.image_decision import assess_image
 from rootmatch.explain.image_hypotheses import Candidate, is_search_needless, make_detection_model
 from rootmatch.explain.inexact_points import allow_point_errors
-from rootmatch.explain.kept_searches import sample_once
 from rootmatch.explain.rig_triples import search_rig_triples
-from rootmatch.explain.sampling import make_guided
+from rootmatch.explain.sampling import make_guided, sample_once
 from rootmatch.explain.task import MatchingTask
 from rootmatch.frozen import copy_with
 from rootmatch.hypergraph.assignment import one_hot

@@ -17,10 +17,14 @@ from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.explain.prior_validation import Prior, check_predicted, prior_attributes
-from rootmatch.explain.rivals import NONE, Rivals
-from rootmatch.explain.uncertain_calibration import allow_for_calibration
-from rootmatch.explain.validation import check_not_exact, check_problem, join_camera_noise, split_candidates
+from rootmatch.explain.prior_validation import NONE, Prior, Rivals, check_predicted, prior_attributes
+from rootmatch.explain.validation import (
+    allow_for_calibration,
+    check_not_exact,
+    check_problem,
+    join_camera_noise,
+    split_candidates,
+)
 from rootmatch.frozen import copy_with, once
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import farthest_point_order
@@ -93,7 +97,7 @@ class MatchingTask:
     found_before: NDArray[np.int64] | None = None
     """(K, n) assignments that a guided search begins with."""
     kept_searches: list[tuple[MatchingTask, SampledTensor]] | None = None
-    """What `rootmatch.explain.kept_searches` keeps while variants of the task are tried."""
+    """What `rootmatch.explain.sampling` keeps while variants of the task are tried."""
     more_images: bool = False
     """Whether images of the same points follow, so that what all of them need is prepared at once."""
     deadline: Deadline = NEVER

@@ -30,6 +30,7 @@ from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_places import reweigh_by_crowding
 from rootmatch.model.two_view_posterior import TwoViewPosterior, sample_two_view_posterior
 from rootmatch.model.two_view_samples import fit_log_evidence, likeliest_fits
+from rootmatch.problems.base import Problem
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.two_views.relative_hypothesis import OTHER, shared_match_share
 from rootmatch.solvers.base import Solution
@@ -207,3 +208,23 @@ def two_view_finding(base: Finding, told: TwoViewPosterior, missed: float, rival
         noise_dof=fault.dof,
     )
     return discount_misfit(found, fault)
+
+
+def has_vague_axes(problem: Problem) -> bool:
+    """Whether the common direction of two images is known so little that a search loses poses by that."""
+    if float(getattr(problem, "axis_noise", 0.0)) <= 0.0:
+        return False
+    from rootmatch.samplers.two_views.covering_sets import LOST, lost_with_tilt  # slow to import
+
+    return lost_with_tilt(float(problem.tilt_variance)) > LOST  # type: ignore[attr-defined]
+
+
+def nothing_found_text(problem: Problem) -> str:
+    """What it means that a search ended by itself and found nothing."""
+    if not has_vague_axes(problem):
+        return "no pose explains more of the points than chance would"
+    return (
+        "nothing that was found is beyond chance, but the search may have missed the pose, as the axes are known to "
+        f"{math.degrees(problem.axis_noise):.2g}° only; "  # type: ignore[attr-defined]
+        "give a smaller `axis_noise` if that is realistic"
+    )

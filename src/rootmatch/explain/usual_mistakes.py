@@ -17,12 +17,18 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
-from rootmatch.explain.displaced_cameras import displaced_cameras
-from rootmatch.explain.mistake import Change, Mistake, make_change, ratio_of_units, scale_noise
+from rootmatch.explain.calibration_mistakes import displaced_cameras, wrong_calibration
+from rootmatch.explain.mistake import (
+    METRIC,
+    Change,
+    Mistake,
+    list_prior_mistakes,
+    make_change,
+    ratio_of_units,
+    scale_noise,
+)
 from rootmatch.explain.point_set_mistakes import list_point_set_mistakes
-from rootmatch.explain.prior_mistakes import METRIC, list_prior_mistakes
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.wrong_calibration import wrong_calibration
 from rootmatch.problems.checks import are_collinear
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Similarity

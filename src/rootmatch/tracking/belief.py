@@ -4,7 +4,7 @@ If the two halves of a headset are copies of each other to within fractions of a
 other. The pose and its near-symmetric pose then agree in frame after frame, and each frame adds a little to the odds
 (multiple hypothesis tracking, Reid 1979). Each hypothesis is therefore a motion filter with a weight; together they are
 the prior of the next frame, and the modes of that frame's posterior are the next hypotheses. No frame decides for good:
-the prior reserves the share `rootmatch.explain.rivals.DOUBT` for the case that none of them is right.
+the prior reserves the share `rootmatch.explain.prior_validation.DOUBT` for the case that none of them is right.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.goodness_of_fit import Misfit
 from rootmatch.explain.image_decision import mode_misfit
+from rootmatch.explain.prior_validation import DOUBT, Rivals
 from rootmatch.explain.rig_triples import is_met_by_search
-from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copy_with
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Doubted

@@ -12,20 +12,19 @@ from rootmatch.errors import InputError
 from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_search_needless
+from rootmatch.explain.prior_validation import DOUBT, Rivals
 from rootmatch.explain.rig_triples import is_met_by_search
-from rootmatch.explain.rivals import DOUBT, Rivals
 from rootmatch.frozen import copy_with
 from rootmatch.model.priors import PRESENT, WRONG_MODEL
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.tracking.belief import Belief
-from rootmatch.tracking.certainty import Certainty, pose_certainty
+from rootmatch.tracking.certainty import drop_doubtful, pose_certainty
 from rootmatch.tracking.dark_points import DarkPoints
-from rootmatch.tracking.doubtful_matches import drop_doubtful
 from rootmatch.tracking.followed_places import RETURN
+from rootmatch.tracking.followed_pose import NarrowedPredictions
 from rootmatch.tracking.mistaken_identity import FLOOR
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
-from rootmatch.tracking.narrowed_predictions import NarrowedPredictions
 from rootmatch.tracking.two_states import later_chance
 
 LONGEST = 8
@@ -256,7 +255,7 @@ class FollowedBody:
         ``searched``: whether this frame was searched.
         """
         weighed = self.dark.weighed(found, time) if self.belief and found.prior_holds else found
-        certain, why = Certainty(1.0, "")
+        certain, why = 1.0, ""
         if found.status is Status.MATCHED:
             certain, why = pose_certainty(self.belief, weighed, time)
         sure, least = weighed.confidence, found.facts.min_probability

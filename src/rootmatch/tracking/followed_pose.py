@@ -175,3 +175,21 @@ def unify_alike_moves(
         if (motion := motion_between_modes(model, modes, of[0], mode)) is not None:
             out[k] = copy_with(out[k], filter=out[0].filter.turned(*motion))
     return out
+
+
+class NarrowedPredictions:
+    """The frames that narrow the wide predictions of a missing body, one of several.
+
+    A wide prediction is narrowed by single matches, which takes as long as a search. So a frame does one or the other,
+    and of several predictions it narrows one.
+    """
+
+    def __init__(self) -> None:
+        self.last = self.count = 0
+
+    def of_frame(self, frame: int, predictions: int, *, searching: bool) -> tuple[int, ...]:
+        """The number of the prediction that a frame narrows; none in every other frame while a search is under way."""
+        if searching and self.last == frame - 1:
+            return ()
+        self.last, self.count = frame, self.count + 1
+        return (self.count % predictions,)
